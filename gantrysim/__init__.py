@@ -1,0 +1,24 @@
+"""gantrysim: which link of a dispensing gantry's chain caused which part of the bead's error."""
+
+from gantrysim import metrics
+from gantrysim.controllers.servo import Servo
+from gantrysim.engine import simulate
+from gantrysim.errors import GantryError, InputError
+from gantrysim.job import Job
+from gantrysim.machine import Axis, Machine
+from gantrysim.run import Fault, Run
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Axis",
+    "Fault",
+    "GantryError",
+    "InputError",
+    "Job",
+    "Machine",
+    "Run",
+    "Servo",
+    "metrics",
+    "simulate",
+]

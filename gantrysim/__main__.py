@@ -1,0 +1,5 @@
+"""`python -m gantrysim`."""
+
+from gantrysim.cli import main
+
+main()

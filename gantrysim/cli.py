@@ -1,0 +1,135 @@
+"""The command `gantrysim`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+import gantrysim
+from gantrysim.errors import GantryError
+from gantrysim.job import Job
+from gantrysim.metrics import Figures, Spread, figures
+from gantrysim.run import Run
+
+__all__ = ["app", "main"]
+
+_INPUT_ERROR = 2
+_FAULT = 3
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
+)
+_output = Console(soft_wrap=False)
+_messages = Console(stderr=True)
+
+
+@app.callback(invoke_without_command=True)
+def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
+    if version:
+        typer.echo(gantrysim.__version__)
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    job: Annotated[str, typer.Argument(help="A built-in job or a TOML file.")] = "an225",
+    out: Annotated[Path | None, typer.Option(help="Folder to write into; by default out/ and the job's name.")] = None,
+    model: Annotated[str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
+) -> None:
+    """Run a job: simulate it, print its figures, and write record, plots, summary and video.
+
+    Exit status: 0 after a whole run, 2 for bad input, 3 where a fault ended the run.
+    """
+    from gantrysim import plots, render, report
+
+    loaded = Job.load(job, settings or (), model)
+    folder = out if out is not None else Path("out") / loaded.name
+    with _progress("simulate") as advance:
+        record = loaded.run(advance)
+    result = figures(record)
+    machine = loaded.built_machine
+    with report.output_folder(folder) as scratch:
+        report.write_run(scratch, loaded, machine, record, result)
+        (scratch / report.PLOTS).mkdir()
+        with _progress("plot") as advance:
+            plots.save_plots(record, result, scratch / report.PLOTS, advance)
+        no_video = None
+        if video:
+            try:
+                with _progress("video") as advance:
+                    render.save_video(machine, record, scratch / report.VIDEO, progress=advance)
+            except render.NoOpenGLError as error:
+                no_video = f"no video: {error}"
+    _output.print(_table(loaded, record, result))
+    if no_video:
+        _messages.print(no_video, soft_wrap=True)
+    _output.print(f"written to {folder}/: " + ", ".join(sorted(item.name for item in folder.iterdir())), soft_wrap=True)
+    if record.fault is not None:
+        _messages.print(f"[bold red]fault[/]: {record.fault}", soft_wrap=True)
+        raise typer.Exit(_FAULT)
+
+
+@contextmanager
+def _progress(task: str) -> Iterator[Callable[[float], None]]:
+    columns = (TextColumn("{task.description:9}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    with Progress(*columns, console=_messages, transient=True) as progress:
+        bar = progress.add_task(task, total=1.0)
+        yield lambda share: progress.update(bar, completed=share)
+
+
+def _table(job: Job, run: Run, result: Figures) -> Table:
+    """The chain's links from top to bottom, each with its error."""
+    table = Table(title=f"{job.name} on {run.machine}: error of each link of the chain", title_justify="left")
+    for heading in ("", "rms", "max", ""):
+        table.add_column(heading, justify="right" if heading else "left")
+
+    def add(label: str, spread: Spread, note: str) -> None:
+        table.add_row(label, f"{1e3 * spread.rms:.1f} µm", f"{1e3 * spread.max:.1f} µm", note)
+
+    add("generation", result.generation, "commanded to requested path")
+    for name, spread in result.tracking.items():
+        add(f"tracking {name}", spread, "commanded - encoder")
+    add("tracking along", result.tracking_along, "the same along the path")
+    add("contour", result.contour, "nozzle to requested path: what the part sees")
+    table.add_section()
+    if result.spacing is not None:
+        s = result.spacing
+        label = f"spacing, {job.controller.thickness:g} mm asked for"
+        table.add_row(label, "", f"{s.mean:.4f} mm", f"std {s.std:.4f}, {s.min:.4f} to {s.max:.4f} mm")
+    v = result.speed
+    table.add_row("path speed", "", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f} mm/s")
+    table.add_row("path", "", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s with settling")
+    x, y, z = result.end_point
+    table.add_row("end point", "", "", f"({x:.4f}, {y:.4f}, {z:.4f}) mm")
+    return table
+
+
+def main() -> None:
+    """Run the command; an error of the domain is one line and exit status 2."""
+    try:
+        app()
+    except GantryError as error:
+        _messages.print(f"[bold red]error[/]: {_escape(str(error))}", soft_wrap=True, highlight=False)
+        sys.exit(_INPUT_ERROR)
+
+
+def _escape(text: str) -> str:
+    from rich.markup import escape
+
+    return escape(text)

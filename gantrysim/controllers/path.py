@@ -1,0 +1,207 @@
+"""Exact geometry of paths, by arc length.
+
+A path is a curve c(s) [mm] in the work frame with 0 <= s <= length, unit tangent t(s), and in the XY
+plane the heading theta(s), the left normal n(s) and the signed curvature kappa(s) = d(theta)/ds, positive
+where the path turns left.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.errors import InputError, unknown
+
+__all__ = ["ArcChain", "Floats", "Path", "Projection"]
+
+Floats = NDArray[np.float64]
+
+# Table of points from which a projection starts: fine enough for Newton's method to converge on the
+# nearest branch, and no finer than memory allows.
+_TABLE_SPACING = 0.25  # [mm]
+_TABLE_SIZE = (256, 200_000)
+_NEWTON_STEPS = 8
+_NEWTON_TOLERANCE = 1e-11  # [mm]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Points projected onto a path.
+
+    Attributes:
+        s: arc length of the foot points, (n,) [mm].
+        offset: point minus foot point, (n, 3) [mm].
+        lateral: signed distance along the left normal in the XY plane, (n,) [mm].
+        distance: distance to the path, (n,) [mm].
+    """
+
+    s: Floats
+    offset: Floats
+    lateral: Floats
+    distance: Floats
+
+
+class Path(ABC):
+    """A curve in the work frame, parametrised by its arc length s [mm]."""
+
+    _kinds: ClassVar[dict[str, type[Path]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        Path._kinds[cls.__name__] = cls
+
+    @abstractmethod
+    def parameters(self) -> dict[str, Any]:
+        """The constructor's arguments, from which `Path.build` makes the same path again."""
+
+    @staticmethod
+    def build(kind: str, parameters: Mapping[str, Any]) -> Path:
+        """Return the path of the class named `kind`."""
+        if kind not in Path._kinds:
+            raise unknown("path", kind, Path._kinds)
+        return Path._kinds[kind](**parameters)
+
+    @property
+    @abstractmethod
+    def length(self) -> float:
+        """Arc length [mm]."""
+
+    @abstractmethod
+    def position(self, s: ArrayLike) -> Floats:
+        """Points c(s), (n, 3) [mm]."""
+
+    @abstractmethod
+    def heading(self, s: ArrayLike) -> Floats:
+        """Angle of the tangent in the XY plane from +x, counter-clockwise, not wrapped, (n,) [rad]."""
+
+    @abstractmethod
+    def curvature(self, s: ArrayLike) -> Floats:
+        """Signed curvature in the XY plane, (n,) [1/mm]."""
+
+    def tangent(self, s: ArrayLike) -> Floats:
+        """Unit tangents t(s), (n, 3)."""
+        theta = self.heading(s)
+        return np.stack([np.cos(theta), np.sin(theta), np.zeros_like(theta)], axis=-1)
+
+    def normal(self, s: ArrayLike) -> Floats:
+        """Left unit normals n(s) in the XY plane, (n, 3)."""
+        theta = self.heading(s)
+        return np.stack([-np.sin(theta), np.cos(theta), np.zeros_like(theta)], axis=-1)
+
+    @cached_property
+    def _table(self) -> tuple[Floats, Floats]:
+        count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE)) + 1
+        s = np.linspace(0.0, self.length, count)
+        return s, self.position(s)
+
+    def project(self, points: ArrayLike) -> Projection:
+        """Project points onto the path: the nearest point of the whole curve, ends included.
+
+        The nearest entry of a table starts Newton's method on (c(s) - p).t(s) = 0, whose derivative is
+        1 + kappa (c(s) - p).n(s).
+
+        Args:
+            points: (n, 3) [mm].
+        """
+        from scipy.spatial import cKDTree  # slow to import, and needed by the analysis alone
+
+        p = np.atleast_2d(np.asarray(points, float))
+        if p.shape[-1] != 3 or not np.isfinite(p).all():
+            raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
+        s_table, p_table = self._table
+        s = s_table[cKDTree(p_table).query(p)[1]]
+        for _ in range(_NEWTON_STEPS):
+            back = self.position(s) - p
+            slope = 1.0 + self.curvature(s) * _dot(back, self.normal(s))
+            # a point near the centre of curvature has no unique foot: keep the step bounded there
+            step = _dot(back, self.tangent(s)) / np.maximum(slope, 0.1)
+            s_next = np.clip(s - step, 0.0, self.length)
+            moved = float(np.max(np.abs(s_next - s), initial=0.0))
+            s = s_next
+            if moved < _NEWTON_TOLERANCE:
+                break
+        offset = p - self.position(s)
+        return Projection(s, offset, _dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
+
+
+class ArcChain(Path):
+    """Tangent-continuous circular arcs and straight lines in the XY plane, one behind the other.
+
+    Args:
+        start: first point, (2,) or (3,) [mm].
+        heading: direction of the first tangent from +x, counter-clockwise [rad].
+        curvature: signed curvature of each piece, 0 for a line, (m,) [1/mm].
+        lengths: length of each piece, (m,) [mm].
+    """
+
+    def __init__(self, start: ArrayLike, heading: float, curvature: ArrayLike, lengths: ArrayLike) -> None:
+        self._kappa = np.atleast_1d(np.asarray(curvature, float))
+        pieces = np.atleast_1d(np.asarray(lengths, float))
+        if self._kappa.shape != pieces.shape or pieces.ndim != 1 or not np.all(pieces >= 0):
+            raise InputError(
+                f"arc chain: {self._kappa.size} curvatures and {pieces.size} lengths: "
+                "must be as many, and every length at least 0 mm"
+            )
+        self._pieces = pieces
+        self._start = np.zeros(3)
+        self._start[: np.size(start)] = start
+        self._s = np.concatenate([[0.0], np.cumsum(pieces)])
+        self._theta = heading + np.concatenate([[0.0], np.cumsum(self._kappa * pieces)])
+        steps = _arc(self._theta[:-1], self._kappa, pieces)
+        self._points = self._start + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "start": self._start,
+            "heading": float(self._theta[0]),
+            "curvature": self._kappa,
+            "lengths": self._pieces,
+        }
+
+    @property
+    def length(self) -> float:
+        return float(self._s[-1])
+
+    @property
+    def pieces(self) -> int:
+        """Number of arcs and lines."""
+        return self._kappa.size
+
+    def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
+        arc_length = np.atleast_1d(np.asarray(s, float))
+        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, self.pieces - 1)
+        return k, arc_length - self._s[k]
+
+    def position(self, s: ArrayLike) -> Floats:
+        k, rest = self._locate(s)
+        points: Floats = self._points[k] + _arc(self._theta[k], self._kappa[k], rest)
+        return points
+
+    def heading(self, s: ArrayLike) -> Floats:
+        k, rest = self._locate(s)
+        theta: Floats = self._theta[k] + self._kappa[k] * rest
+        return theta
+
+    def curvature(self, s: ArrayLike) -> Floats:
+        kappa: Floats = self._kappa[self._locate(s)[0]]
+        return kappa
+
+
+def _arc(theta: Floats, kappa: Floats, s: Floats) -> Floats:
+    """Displacement after the length s along an arc that leaves with heading theta, (m, 3) [mm].
+
+    The chord's form s sinc(kappa s / 2) (cos, sin)(theta + kappa s / 2) holds for lines as well.
+    """
+    half = 0.5 * kappa * s
+    chord = s * np.sinc(half / np.pi)
+    return np.stack([chord * np.cos(theta + half), chord * np.sin(theta + half), np.zeros_like(s)], axis=-1)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    product: Floats = np.einsum("ij,ij->i", a, b)
+    return product

@@ -1,0 +1,251 @@
+"""The sampled servo law of a motion controller: position error in, torque demand out, once per period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+from gantrysim.errors import InputError, at_least, finite, positive
+
+__all__ = ["AxisDynamics", "PlainLaw", "Servo", "Tick", "law"]
+
+# An axis further off than this is lost: between the 0.1 mm of a tuned gantry and the 10 mm of a jam.
+FOLLOWING_ERROR_LIMIT = 5.0  # [mm or deg]
+
+
+class AxisDynamics(Protocol):
+    """What the derivation of gains must know of an axis; mm stands for deg on a rotary axis."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def inertia(self) -> float:
+        """Motor torque per acceleration of the axis [N·m·s²/mm]."""
+    @property
+    def viscous(self) -> float:
+        """Motor torque per speed of the axis [N·m·s/mm]."""
+    @property
+    def lag(self) -> float:
+        """Time constant from torque demand to torque [s]."""
+    @property
+    def peak_torque(self) -> float:
+        """Largest torque the drive delivers [N·m]."""
+    @property
+    def resolution(self) -> float:
+        """Axis travel per encoder count, 0 for an exact measurement [mm]."""
+
+
+def law(
+    error: float,
+    error_change: float,
+    error_sum: float,
+    demand_velocity: float,
+    demand_acceleration: float,
+    measured_velocity: float,
+    kp: float,
+    ki: float,
+    kd: float,
+    velocity_ff: float,
+    acceleration_ff: float,
+    output_velocity: float,
+) -> float:
+    """Return the torque demand of one axis at one servo tick [N·m].
+
+        out = kp E + ki T sum(E) + kd dE/T + velocity_ff dDPOS/T + acceleration_ff ddDPOS/T^2
+              + output_velocity dMPOS/T,        E = DPOS - MPOS
+
+    d is the change since the last tick, T the servo period. This is the law of Trio's servo (P_GAIN,
+    I_GAIN, D_GAIN, VFF_GAIN, OV_GAIN) in units of length and time instead of edges and ticks, with an
+    acceleration term; a negative output_velocity damps.
+
+    Args:
+        error: following error E [mm].
+        error_change: dE/T [mm/s].
+        error_sum: T times the sum of E over all ticks so far [mm·s].
+        demand_velocity: dDPOS/T [mm/s].
+        demand_acceleration: ddDPOS/T^2 [mm/s²].
+        measured_velocity: dMPOS/T [mm/s].
+        kp: [N·m/mm].
+        ki: [N·m/(mm·s)].
+        kd: [N·m·s/mm].
+        velocity_ff: [N·m·s/mm].
+        acceleration_ff: [N·m·s²/mm].
+        output_velocity: [N·m·s/mm].
+    """
+    return (
+        kp * error
+        + ki * error_sum
+        + kd * error_change
+        + velocity_ff * demand_velocity
+        + acceleration_ff * demand_acceleration
+        + output_velocity * measured_velocity
+    )
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What a user's own law is given at each servo tick, one value per axis, in mm and s.
+
+    Attributes:
+        time: time of the tick [s].
+        commanded: DPOS [mm].
+        measured: MPOS, quantised by the encoder [mm].
+        demand_velocity: dDPOS/T [mm/s].
+        demand_acceleration: ddDPOS/T^2 [mm/s²].
+        measured_velocity: dMPOS/T [mm/s].
+    """
+
+    time: float
+    commanded: Sequence[float]
+    measured: Sequence[float]
+    demand_velocity: Sequence[float]
+    demand_acceleration: Sequence[float]
+    measured_velocity: Sequence[float]
+
+
+class PlainLaw(Protocol):
+    """A law in plain Python: torque demands of all axes [N·m], from what one tick measures."""
+
+    def __call__(self, tick: Tick, /) -> Sequence[float]: ...
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Period, gains and limits of a sampled servo; every gain has one value per axis.
+
+    The output is computed once per period from the quantised position, comes into force `delay` later
+    and is held until the next. It is clamped to the torque limit, and the error sum stands still while
+    the clamp holds the output on the side to which the error would drive it.
+
+    Attributes:
+        period: servo period T [s].
+        kp, ki, kd, velocity_ff, acceleration_ff, output_velocity: gains as in `law`.
+        torque_limit: largest torque demand [N·m].
+        resolution: axis travel per encoder count, 0 for an exact measurement [mm].
+        following_error_limit: error at which the drives are disabled [mm].
+        delay: time from the sample to the output, at most one period [s].
+    """
+
+    period: float
+    kp: tuple[float, ...]
+    ki: tuple[float, ...]
+    kd: tuple[float, ...]
+    velocity_ff: tuple[float, ...]
+    acceleration_ff: tuple[float, ...]
+    output_velocity: tuple[float, ...]
+    torque_limit: tuple[float, ...]
+    resolution: tuple[float, ...]
+    following_error_limit: tuple[float, ...]
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive("servo period", self.period, "s")
+        if at_least("servo delay", self.delay, 0, "s") > self.period:
+            raise InputError(f"servo delay = {self.delay:g} s: must be at most the period, {self.period:g} s")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, tuple):
+                continue
+            if len(value) != len(self.kp):
+                raise InputError(f"{field.name} has {len(value)} values: must be {len(self.kp)}, one per axis")
+            for number in value:
+                if field.name in ("torque_limit", "following_error_limit"):
+                    if not math.isinf(number):
+                        positive(field.name, number)
+                elif field.name == "resolution":
+                    at_least("encoder resolution", number, 0, "mm")
+                else:
+                    finite(field.name, number)
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self.kp)
+
+    @classmethod
+    def derive(
+        cls,
+        axes: Iterable[AxisDynamics],
+        period: float = 1e-3,
+        *,
+        frequency: float | None = None,
+        damping: float = 1.0,
+        feedforward: float = 1.0,
+        integral_time: float = math.inf,
+        following_error_limit: float = FOLLOWING_ERROR_LIMIT,
+        delay: float = 0.0,
+        **given: float | Sequence[float] | None,
+    ) -> Servo:
+        """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
+
+        With the inertia J at the motor, kp = J w^2 and kd = 2 zeta J w place the poles of the continuous
+        loop at the natural frequency w; ki = kp / integral_time. Feed-forward takes over the inertia and
+        what viscous friction the error's own derivative does not see. All axes get one frequency, so
+        that their lags match and a circle stays round.
+
+        Args:
+            axes: the machine's axes.
+            period: servo period [s].
+            frequency: natural frequency w / 2 pi; by default the one that `natural_frequency` gives [Hz].
+            damping: damping ratio zeta.
+            feedforward: share of the computed feed-forward that is used, 0 to 1.
+            integral_time: kp / ki [s].
+            following_error_limit: for every axis [mm].
+            delay: from sample to output [s].
+            given: any gain, torque_limit or resolution that is not to be derived, one value or one per axis.
+        """
+        axes = list(axes)
+        positive("servo period", period, "s")
+        zeta = positive("damping", damping)
+        share = at_least("feedforward", feedforward, 0)
+        if not integral_time > 0:
+            raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
+        if frequency is None:
+            lag = max(axis.lag for axis in axes)
+            frequency = natural_frequency(lag + period + at_least("servo delay", delay, 0, "s"), zeta)
+        w = 2 * math.pi * positive("frequency", frequency, "Hz")
+        derived = {
+            "kp": [axis.inertia * w**2 for axis in axes],
+            "ki": [axis.inertia * w**2 / integral_time for axis in axes],
+            "kd": [2 * zeta * axis.inertia * w for axis in axes],
+            "velocity_ff": [share * axis.viscous for axis in axes],
+            "acceleration_ff": [share * axis.inertia for axis in axes],
+            "output_velocity": [0.0 for _ in axes],
+            "torque_limit": [axis.peak_torque for axis in axes],
+            "resolution": [axis.resolution for axis in axes],
+            "following_error_limit": [following_error_limit for _ in axes],
+        }
+        for name, value in given.items():
+            if name not in derived:
+                raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
+            if value is None:
+                continue
+            derived[name] = [value] * len(axes) if isinstance(value, int | float) else list(value)
+            if len(derived[name]) != len(axes):
+                raise InputError(f"{name} has {len(derived[name])} values: must be one or {len(axes)}, one per axis")
+        return cls(period=period, delay=delay, **{name: tuple(values) for name, values in derived.items()})
+
+
+def natural_frequency(lag: float, damping: float, phase_margin: float = 50.0) -> float:
+    """Return the natural frequency of a PD loop that keeps a phase margin despite a lag [Hz].
+
+    The loop L(s) = (2 zeta w s + w^2) / s^2 crosses over at wc = w c, c^2 = 2 zeta^2 + sqrt(4 zeta^4 + 1),
+    with the phase margin atan(2 zeta c). A lag tau takes wc tau of it, so that
+    w = (atan(2 zeta c) - phase_margin) / (c tau). For a sampled servo tau is the drive's time constant plus one
+    period: half of it for the hold and half for the difference that stands for the derivative.
+
+    Args:
+        lag: tau [s].
+        damping: damping ratio zeta.
+        phase_margin: [deg].
+    """
+    c = math.sqrt(2 * damping**2 + math.sqrt(4 * damping**4 + 1))
+    spare = math.atan(2 * damping * c) - math.radians(phase_margin)
+    if spare <= 0:
+        raise InputError(
+            f"damping = {damping:g}: leaves no phase margin of {phase_margin:g} deg; "
+            "give a frequency, or a damping of at least 0.5"
+        )
+    return spare / (c * positive("lag", lag, "s")) / (2 * math.pi)

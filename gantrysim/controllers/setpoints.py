@@ -1,0 +1,95 @@
+"""The stream a motion controller hands to its servo: one position per axis and servo tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.controllers.path import Floats, Path
+from gantrysim.errors import InputError, at_least, positive
+
+__all__ = ["Setpoints", "ticks"]
+
+
+@dataclass(frozen=True)
+class Setpoints:
+    """Commanded positions at the servo period, the dispenser command, and the path asked for.
+
+    Attributes:
+        period: time from one setpoint to the next [s].
+        axes: names of the axes, one per column of `position`.
+        position: commanded positions at the times k * period, (n, axes) [mm or deg]; read-only.
+        dispense: dispenser command, True while glue is asked for, (n,); read-only.
+        requested: the requested path as exact geometry.
+    """
+
+    period: float
+    axes: tuple[str, ...]
+    position: Floats
+    dispense: NDArray[np.bool_]
+    requested: Path
+
+    def __post_init__(self) -> None:
+        positive("period", self.period, "s")
+        position = np.array(self.position, float)
+        dispense = np.array(self.dispense, bool)
+        if position.ndim != 2 or position.shape[1] != len(self.axes) or len(position) < 2:
+            raise InputError(f"setpoints of shape {position.shape}: must be (n, {len(self.axes)}) with n at least 2")
+        if dispense.shape != position.shape[:1]:
+            raise InputError(f"dispenser command of shape {dispense.shape}: must be {position.shape[:1]}")
+        bad = np.flatnonzero(~np.isfinite(position).all(axis=1))
+        if bad.size:
+            raise InputError(f"setpoint {bad[0]} = {position[bad[0]].tolist()}: must be finite")
+        for array in (position, dispense):
+            array.flags.writeable = False
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "dispense", dispense)
+
+    @property
+    def time(self) -> Floats:
+        """Times of the setpoints, (n,) [s]."""
+        return np.arange(len(self.position)) * self.period
+
+    @property
+    def duration(self) -> float:
+        """Time of the last setpoint [s]."""
+        return (len(self.position) - 1) * self.period
+
+    def hold(self, duration: float) -> Setpoints:
+        """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
+        count = ticks(at_least("hold", duration, 0, "s"), self.period)
+        if not count:
+            return self
+        position = np.concatenate([self.position, np.repeat(self.position[-1:], count, axis=0)])
+        dispense = np.concatenate([self.dispense, np.zeros(count, bool)])
+        return replace(self, position=position, dispense=dispense)
+
+    @classmethod
+    def along(
+        cls, path: Path, speed: float, period: float, *, requested: Path | None = None, axes: tuple[str, ...] = ("x", "y")
+    ) -> Setpoints:
+        """Return setpoints that run along `path` at constant speed, dispensing all the way.
+
+        The last setpoint is the end of the path; the way to it may be shorter than speed * period.
+
+        Args:
+            path: the path to command.
+            speed: path speed [mm/s].
+            period: servo period [s].
+            requested: the path that was asked for, where it is not `path` itself.
+            axes: names of the axes, the first of x, y, z.
+        """
+        positive("speed", speed, "mm/s")
+        positive("period", period, "s")
+        n = ticks(path.length / speed, period)
+        s = np.minimum(np.arange(n + 1) * (speed * period), path.length)
+        position = path.position(s)[:, : len(axes)]
+        return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
+
+
+def ticks(duration: float, period: float) -> int:
+    """Return the number of whole periods that cover `duration`, forgiving rounding [s]."""
+    return math.ceil(duration / period - 1e-9)

@@ -1,0 +1,198 @@
+"""Runs setpoints, servo and machine at native speed: one C call for a whole job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from gantrysim import tick
+from gantrysim.controllers.path import Floats
+from gantrysim.controllers.servo import PlainLaw, Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.errors import InputError, at_least
+from gantrysim.machine import Machine
+from gantrysim.run import Fault, Run
+
+__all__ = ["PHYSICS_STEP", "simulate"]
+
+PHYSICS_STEP = 2.5e-4  # [s]
+
+_PROGRESS_SLICES = 50
+_CHECKED_WARNINGS = {
+    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
+    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
+    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
+}
+
+
+def simulate(
+    machine: Machine,
+    servo: Servo,
+    setpoints: Setpoints,
+    *,
+    physics_step: float = PHYSICS_STEP,
+    flow: float = 0.0,
+    law: PlainLaw | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Run setpoints on a machine and return the record.
+
+    The machine starts at rest at the first setpoint. At every servo period the encoders are sampled and
+    the law's torque demands go out, to be held until the next; the physics makes a whole number of steps
+    per period. The record has one row per servo tick, taken at the instant of the sample.
+
+    Args:
+        machine: the machine.
+        servo: the servo, with as many axes as the machine and the setpoints' period.
+        setpoints: commanded positions; axes of the machine that they leave out are held at zero.
+        physics_step: longest physics step; the servo period is divided evenly [s].
+        flow: glue flow while the dispenser is on [mm³/s].
+        law: a law in plain Python instead of the servo's own; slower, and alone in the process.
+        progress: called now and then with the share of the job that is done, 0 to 1.
+
+    Returns:
+        The record. A drive that trips ends it there: see `Run.fault`.
+
+    Raises:
+        InputError: setpoints that the machine cannot follow: an unknown axis, a position outside the travel,
+            a speed above the limit.
+    """
+    at_least("flow", flow, 0, "mm³/s")
+    position = _positions(machine, setpoints)
+    if servo.axes != len(machine.axes):
+        raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
+    if abs(servo.period - setpoints.period) > 1e-12:
+        raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
+    substeps = max(1, round(servo.period / at_least("physics_step", physics_step, 1e-6, "s") + 0.499999))
+    model = machine.stepping(servo.period / substeps)
+    data = mujoco.MjData(model)
+    data.qpos[:] = machine.to_qpos(position[0])
+
+    n, axes = position.shape
+    log = np.empty((n, tick.log_width(axes)))
+    row = data.userdata[: tick.ROW.itemsize // 8].view(tick.ROW)
+    _fill(row, machine, servo, position, log, substeps)
+    steps = (n - 1) * substeps + 1
+    with tick.installed() if law is None else tick.installed_law(data, law):
+        if progress is None:
+            mujoco.mj_step(model, data, steps)
+        else:
+            for done, until in _slices(steps):
+                mujoco.mj_step(model, data, until - done)
+                progress(until / steps)
+
+    fault = _fault(machine, servo, row[0], data)
+    kept = n if fault is None else int(row[0]["fault_tick"]) + 1
+    return _record(machine, setpoints, position[:kept], log[:kept], flow, fault)
+
+
+def _positions(machine: Machine, setpoints: Setpoints) -> Floats:
+    """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes)."""
+    names = machine.axis_names
+    for name in setpoints.axes:
+        if name not in names:
+            raise InputError(f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}")
+    position = np.zeros((len(setpoints.position), len(names)))
+    for column, name in enumerate(setpoints.axes):
+        position[:, names.index(name)] = setpoints.position[:, column]
+    speed = np.abs(np.diff(position, axis=0)) / setpoints.period
+    for a, axis in enumerate(machine.axes):
+        low, high = axis.travel
+        for k in (int(position[:, a].argmin()), int(position[:, a].argmax())):
+            if not low <= position[k, a] <= high:
+                raise InputError(
+                    f"{axis.name} = {position[k, a]:.4g} mm at t = {k * setpoints.period:.4g} s: "
+                    f"must lie in the travel {low:g} to {high:g} mm of machine {machine.name}"
+                )
+        k = int(speed[:, a].argmax())
+        if speed[k, a] > axis.speed_limit * (1 + 1e-9):
+            raise InputError(
+                f"speed of {axis.name} = {speed[k, a]:.6g} mm/s at t = {k * setpoints.period:.4g} s: "
+                f"must be at most {axis.speed_limit:.6g} mm/s, the limit of machine {machine.name}"
+            )
+    return position
+
+
+def _fill(
+    row: np.ndarray[tuple[int], np.dtype[np.void]],
+    machine: Machine,
+    servo: Servo,
+    position: Floats,
+    log: Floats,
+    substeps: int,
+) -> None:
+    """Write the parameters of a run into a simulation's row; the magic last, which arms it."""
+    delay = servo.delay / servo.period * substeps
+    if abs(delay - round(delay)) > 1e-6:
+        raise InputError(
+            f"servo delay = {servo.delay:g} s: must be a multiple of the physics step, {servo.period / substeps:g} s"
+        )
+    row[:] = np.zeros(1, tick.ROW)
+    for name, value in tick.addresses().items():
+        row[name] = value
+    row["axes"], row["ticks"], row["substeps"], row["delay"] = len(machine.axes), len(position), substeps, round(delay)
+    row["setpoints"], row["log"] = position.ctypes.data, log.ctypes.data
+    row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
+    for name in ("resolution", "torque_limit", "following_error_limit", *tick.GAINS):
+        row[name][0, : servo.axes] = getattr(servo, name)
+    for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
+        row["control"][0, a], row["output"][0, a], row["current"][0, a] = address.control, address.output, address.current
+        row["scale"][0, a], row["speed_limit"][0, a] = axis.scale, axis.speed_limit
+        row["low"][0, a], row["high"][0, a] = axis.travel
+    row["magic"] = tick.magic()
+
+
+def _slices(steps: int) -> list[tuple[int, int]]:
+    edges = np.linspace(0, steps, min(steps, _PROGRESS_SLICES) + 1).astype(int).tolist()
+    return list(zip(edges[:-1], edges[1:], strict=True))
+
+
+def _fault(machine: Machine, servo: Servo, row: np.void, data: mujoco.MjData) -> Fault | None:
+    if row["fault"]:
+        axis = machine.axes[int(row["fault_axis"])].name
+        time = float(row["fault_tick"] * servo.period)
+        return Fault(tick.FAULTS[int(row["fault"])], axis, time, float(row["fault_value"]), float(row["fault_limit"]))
+    for warning, quantity in _CHECKED_WARNINGS.items():
+        if data.warning[warning].number:
+            # between two ticks, or after the last: the tick itself has seen nothing wrong yet
+            row["fault_tick"] = row["tick"] - 1
+            dof = int(data.warning[warning].lastinfo)
+            joint = mujoco.mj_id2name(data.model, mujoco.mjtObj.mjOBJ_JOINT, int(data.model.dof_jntid[dof])) or str(dof)
+            return Fault(f"diverged ({quantity})", joint, float(data.time), np.nan, np.nan)
+    return None
+
+
+def _record(
+    machine: Machine, setpoints: Setpoints, position: Floats, log: Floats, flow: float, fault: Fault | None
+) -> Run:
+    n, axes = position.shape
+    encoder, nozzle, demand, current, motor_speed = np.split(log, np.cumsum([axes, 3, axes, axes]), axis=1)
+    constant = np.array([axis.motor_constant for axis in machine.axes])
+    resistance = np.array([axis.resistance for axis in machine.axes])
+    bus = np.array([axis.bus_voltage for axis in machine.axes])
+    peak = np.array([axis.peak_torque for axis in machine.axes])
+    # the drive's law: terminal voltage for the demanded torque, back-EMF compensated, within the bus
+    voltage = np.clip(resistance / constant * demand + constant * motor_speed, -bus, bus)
+    current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
+    ideal = np.isnan(constant)
+    torque = np.clip(np.where(ideal, demand, constant * current), -peak, peak)
+    return Run(
+        machine=machine.name,
+        axes=machine.axis_names,
+        requested=setpoints.requested,
+        time=np.arange(n) * setpoints.period,
+        commanded=position,
+        commanded_tip=machine.tip(position),
+        encoder=encoder,
+        encoder_tip=machine.tip(encoder),
+        nozzle=nozzle,
+        demand=demand,
+        torque=torque,
+        current=current,
+        voltage=voltage,
+        flow=np.where(setpoints.dispense[:n], flow, 0.0),
+        dispense=setpoints.dispense[:n],
+        fault=fault,
+    )

@@ -1,0 +1,64 @@
+"""Errors of the domain: one line that names the quantity, its value and the bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = ["GantryError", "InputError", "at_least", "finite", "positive", "unknown", "whole"]
+
+
+class GantryError(Exception):
+    """Base of every error that gantrysim raises on purpose."""
+
+
+class InputError(GantryError, ValueError):
+    """A value that the user gave lies outside its bounds."""
+
+
+def finite(name: str, value: float, unit: str = "") -> float:
+    """Return `value` as a float, or raise InputError where it is no finite number."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {value!r}: must be a number") from None
+    if not math.isfinite(number):
+        raise InputError(f"{name} = {_quantity(number, unit)}: must be finite")
+    return number
+
+
+def positive(name: str, value: float, unit: str = "") -> float:
+    """Return `value` as a float, or raise InputError where it is not finite and above zero."""
+    number = finite(name, value, unit)
+    if number <= 0:
+        raise InputError(f"{name} = {_quantity(number, unit)}: must be greater than {_quantity(0, unit)}")
+    return number
+
+
+def at_least(name: str, value: float, bound: float, unit: str = "") -> float:
+    """Return `value` as a float, or raise InputError where it is not finite or below `bound`."""
+    number = finite(name, value, unit)
+    if number < bound:
+        raise InputError(f"{name} = {_quantity(number, unit)}: must be at least {_quantity(bound, unit)}")
+    return number
+
+
+def whole(name: str, value: float, bound: int) -> int:
+    """Return `value` as an int, or raise InputError where it is no whole number or below `bound`."""
+    number = at_least(name, value, bound)
+    if number != int(number):
+        raise InputError(f"{name} = {number:g}: must be a whole number")
+    return int(number)
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
+    """Return the error for a `name` that is none of the `known` ones, with the nearest first."""
+    names = sorted(known)
+    near = get_close_matches(name, names, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return InputError(f"unknown {kind} {name!r}: {hint}known: {', '.join(names)}")
+
+
+def _quantity(value: float, unit: str) -> str:
+    return f"{value:g} {unit}".rstrip()

@@ -1,0 +1,235 @@
+"""A job: program, machine, servo and dispenser in one file that says all there is to say of a run."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, fields
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic.dataclasses import dataclass as validated
+
+from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.engine import PHYSICS_STEP, simulate
+from gantrysim.errors import InputError, unknown
+from gantrysim.machine import Machine, builtin_models
+from gantrysim.run import Run
+
+__all__ = ["Job", "builtin_jobs"]
+
+_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
+
+PROGRAMS = {"trio.MoveSpiral": MoveSpiral}
+
+_validated = {name: validated(config=_STRICT)(program) for name, program in PROGRAMS.items()}
+
+PerAxis = float | list[float] | None
+
+
+class ServoSettings(BaseModel):
+    """Arguments of `Servo.derive`; a gain that is given is not derived."""
+
+    model_config = _STRICT
+
+    period: float = 1e-3
+    frequency: float | None = None
+    damping: float = 1.0
+    feedforward: float = 1.0
+    integral_time: float = float("inf")
+    following_error_limit: float = FOLLOWING_ERROR_LIMIT
+    delay: float = 0.0
+    kp: PerAxis = None
+    ki: PerAxis = None
+    kd: PerAxis = None
+    velocity_ff: PerAxis = None
+    acceleration_ff: PerAxis = None
+    output_velocity: PerAxis = None
+    torque_limit: PerAxis = None
+    resolution: PerAxis = None
+
+
+class Dispenser(BaseModel):
+    """The dispenser: glue flow while it is on [mm³/s]."""
+
+    model_config = _STRICT
+
+    flow: float = 0.0
+
+
+class Simulation(BaseModel):
+    """Longest physics step [s], and how long the last position is held at the end [s]."""
+
+    model_config = _STRICT
+
+    physics_step: float = PHYSICS_STEP
+    settle: float = 0.25
+
+
+class Job(BaseModel):
+    """All there is to say of a run; read from TOML, written back with every default spelt out.
+
+    Attributes:
+        name: of the job.
+        machine: a built-in machine, or the path of an MJCF file; a relative one is taken from the folder of
+            the job file.
+        program: the controller's name as `controller`, and its arguments.
+        servo: arguments of `Servo.derive`.
+        dispenser: glue flow.
+        simulation: physics step and settling time.
+    """
+
+    model_config = _STRICT
+
+    name: Annotated[str, Field(min_length=1)]
+    machine: str = "xy"
+    program: dict[str, Any]
+    servo: ServoSettings = ServoSettings()
+    dispenser: Dispenser = Dispenser()
+    simulation: Simulation = Simulation()
+
+    @field_validator("program")
+    @classmethod
+    def _known_program(cls, value: dict[str, Any]) -> dict[str, Any]:
+        arguments = dict(value)
+        name = arguments.pop("controller", None)
+        if name not in PROGRAMS:
+            raise unknown("controller", str(name), PROGRAMS)
+        return {"controller": name, **asdict(_validated[name](**arguments))}
+
+    @classmethod
+    def load(cls, job: str | os.PathLike[str], overrides: Iterable[str] = (), machine: str | None = None) -> Job:
+        """Return a built-in job by its name, or the job in a TOML file.
+
+        Args:
+            job: name or path.
+            overrides: "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its
+                last part alone where that is unique.
+            machine: a machine to take instead of the job's.
+
+        Raises:
+            InputError: no such job, or a key or value that is not in order.
+        """
+        text, folder = _read(str(job))
+        try:
+            content = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"job {job}: is not TOML: {error}") from None
+        for override in overrides:
+            _override(content, override)
+        if machine is not None:
+            content["machine"] = machine
+        elif isinstance(content.get("machine"), str) and content["machine"] not in builtin_models():
+            content["machine"] = str(folder / content["machine"])
+        try:
+            return cls(**content)
+        except ValidationError as error:
+            raise InputError(f"job {job}: {_one_line(error)}") from None
+
+    def toml(self) -> str:
+        """Return the job as TOML, with every default spelt out."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+    @cached_property
+    def controller(self) -> MoveSpiral:
+        """The motion controller with its program."""
+        arguments = {key: value for key, value in self.program.items() if key != "controller"}
+        return PROGRAMS[self.program["controller"]](**arguments)
+
+    @cached_property
+    def built_machine(self) -> Machine:
+        """The machine, compiled."""
+        return Machine(self.machine)
+
+    @cached_property
+    def built_servo(self) -> Servo:
+        """The servo with its gains."""
+        return Servo.derive(self.built_machine.axes, **dict(self.servo))
+
+    @cached_property
+    def setpoints(self) -> Setpoints:
+        """The program's setpoints, the last one held while the machine settles."""
+        return self.controller.setpoints(self.built_servo.period).hold(self.simulation.settle)
+
+    def run(self, progress: Callable[[float], None] | None = None) -> Run:
+        """Run the job and return the record; `progress` as in `simulate`."""
+        return simulate(
+            self.built_machine,
+            self.built_servo,
+            self.setpoints,
+            physics_step=self.simulation.physics_step,
+            flow=self.dispenser.flow,
+            progress=progress,
+        )
+
+
+def builtin_jobs() -> list[str]:
+    """Return the names of the jobs that come with gantrysim."""
+    return sorted(Path(item.name).stem for item in files("gantrysim.jobs").iterdir() if item.name.endswith(".toml"))
+
+
+def _read(job: str) -> tuple[str, Path]:
+    if job in builtin_jobs():
+        return (files("gantrysim.jobs") / f"{job}.toml").read_text(encoding="utf-8"), Path()
+    path = Path(job).expanduser()
+    try:
+        return path.read_text(encoding="utf-8"), path.parent
+    except FileNotFoundError:
+        raise unknown("job", job, builtin_jobs()) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"job {job}: cannot be read: {error}") from None
+
+
+def _known_keys(content: dict[str, Any]) -> list[str]:
+    sections = {"servo": ServoSettings, "dispenser": Dispenser, "simulation": Simulation}
+    keys = ["name", "machine"]
+    keys += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
+    keys.append("program.controller")
+    program = PROGRAMS.get(str(content.get("program", {}).get("controller")))
+    if program is not None:
+        keys += [f"program.{field.name}" for field in fields(program)]
+    return keys
+
+
+def _override(content: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    key = key.strip()
+    if not equals:
+        raise InputError(f"--set {override}: must be key=value")
+    known = _known_keys(content)
+    if key not in known:
+        matches = [name for name in known if name.rpartition(".")[2] == key]
+        if len(matches) > 1:
+            raise InputError(f"--set {override}: {key!r} is ambiguous: {', '.join(matches)}")
+        if not matches:
+            raise unknown("key", key, known)
+        key = matches[0]
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    section, _, leaf = key.rpartition(".")
+    (content.setdefault(section, {}) if section else content)[leaf] = value
+
+
+def _one_line(error: ValidationError) -> str:
+    problems = []
+    for item in error.errors():
+        where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))
+        cause = item.get("ctx", {}).get("error")
+        if item["type"] == "value_error" and isinstance(cause, Exception):
+            problems.append(str(cause))
+        elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            problems.append(f"unknown key {where}")
+        elif item["type"] in ("missing", "missing_argument"):
+            problems.append(f"{where} is missing")
+        else:
+            problems.append(f"{where} = {item['input']!r}: {item['msg'][:1].lower()}{item['msg'][1:]}")
+    return "; ".join(dict.fromkeys(problems))

@@ -1,0 +1,214 @@
+"""Offscreen pictures and video of a run, from its record: the machine, and the bead growing behind the nozzle."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.errors import GantryError, InputError, at_least, positive, unknown
+from gantrysim.machine import NOZZLE, WORK, Machine
+from gantrysim.run import Run
+from gantrysim.sweep import Bead
+
+__all__ = ["NoOpenGLError", "Renderer", "save_video"]
+
+Image = NDArray[np.uint8]
+
+_BEAD = "bead"
+_BEAD_COLOUR = (0.98, 0.58, 0.10, 1.0)
+_DEFAULT_GAP = 0.5  # [mm]
+_PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
+
+
+class NoOpenGLError(GantryError, RuntimeError):
+    """No OpenGL library that renders without a display."""
+
+
+def _gl_context(width: int, height: int) -> Any:
+    """Return an offscreen context: EGL, else OSMesa, or what MUJOCO_GL asks for."""
+    asked = os.environ.get("MUJOCO_GL", "").lower()
+    wanted = [asked] if asked in ("egl", "osmesa") else ["egl", "osmesa"]
+    for backend in wanted:
+        if ctypes.util.find_library({"egl": "EGL", "osmesa": "OSMesa"}[backend]) is None:
+            continue
+        try:
+            if backend == "egl":
+                from mujoco.egl import GLContext
+            else:
+                from mujoco.osmesa import GLContext
+            context = GLContext(width, height)
+            context.make_current()
+            return context
+        except (ImportError, RuntimeError, AttributeError) as error:
+            failure = f" ({backend}: {error})"
+            raise NoOpenGLError(f"no OpenGL without a display{failure}: Debian package {_PACKAGES}") from error
+    raise NoOpenGLError(f"no OpenGL without a display: install Debian package {_PACKAGES}")
+
+
+class Renderer:
+    """Draws a run at any of its ticks. Use it as a context manager.
+
+    Args:
+        machine: the machine that ran.
+        run: the record.
+        camera: name of a camera of the machine.
+        size: width and height of the pictures [pixels].
+
+    Raises:
+        InputError: no such camera.
+        NoOpenGLError: no EGL and no OSMesa.
+    """
+
+    def __init__(self, machine: Machine, run: Run, camera: str = "overview", size: tuple[int, int] = (640, 480)) -> None:
+        self.size = size
+        self._machine, self._run = machine, run
+        width, height = (int(positive(f"{name} of the picture", value, "pixels")) for name, value in zip(("width", "height"), size, strict=True))
+        self.bead = Bead(run, _gap(machine))
+        self.model = _with_bead(machine, self.bead, width, height)
+        self.data = mujoco.MjData(self.model)
+        self.camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+        if self.camera < 0:
+            names = [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(self.model.ncam)]
+            raise unknown("camera", camera, names)
+        self._gl = _gl_context(width, height)
+        self._context = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._scene = mujoco.MjvScene(self.model, maxgeom=2000)
+        self._option = mujoco.MjvOption()
+        self._view = mujoco.MjvCamera()
+        self._view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._view.fixedcamid = self.camera
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._gl.make_current()
+        self._context.free()
+        self._gl.free()
+
+    def pose(self, tick: int) -> None:
+        """Put the machine where it stood at a tick, with the bead laid until then."""
+        self.data.qpos[:] = self._machine.to_qpos(self._run.encoder[tick])
+        mujoco.mj_forward(self.model, self.data)
+        mesh = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_MESH, _BEAD)
+        vertices, normals = self.bead.mesh(tick)
+        _mesh_part(self.model, mesh, "vert")[:] = vertices
+        _mesh_part(self.model, mesh, "normal")[:] = normals
+        self._gl.make_current()
+        mujoco.mjr_uploadMesh(self.model, self._context, mesh)
+
+    def frame(self, tick: int) -> Image:
+        """Return the picture at a tick, (height, width, 3)."""
+        self.pose(tick)
+        width, height = self.size
+        mujoco.mjv_updateScene(
+            self.model, self.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
+        )
+        viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, self._scene, self._context)
+        image = np.empty((height, width, 3), np.uint8)
+        mujoco.mjr_readPixels(image, None, viewport, self._context)
+        return image[::-1]
+
+
+def save_video(
+    machine: Machine,
+    run: Run,
+    file: Path,
+    *,
+    camera: str = "overview",
+    size: tuple[int, int] = (640, 480),
+    fps: float = 25.0,
+    progress: Callable[[float], None] | None = None,
+) -> int:
+    """Write an MP4 of a run in real time and return its number of frames.
+
+    Args:
+        machine: the machine that ran.
+        run: the record.
+        file: to write.
+        camera: name of a camera of the machine.
+        size: width and height, even numbers [pixels].
+        fps: frames per second.
+        progress: called after each frame with the share that is done, 0 to 1.
+    """
+    import imageio.v2 as imageio
+
+    if any(value % 2 for value in size):
+        raise InputError(f"size of the video = {size[0]} x {size[1]}: must be even numbers of pixels")
+    ticks = list(_frame_ticks(run, positive("frames per second", fps, "1/s")))
+    with (
+        Renderer(machine, run, camera, size) as renderer,
+        imageio.get_writer(file, fps=fps, codec="libx264", quality=8, macro_block_size=1) as writer,
+    ):
+        for done, tick in enumerate(ticks, 1):
+            writer.append_data(renderer.frame(tick))
+            if progress is not None:
+                progress(done / len(ticks))
+    return len(ticks)
+
+
+def _frame_ticks(run: Run, fps: float) -> Iterator[int]:
+    count = max(1, round(float(run.time[-1]) * fps) + 1)
+    for k in range(count):
+        yield min(round(k / fps / run.period), len(run.time) - 1)
+
+
+def _gap(machine: Machine) -> float:
+    """Height of the nozzle above the work with all axes at zero: a ray down from the tip [mm]."""
+    data = mujoco.MjData(machine.model)
+    mujoco.mj_forward(machine.model, data)
+    body = int(machine.model.site_bodyid[machine.nozzle])
+    geom = np.full(1, -1, np.int32)
+    distance = mujoco.mj_ray(
+        machine.model, data, data.site_xpos[machine.nozzle], np.array([0.0, 0.0, -1.0]), None, 1, body, geom, None
+    )
+    on_work = geom[0] >= 0 and machine.model.geom_bodyid[geom[0]] == machine.work
+    return 1e3 * distance if on_work else _DEFAULT_GAP
+
+
+def _with_bead(machine: Machine, bead: Bead, width: int, height: int) -> mujoco.MjModel:
+    """Compile the machine once more with the bead's mesh on the work, in the work's own frame."""
+    spec = machine.spec.copy()
+    vertices, normals = bead.mesh(len(bead.run.time) - 1)
+    faces = bead.faces()
+    mesh = spec.add_mesh(name=_BEAD)
+    # the compiler wants a body with a volume; the vertices that are drawn are written afterwards
+    mesh.uservert = np.random.default_rng(0).uniform(-1, 1, vertices.size).astype(np.float32)
+    mesh.usernormal = normals.ravel()
+    mesh.userface = faces.ravel()
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    spec.add_material(name=_BEAD, rgba=_BEAD_COLOUR, specular=0.6, shininess=0.7)
+    work = spec.body(WORK)
+    work.add_geom(
+        name=_BEAD, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=_BEAD, material=_BEAD, mass=0, contype=0, conaffinity=0, group=0
+    )
+    spec.visual.global_.offwidth = max(int(spec.visual.global_.offwidth), width)
+    spec.visual.global_.offheight = max(int(spec.visual.global_.offheight), height)
+    model = spec.compile()
+    geom = model.geom(_BEAD).id
+    # the compiler has moved the mesh to its own inertial frame; the drawn vertices lie in the work's
+    model.geom_pos[geom] = 0
+    model.geom_quat[geom] = (1, 0, 0, 0)
+    model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    return model
+
+
+def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float32]:
+    start = int(getattr(model, f"mesh_{part}adr")[mesh])
+    count = int(getattr(model, f"mesh_{part}num")[mesh])
+    array: NDArray[np.float32] = getattr(model, f"mesh_{part}")[start : start + count]
+    return array

@@ -1,0 +1,130 @@
+"""The record of a run: arrays with one row per servo tick, saved to and loaded from one file."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.controllers.path import Floats, Path
+from gantrysim.errors import InputError
+
+__all__ = ["Fault", "Run"]
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a run ended before its setpoints did.
+
+    Attributes:
+        kind: "following error", "travel", "overspeed" or "diverged".
+        axis: name of the axis that tripped.
+        time: time of the servo tick that saw it [s].
+        value: the quantity there [mm or mm/s].
+        limit: its bound [mm or mm/s].
+    """
+
+    kind: str
+    axis: str
+    time: float
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        unit = "mm/s" if self.kind == "overspeed" else "mm"
+        figures = f": {self.value:.4g} {unit}, limit {self.limit:.4g} {unit}" if np.isfinite(self.limit) else ""
+        return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What happened, one row per servo tick, at the instant of its sample. All arrays are read-only.
+
+    Attributes:
+        machine: name of the machine.
+        axes: names of its axes.
+        requested: the requested path, in the work frame.
+        time: (n,) [s].
+        commanded: setpoints, DPOS, (n, axes) [mm].
+        encoder: positions as the controller measured them, MPOS, (n, axes) [mm].
+        commanded_tip, encoder_tip: where `commanded` and `encoder` would put the nozzle on a rigid
+            machine, in the work frame, (n, 3) [mm].
+        nozzle: the nozzle's tip in the work frame, (n, 3) [mm].
+        demand: torque demand of the servo, after its limit, (n, axes) [N·m].
+        torque: electromagnetic torque of the motor, (n, axes) [N·m].
+        current: motor current, (n, axes) [A]; nan for an ideal torque source.
+        voltage: terminal voltage as the tick's demand sets it, (n, axes) [V]; nan likewise.
+        flow: commanded glue flow, (n,) [mm³/s].
+        dispense: dispenser command, (n,).
+        fault: why the run ended early, or None.
+    """
+
+    machine: str
+    axes: tuple[str, ...]
+    requested: Path
+    time: Floats
+    commanded: Floats
+    commanded_tip: Floats
+    encoder: Floats
+    encoder_tip: Floats
+    nozzle: Floats
+    demand: Floats
+    torque: Floats
+    current: Floats
+    voltage: Floats
+    flow: Floats
+    dispense: NDArray[np.bool_]
+    fault: Fault | None = None
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def period(self) -> float:
+        """Servo period [s]."""
+        return float(self.time[1]) if len(self.time) > 1 else float("nan")
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the record to a NumPy .npz file."""
+        arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
+        arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
+        arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
+        arrays["format"] = _FORMAT
+        np.savez_compressed(file, **arrays)
+
+    @classmethod
+    def load(cls, file: str | os.PathLike[str]) -> Run:
+        """Read a record that `save` has written.
+
+        Raises:
+            InputError: no such file, or not a record of this format.
+        """
+        try:
+            with np.load(FilePath(file), allow_pickle=False) as arrays:
+                content = dict(arrays)
+            if int(content.pop("format")) != _FORMAT:
+                raise InputError(f"run {file}: written in another format; run its job.toml again")
+            path = json.loads(str(content.pop("requested")))
+            fault = json.loads(str(content.pop("fault")))
+            return cls(
+                machine=str(content.pop("machine")),
+                axes=tuple(str(name) for name in content.pop("axes")),
+                requested=Path.build(path["kind"], path["parameters"]),
+                fault=Fault(**fault) if fault else None,
+                **content,
+            )
+        except (OSError, zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"run {file}: is no record of a run ({error})") from None
