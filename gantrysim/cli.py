@@ -45,7 +45,9 @@ def _main(version: Annotated[bool, typer.Option("--version", help="Print the ver
 def run(
     job: Annotated[str, typer.Argument(help="A built-in job or a TOML file.")] = "an225",
     out: Annotated[Path | None, typer.Option(help="Folder to write into; by default out/ and the job's name.")] = None,
-    model: Annotated[str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
@@ -87,7 +89,12 @@ def run(
 
 @contextmanager
 def _progress(task: str) -> Iterator[Callable[[float], None]]:
-    columns = (TextColumn("{task.description:9}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description:9}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=_messages, transient=True) as progress:
         bar = progress.add_task(task, total=1.0)
         yield lambda share: progress.update(bar, completed=share)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -138,15 +139,18 @@ def _fill(
     for name in ("resolution", "torque_limit", "following_error_limit", *tick.GAINS):
         row[name][0, : servo.axes] = getattr(servo, name)
     for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
-        row["control"][0, a], row["output"][0, a], row["current"][0, a] = address.control, address.output, address.current
+        row["control"][0, a], row["output"][0, a], row["current"][0, a] = (
+            address.control,
+            address.output,
+            address.current,
+        )
         row["scale"][0, a], row["speed_limit"][0, a] = axis.scale, axis.speed_limit
         row["low"][0, a], row["high"][0, a] = axis.travel
     row["magic"] = tick.magic()
 
 
 def _slices(steps: int) -> list[tuple[int, int]]:
-    edges = np.linspace(0, steps, min(steps, _PROGRESS_SLICES) + 1).astype(int).tolist()
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(np.linspace(0, steps, min(steps, _PROGRESS_SLICES) + 1).astype(int).tolist()))
 
 
 def _fault(machine: Machine, servo: Servo, row: np.void, data: mujoco.MjData) -> Fault | None:
@@ -182,7 +186,7 @@ def _record(
         machine=machine.name,
         axes=machine.axis_names,
         requested=setpoints.requested,
-        time=np.arange(n) * setpoints.period,
+        time=np.arange(n, dtype=np.float64) * setpoints.period,
         commanded=position,
         commanded_tip=machine.tip(position),
         encoder=encoder,

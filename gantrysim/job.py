@@ -188,7 +188,7 @@ def _read(job: str) -> tuple[str, Path]:
 
 
 def _known_keys(content: dict[str, Any]) -> list[str]:
-    sections = {"servo": ServoSettings, "dispenser": Dispenser, "simulation": Simulation}
+    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "dispenser": Dispenser, "simulation": Simulation}
     keys = ["name", "machine"]
     keys += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
     keys.append("program.controller")

@@ -115,13 +115,15 @@ class Machine:
         self.work = _named(self.model, mujoco.mjtObj.mjOBJ_BODY, WORK, self.source)
         if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             raise InputError(
-                f"model {self.source}: integrator RK4 calls the servo four times a step; use implicitfast, implicit or Euler"
+                f"model {self.source}: integrator RK4 calls the servo four times a step; "
+                "use Euler, implicit or implicitfast"
             )
         if not 1 <= self.model.nactuator <= MAX_AXES:
             raise InputError(f"model {self.source}: has {self.model.nactuator} actuators, must have 1 to {MAX_AXES}")
-        self._home = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, self._home)
-        read = [_axis(self.model, self._home, actuator, self.source) for actuator in range(self.model.nactuator)]
+        self._stepping: dict[float, mujoco.MjModel] = {}
+        home = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, home)
+        read = [_axis(self.model, home, actuator, self.source) for actuator in range(self.model.nactuator)]
         self.axes: tuple[Axis, ...] = tuple(axis for axis, _ in read)
         self.addresses: tuple[AxisAddress, ...] = tuple(address for _, address in read)
 
@@ -141,10 +143,12 @@ class Machine:
         return hashlib.sha256(buffer.tobytes()).hexdigest()
 
     def stepping(self, timestep: float) -> mujoco.MjModel:
-        """Return a copy of the compiled model with another physics step [s]."""
-        model = copy.copy(self.model)
-        model.opt.timestep = positive("physics step", timestep, "s")
-        return model
+        """Return the compiled model with another physics step [s]; the same one at every call, to be left unchanged."""
+        if timestep not in self._stepping:
+            model = copy.copy(self.model)
+            model.opt.timestep = positive("physics step", timestep, "s")
+            self._stepping[timestep] = model
+        return self._stepping[timestep]
 
     def to_qpos(self, position: ArrayLike) -> Floats:
         """Return the joint positions for axis positions, every other joint at its reference, (nq,) [SI].
@@ -207,7 +211,11 @@ def _find(model: str | Path) -> Path:
 def _named(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, source: Path) -> int:
     index = mujoco.mj_name2id(model, kind, name)
     if index < 0:
-        label = {mujoco.mjtObj.mjOBJ_SITE: "site", mujoco.mjtObj.mjOBJ_BODY: "body", mujoco.mjtObj.mjOBJ_JOINT: "joint"}[kind]
+        label = {
+            mujoco.mjtObj.mjOBJ_SITE: "site",
+            mujoco.mjtObj.mjOBJ_BODY: "body",
+            mujoco.mjtObj.mjOBJ_JOINT: "joint",
+        }[kind]
         count = {"site": model.nsite, "body": model.nbody, "joint": model.njnt}[label]
         present = filter(None, (mujoco.mj_id2name(model, kind, i) for i in range(count)))
         raise InputError(f"model {source}: has no {label} named {name!r}; it has: {', '.join(present) or 'none'}")
@@ -254,7 +262,9 @@ def _axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) -> t
         resolution=_encoder(model, name, i, scale, source),
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if drive.lag > 0 else -1
-    return axis, AxisAddress(int(model.jnt_qposadr[joint]), int(model.actuator_ctrladr[i]), int(model.actuator_outadr[i]), current)
+    return axis, AxisAddress(
+        int(model.jnt_qposadr[joint]), int(model.actuator_ctrladr[i]), int(model.actuator_outadr[i]), current
+    )
 
 
 @dataclass(frozen=True)
@@ -275,7 +285,8 @@ def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> _Drive:
         resistance, constant, voltage = float(gain[0]), float(gain[1]), float(gain[7])
         if model.actuator_ctrlspec[i] != mujoco.mjtCtrlInput.mjINPUT_FF or voltage <= 0:
             raise InputError(
-                f"model {source}: dcmotor {name!r} must have input=\"ff\" and a bus voltage (the last number of controller)"
+                f'model {source}: dcmotor {name!r} must have input="ff" '
+                "and a bus voltage, the last number of its controller"
             )
         return _Drive(
             constant,
@@ -286,7 +297,11 @@ def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> _Drive:
             float(model.actuator_biasprm[i, 3]),
         )
     fixed = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED and gain[0] == 1
-    if not fixed or model.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_NONE or model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE:
+    if (
+        not fixed
+        or model.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_NONE
+        or model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE
+    ):
         raise InputError(f'model {source}: actuator {name!r} must be a dcmotor with input="ff", or a motor')
     return _Drive(math.nan, math.nan, 0.0, math.inf, peak, 0.0)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ __all__ = ["save_plots"]
 _UM = 1e3
 _COLOURS = {"requested": "0.55", "generation": "#4477aa", "contour": "#d1580b", "fault": "#bb0022"}
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -79,9 +79,9 @@ def _plan(figure: Figure, run: Run) -> None:
     label = f"nozzle, error x {factor}" if factor > 1 else "nozzle"
     axes.plot(drawn[:, 0], drawn[:, 1], color=_COLOURS["contour"], lw=1.0, label=label)
     axes.plot(*trace[0, :2], "o", ms=5, color="0.2")
-    axes.annotate("start", trace[0, :2], xytext=(6, -4), textcoords="offset points", va="top")
+    axes.annotate("start", (trace[0, 0], trace[0, 1]), xytext=(6, -4), textcoords="offset points", va="top")
     axes.plot(*trace[-1, :2], "s", ms=5, color="0.2")
-    axes.annotate("end", trace[-1, :2], xytext=(6, -4), textcoords="offset points", va="top")
+    axes.annotate("end", (trace[-1, 0], trace[-1, 1]), xytext=(6, -4), textcoords="offset points", va="top")
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view on machine {run.machine}")
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.0), framealpha=0.9, frameon=True)
 
@@ -94,8 +94,16 @@ def _error(figure: Figure, run: Run) -> None:
         upper.plot(run.time, _UM * tracking_error(run)[:, a], color=_AXIS_COLOURS[a], lw=0.9, label=name)
     upper.set(ylabel="commanded - encoder [µm]", title="Tracking error of the axes")
     upper.legend(loc="upper right", ncols=len(run.axes))
-    lower.plot(run.time[on], _UM * _lateral(run, run.commanded_tip[on]), color=_COLOURS["generation"], lw=0.9, label="generation")
-    lower.plot(run.time[on], _UM * _lateral(run, run.nozzle[on]), color=_COLOURS["contour"], lw=0.9, label="contour (nozzle)")
+    lower.plot(
+        run.time[on],
+        _UM * _lateral(run, run.commanded_tip[on]),
+        color=_COLOURS["generation"],
+        lw=0.9,
+        label="generation",
+    )
+    lower.plot(
+        run.time[on], _UM * _lateral(run, run.nozzle[on]), color=_COLOURS["contour"], lw=0.9, label="contour (nozzle)"
+    )
     lower.set(xlabel="time [s]", ylabel="left of the requested path [µm]", title="Error normal to the requested path")
     lower.legend(loc="upper right", ncols=2)
     for axes in (upper, lower):
@@ -117,8 +125,18 @@ def _spacing(figure: Figure, run: Run) -> None:
     for k in np.unique(number):
         chosen = number == k
         angle = 360 * (turns.turn[chosen] - k)
-        axes.plot(angle, turns.distance[chosen], lw=1.2, color=_AXIS_COLOURS[k % len(_AXIS_COLOURS)], label=f"turn {k + 1} to {k + 2}")
-    axes.set(xlabel="angle of the tangent within the turn [deg]", ylabel="spacing [mm]", title="Spacing of neighbouring turns along the normal")
+        axes.plot(
+            angle,
+            turns.distance[chosen],
+            lw=1.2,
+            color=_AXIS_COLOURS[k % len(_AXIS_COLOURS)],
+            label=f"turn {k + 1} to {k + 2}",
+        )
+    axes.set(
+        xlabel="angle of the tangent within the turn [deg]",
+        ylabel="spacing [mm]",
+        title="Spacing of neighbouring turns along the normal",
+    )
     axes.set_xticks(range(0, 361, 45))
     axes.set_xlim(0, 360)
     _plain_ticks(axes)

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.errors import GantryError, InputError, at_least, positive, unknown
-from gantrysim.machine import NOZZLE, WORK, Machine
+from gantrysim.errors import GantryError, InputError, positive, unknown
+from gantrysim.machine import WORK, Machine
 from gantrysim.run import Run
 from gantrysim.sweep import Bead
 
@@ -67,10 +67,15 @@ class Renderer:
         NoOpenGLError: no EGL and no OSMesa.
     """
 
-    def __init__(self, machine: Machine, run: Run, camera: str = "overview", size: tuple[int, int] = (640, 480)) -> None:
+    def __init__(
+        self, machine: Machine, run: Run, camera: str = "overview", size: tuple[int, int] = (640, 480)
+    ) -> None:
         self.size = size
         self._machine, self._run = machine, run
-        width, height = (int(positive(f"{name} of the picture", value, "pixels")) for name, value in zip(("width", "height"), size, strict=True))
+        width, height = (
+            int(positive(f"{name} of the picture", value, "pixels"))
+            for name, value in zip(("width", "height"), size, strict=True)
+        )
         self.bead = Bead(run, _gap(machine))
         self.model = _with_bead(machine, self.bead, width, height)
         self.data = mujoco.MjData(self.model)
@@ -90,7 +95,9 @@ class Renderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
@@ -194,7 +201,14 @@ def _with_bead(machine: Machine, bead: Bead, width: int, height: int) -> mujoco.
     spec.add_material(name=_BEAD, rgba=_BEAD_COLOUR, specular=0.6, shininess=0.7)
     work = spec.body(WORK)
     work.add_geom(
-        name=_BEAD, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=_BEAD, material=_BEAD, mass=0, contype=0, conaffinity=0, group=0
+        name=_BEAD,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=_BEAD,
+        material=_BEAD,
+        mass=0,
+        contype=0,
+        conaffinity=0,
+        group=0,
     )
     spec.visual.global_.offwidth = max(int(spec.visual.global_.offwidth), width)
     spec.visual.global_.offheight = max(int(spec.visual.global_.offheight), height)

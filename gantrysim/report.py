@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import shutil
 import tempfile
@@ -60,7 +59,7 @@ def _replace(new: Path, old: Path) -> None:
     elif old.exists():
         old.unlink()
     if new.exists():
-        os.replace(new, old)
+        new.replace(old)
 
 
 def write_run(folder: Path, job: Job, machine: Machine, run: Run, figures: Figures) -> None:
@@ -112,7 +111,7 @@ def versions(machine: Machine) -> dict[str, str]:
 def _fault(run: Run) -> dict[str, Any] | None:
     if run.fault is None:
         return None
-    numbers = {key: value for key, value in asdict(run.fault).items()}
+    numbers = asdict(run.fault)
     for key in ("value", "limit"):
         if not math.isfinite(numbers[key]):
             numbers[key] = None

@@ -94,7 +94,9 @@ class Bead:
         share = np.float32(np.clip((self._length[tick] - place[before]) / (place[1] - place[0]), 0.0, 1.0))
         end = vertices[before] + share * (vertices[after] - vertices[before])
         grown = np.concatenate([vertices[:1], vertices[:laid], np.repeat(end[None], _RINGS - laid + 1, axis=0)])
-        facing = np.concatenate([normals[:1], normals[:laid], np.repeat(normals[before][None], _RINGS - laid + 1, axis=0)])
+        facing = np.concatenate(
+            [normals[:1], normals[:laid], np.repeat(normals[before][None], _RINGS - laid + 1, axis=0)]
+        )
         grown[0] = 0.5 * (vertices[0, 0] + vertices[0, -1])
         grown[-1] = 0.5 * (end[0] + end[-1])
         return grown.reshape(-1, 3), facing.reshape(-1, 3)

@@ -118,7 +118,7 @@ def addresses() -> dict[str, int]:
 
 @cache
 def magic() -> int:
-    """A number that stands for the layout and the code, so that no cached code outlives a change of either."""
+    """Return a number that stands for layout and code, so that no cached code outlives a change of either."""
     source = inspect.getsource(sys.modules[__name__]) + inspect.getsource(servo)
     return zlib.crc32(source.encode())
 
@@ -150,22 +150,22 @@ _law = _jit(servo.law)
 
 
 @_jit
-def _field(struct, offset):  # type: ignore[no-untyped-def]
+def _field(struct, offset):
     return numba.carray(_integers(struct + offset), (1,))[0]
 
 
 @_jit
-def _vector(struct, offset, size):  # type: ignore[no-untyped-def]
+def _vector(struct, offset, size):
     return numba.carray(_floats(_field(struct, offset)), (size,))
 
 
 @_jit
-def _row(address):  # type: ignore[no-untyped-def]
+def _row(address):
     return numba.carray(_rows(address), (1,))[0]
 
 
 @_jit
-def _trip(row, fault, axis, value, limit):  # type: ignore[no-untyped-def]
+def _trip(row, fault, axis, value, limit):
     if row.fault == 0:
         row.fault = fault
         row.fault_axis = axis
@@ -175,7 +175,7 @@ def _trip(row, fault, axis, value, limit):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sample(data, userdata):  # type: ignore[no-untyped-def]
+def _sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; say whether it does."""
     row = _row(userdata)
     if row.fault != 0 or row.tick >= row.ticks or row.steps % row.substeps != 0:
@@ -224,7 +224,7 @@ def _sample(data, userdata):  # type: ignore[no-untyped-def]
 
 
 @_jit
-def _apply_law(row):  # type: ignore[no-untyped-def]
+def _apply_law(row):
     for a in range(row.axes):
         error_sum = row.error_sum[a] + row.error[a] * row.period
         torque = _law(
@@ -248,7 +248,7 @@ def _apply_law(row):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _command(data, userdata):  # type: ignore[no-untyped-def]
+def _command(data, userdata):
     """Clamp and schedule the torques that the law has put into the row, and log them."""
     row = _row(userdata)
     n = row.axes
@@ -268,7 +268,7 @@ def _command(data, userdata):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _output(data, userdata):  # type: ignore[no-untyped-def]
+def _output(data, userdata):
     """Put out the torque demands that are due at this step."""
     row = _row(userdata)
     n = row.axes
@@ -282,7 +282,7 @@ def _output(data, userdata):  # type: ignore[no-untyped-def]
 
 
 @_jit
-def _step(model, data, nuserdata_at, userdata_at, row_size, key):  # type: ignore[no-untyped-def]
+def _step(model, data, nuserdata_at, userdata_at, row_size, key):
     if _field(model, nuserdata_at) < row_size:
         return
     userdata = _field(data, userdata_at)
@@ -305,7 +305,7 @@ def _compiled() -> Any:
     row_size, key = ROW.itemsize // 8, magic()
 
     @numba.cfunc(types.void(types.int64, types.int64), cache=True, error_model="numpy")
-    def callback(model, data):  # type: ignore[no-untyped-def]
+    def callback(model, data):
         _step(model, data, nuserdata_at, userdata_at, row_size, key)
 
     return callback.ctypes

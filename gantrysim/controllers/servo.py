@@ -23,15 +23,19 @@ class AxisDynamics(Protocol):
     @property
     def inertia(self) -> float:
         """Motor torque per acceleration of the axis [N·m·s²/mm]."""
+
     @property
     def viscous(self) -> float:
         """Motor torque per speed of the axis [N·m·s/mm]."""
+
     @property
     def lag(self) -> float:
         """Time constant from torque demand to torque [s]."""
+
     @property
     def peak_torque(self) -> float:
         """Largest torque the drive delivers [N·m]."""
+
     @property
     def resolution(self) -> float:
         """Axis travel per encoder count, 0 for an exact measurement [mm]."""

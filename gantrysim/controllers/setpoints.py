@@ -51,7 +51,7 @@ class Setpoints:
     @property
     def time(self) -> Floats:
         """Times of the setpoints, (n,) [s]."""
-        return np.arange(len(self.position)) * self.period
+        return np.arange(len(self.position), dtype=np.float64) * self.period
 
     @property
     def duration(self) -> float:
@@ -69,7 +69,13 @@ class Setpoints:
 
     @classmethod
     def along(
-        cls, path: Path, speed: float, period: float, *, requested: Path | None = None, axes: tuple[str, ...] = ("x", "y")
+        cls,
+        path: Path,
+        speed: float,
+        period: float,
+        *,
+        requested: Path | None = None,
+        axes: tuple[str, ...] = ("x", "y"),
     ) -> Setpoints:
         """Return setpoints that run along `path` at constant speed, dispensing all the way.
 

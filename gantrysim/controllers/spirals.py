@@ -90,7 +90,8 @@ class Involute(_Spiral):
     @property
     def centre(self) -> Floats:
         """Centre of the base circle, (3,) [mm]."""
-        return self._place(np.array([self.a]), np.array([self.radius]))[0]
+        centre: Floats = self._place(np.array([self.a]), np.array([self.radius]))[0]
+        return centre
 
     def phi(self, s: ArrayLike) -> Floats:
         """Angle of the tangent since the start, (n,) [rad]."""
@@ -133,7 +134,8 @@ class Archimedean(_Spiral):
     @property
     def centre(self) -> Floats:
         """Centre of the spiral, (3,) [mm]."""
-        return self._place(np.zeros(1), np.array([self.radius]))[0]
+        centre: Floats = self._place(np.zeros(1), np.array([self.radius]))[0]
+        return centre
 
     @property
     def _u_end(self) -> float:

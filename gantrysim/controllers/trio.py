@@ -120,7 +120,7 @@ class MoveSpiral:
                 f"loop_period = {self.loop_period:g} s: makes {bound} passes, at most {_MAX_PASSES} are run; "
                 f"use 0 s for the continuous limit or at least {self.virtual_time / _MAX_PASSES:.3g} s"
             )
-        x = 1 - self.change * np.arange(1, bound + 1)
+        x = 1 - self.change * np.arange(1, bound + 1, dtype=np.float64)
         running = x > 0
         turned = np.cumsum(self._pass_angle(x[running]))
         needed = int(np.searchsorted(turned, 2 * math.pi * self.turns * (1 - 1e-12))) + 1

@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# From a fresh machine to figures, plots and a video: sets up .venv and runs the main job into out/an225/.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+
+gantrysim run an225 --out "$root/out/an225"
+echo "plots: $root/out/an225/plots/{plan,error,spacing}.png"
+if [ -f "$root/out/an225/video.mp4" ]; then
+    echo "video: $root/out/an225/video.mp4"
+fi

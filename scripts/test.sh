@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# The whole check, as CI runs it: sets up .venv with the test tools, then ruff, mypy and pytest.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" test
+
+# the pictures' tests need an OpenGL that renders without a display
+if ! python -c 'from ctypes.util import find_library as f; raise SystemExit(not (f("EGL") or f("OSMesa")))'; then
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        apt-get update -qq && apt-get install -qq -y --no-install-recommends libegl1 libgl1-mesa-dri >/dev/null
+    else
+        echo "note: no EGL and no OSMesa; install Debian package libegl1 (with libgl1-mesa-dri) for the pictures' tests" >&2
+    fi
+fi
+
+cd "$root"
+ruff check .
+ruff format --check .
+mypy
+pytest --numprocesses auto "$@"
