@@ -136,8 +136,10 @@ def _fill(
     row["axes"], row["ticks"], row["substeps"], row["delay"] = len(machine.axes), len(position), substeps, round(delay)
     row["setpoints"], row["log"] = position.ctypes.data, log.ctypes.data
     row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
-    for name in ("resolution", "torque_limit", "following_error_limit", *tick.GAINS):
+    for name in ("resolution", "following_error_limit", *tick.GAINS):
         row[name][0, : servo.axes] = getattr(servo, name)
+    # a demand beyond what the drive can give is clamped by the drive itself
+    row["torque_limit"][0, : servo.axes] = np.minimum(servo.torque_limit, [axis.peak_torque for axis in machine.axes])
     for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
         row["control"][0, a], row["output"][0, a], row["current"][0, a] = (
             address.control,

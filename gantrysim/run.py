@@ -25,11 +25,11 @@ class Fault:
     """Why a run ended before its setpoints did.
 
     Attributes:
-        kind: "following error", "travel", "overspeed" or "diverged".
+        kind: "following error", "travel", "overspeed", "oscillation" or "diverged".
         axis: name of the axis that tripped.
         time: time of the servo tick that saw it [s].
-        value: the quantity there [mm or mm/s].
-        limit: its bound [mm or mm/s].
+        value: the quantity there [mm, mm/s, or swings of the torque demand from limit to limit].
+        limit: its bound, in the same unit.
     """
 
     kind: str
@@ -39,7 +39,7 @@ class Fault:
     limit: float
 
     def __str__(self) -> str:
-        unit = "mm/s" if self.kind == "overspeed" else "mm"
+        unit = {"overspeed": "mm/s", "oscillation": "swings from torque limit to torque limit"}.get(self.kind, "mm")
         figures = f": {self.value:.4g} {unit}, limit {self.limit:.4g} {unit}" if np.isfinite(self.limit) else ""
         return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}"
 

@@ -36,8 +36,13 @@ MAX_AXES = 6
 OVERTRAVEL = 0.1  # [mm or deg]
 OVERSPEED = 1.2
 
-FAULTS = ("none", "following error", "travel", "overspeed", "diverged")
-_FOLLOWING_ERROR, _TRAVEL, _OVERSPEED, _DIVERGED = range(1, 5)
+# An unstable loop need not run away: the torque limit can hold it in a limit cycle, whose error looks harmless.
+# So many swings of the demand from one limit to the other, each within this time of the last, are no motion's.
+OSCILLATION_SWINGS = 20
+OSCILLATION_TIME = 0.1  # [s]
+
+FAULTS = ("none", "following error", "travel", "overspeed", "diverged", "oscillation")
+_FOLLOWING_ERROR, _TRAVEL, _OVERSPEED, _DIVERGED, _OSCILLATION = range(1, 6)
 
 GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 
@@ -87,6 +92,9 @@ _AXIS_STATE = [
     "torque",
     "pending",
     "held",
+    "clamp_side",  # where the demand was last clamped, -1 or 1
+    "clamp_tick",
+    "swings",
 ]
 ROW = np.dtype(
     [(name, np.int64) for name in _WHOLE]
@@ -257,14 +265,30 @@ def _command(data, userdata):
     for a in range(n):
         limit = row.torque_limit[a]
         torque = min(max(row.torque[a], -limit), limit)
+        if torque != row.torque[a]:
+            _watch_oscillation(row, a, np.sign(torque))
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
-        if row.fault != 0:
-            row.pending[a], row.held[a] = 0.0, 0.0
         log[n + 3 + a] = torque
         log[2 * n + 3 + a] = currents[row.current[a]] if row.current[a] >= 0 else np.nan
+    if row.fault != 0:
+        row.pending[:n] = 0.0
+        row.held[:n] = 0.0
     row.tick += 1
+
+
+@_jit
+def _watch_oscillation(row, axis, side):
+    since = (row.tick - row.clamp_tick[axis]) * row.period
+    if since > OSCILLATION_TIME:
+        row.swings[axis] = 0.0
+    elif side != row.clamp_side[axis]:
+        row.swings[axis] += 1.0
+    row.clamp_side[axis] = side
+    row.clamp_tick[axis] = row.tick
+    if row.swings[axis] >= OSCILLATION_SWINGS:
+        _trip(row, _OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -1,0 +1,83 @@
+"""Machines and paths that several tests share."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gantrysim import Machine
+from gantrysim.controllers.path import ArcChain
+
+RIGID = """
+<mujoco model="rigid">
+  <option timestep="0.00025" integrator="Euler" gravity="0 0 0"/>
+  <size nuser_jnt="1" nuser_sensor="1"/>
+  <default>
+    <joint type="slide" damping="{damping}" range="-{travel} {travel}" user="{speed}"/>
+    <dcmotor gear="{gear}" motorconst="0.03 0.03" resistance="0.3" inductance="{inductance} 0" input="ff"
+      controller="0 0 0 0 0 {voltage}" armature="1.5e-5" saturation="0 {current} 0"/>
+  </default>
+  <worldbody>
+    <body name="work"/>
+    <body name="bridge">
+      <joint name="y" axis="0 1 0"/>
+      <geom type="sphere" size="0.01" mass="3"/>
+      <body name="carriage">
+        <joint name="x" axis="1 0 0"/>
+        <geom type="sphere" size="0.01" mass="1"/>
+        <site name="nozzle"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <dcmotor name="x" joint="x"/>
+    <dcmotor name="y" joint="y"/>
+  </actuator>
+  <sensor>
+    <actuatorpos name="x" actuator="x" user="10000"/>
+    <actuatorpos name="y" actuator="y" user="10000"/>
+  </sensor>
+</mujoco>
+"""
+
+RIGID_DEFAULTS = {
+    "damping": 12.0,  # [N·s/m]
+    "travel": 0.15,  # [m]
+    "speed": 1.0,  # [m/s]
+    "gear": 628.3185307179587,  # 2 pi / 10 mm [rad/m]
+    "inductance": 3e-4,  # [H], L/R = 1 ms
+    "voltage": 24.0,  # [V]
+    "current": 30.0,  # [A]
+}
+
+
+@pytest.fixture
+def rigid(tmp_path: Path) -> Callable[..., Machine]:
+    """A rigid two-axis machine without friction but viscous; keywords replace RIGID_DEFAULTS."""
+
+    def build(**changes: float) -> Machine:
+        file = tmp_path / "rigid.xml"
+        file.write_text(RIGID.format(**{**RIGID_DEFAULTS, **changes}))
+        return Machine(file)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def xy() -> Machine:
+    return Machine("xy")
+
+
+@pytest.fixture(scope="session")
+def xyz() -> Machine:
+    return Machine("xyz")
+
+
+@pytest.fixture
+def circle() -> Callable[..., ArcChain]:
+    """A circle about the origin, counter-clockwise from (radius, 0), of several turns in one arc."""
+
+    def build(radius: float, turns: float = 1.0) -> ArcChain:
+        return ArcChain((radius, 0.0), 1.5707963267948966, [1 / radius], [6.283185307179586 * radius * turns])
+
+    return build
