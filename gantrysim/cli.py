@@ -95,7 +95,7 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=_messages, transient=True) as progress:
+    with Progress(*columns, console=_messages, transient=True, disable=not _messages.is_terminal) as progress:
         bar = progress.add_task(task, total=1.0)
         yield lambda share: progress.update(bar, completed=share)
 

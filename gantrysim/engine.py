@@ -131,7 +131,7 @@ def _fill(
             f"servo delay = {servo.delay:g} s: must be a multiple of the physics step, {servo.period / substeps:g} s"
         )
     row[:] = np.zeros(1, tick.ROW)
-    for name, value in tick.addresses().items():
+    for name, value in tick.ADDRESSES.items():
         row[name] = value
     row["axes"], row["ticks"], row["substeps"], row["delay"] = len(machine.axes), len(position), substeps, round(delay)
     row["setpoints"], row["log"] = position.ctypes.data, log.ctypes.data

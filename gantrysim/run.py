@@ -124,7 +124,7 @@ class Run:
                 fault=Fault(**fault) if fault else None,
                 **content,
             )
-        except (OSError, zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
+        except (OSError, EOFError, zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"run {file}: is no record of a run ({error})") from None

@@ -28,7 +28,7 @@ from gantrysim.controllers import servo
 from gantrysim.controllers.servo import PlainLaw, Tick
 from gantrysim.errors import InputError
 
-__all__ = ["FAULTS", "GAINS", "MAX_AXES", "ROW", "addresses", "installed", "installed_law", "log_width", "magic"]
+__all__ = ["FAULTS", "GAINS", "MAX_AXES", "ROW", "ADDRESSES", "installed", "installed_law", "log_width", "magic"]
 
 MAX_AXES = 6
 
@@ -109,19 +109,18 @@ def log_width(axes: int) -> int:
     return 3 + 4 * axes
 
 
-@cache
-def addresses() -> dict[str, int]:
-    """Return the row's byte offsets of mjData's fields."""
-    at = native.offsets()
-    return {
-        "ctrl_at": at.data_ctrl,
-        "act_at": at.data_act,
-        "length_at": at.data_actuator_length,
-        "velocity_at": at.data_actuator_velocity,
-        "site_at": at.data_site_xpos,
-        "body_at": at.data_xpos,
-        "matrix_at": at.data_xmat,
-    }
+_OFFSETS = native.offsets()  # verified at import: an error here is better than a wrong address later
+
+# the row's byte offsets of mjData's fields
+ADDRESSES = {
+    "ctrl_at": _OFFSETS.data_ctrl,
+    "act_at": _OFFSETS.data_act,
+    "length_at": _OFFSETS.data_actuator_length,
+    "velocity_at": _OFFSETS.data_actuator_velocity,
+    "site_at": _OFFSETS.data_site_xpos,
+    "body_at": _OFFSETS.data_xpos,
+    "matrix_at": _OFFSETS.data_xmat,
+}
 
 
 @cache
@@ -237,8 +236,8 @@ def _apply_law(row):
         error_sum = row.error_sum[a] + row.error[a] * row.period
         torque = _law(
             row.error[a],
-            row.error_change[a],
             error_sum,
+            row.error_change[a],
             row.demand_velocity[a],
             row.demand_acceleration[a],
             row.measured_velocity[a],
@@ -325,7 +324,7 @@ def _compiled() -> Any:
 
     The numbers of the closure belong to the cache's key: another layout is other code.
     """
-    nuserdata_at, userdata_at = native.offsets().model_nuserdata, native.offsets().data_userdata
+    nuserdata_at, userdata_at = _OFFSETS.model_nuserdata, _OFFSETS.data_userdata
     row_size, key = ROW.itemsize // 8, magic()
 
     @numba.cfunc(types.void(types.int64, types.int64), cache=True, error_model="numpy")

@@ -43,8 +43,8 @@ class AxisDynamics(Protocol):
 
 def law(
     error: float,
-    error_change: float,
     error_sum: float,
+    error_change: float,
     demand_velocity: float,
     demand_acceleration: float,
     measured_velocity: float,
@@ -66,8 +66,8 @@ def law(
 
     Args:
         error: following error E [mm].
-        error_change: dE/T [mm/s].
         error_sum: T times the sum of E over all ticks so far [mm·s].
+        error_change: dE/T [mm/s].
         demand_velocity: dDPOS/T [mm/s].
         demand_acceleration: ddDPOS/T^2 [mm/s²].
         measured_velocity: dMPOS/T [mm/s].

@@ -1,0 +1,175 @@
+"""The command, as a person at a terminal meets it."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gantrysim
+from gantrysim import Job, Run, cli, metrics
+
+SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
+
+
+@pytest.fixture
+def gantrysim_command(monkeypatch, capsys):
+    """Run the command in this process: exit status, standard output, standard error."""
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            status = stop.code or 0
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return command
+
+
+def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
+    out = tmp_path / "deep" / "out"
+    status, printed, _ = gantrysim_command("run", "an225", "--out", out, *SHORT)
+    assert status == 0
+    assert sorted(p.name for p in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+    assert sorted(p.name for p in (out / "plots").iterdir()) == ["error.png", "plan.png", "spacing.png"]
+    assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
+    for word in ("generation", "tracking x", "contour", "5 mm asked for", "path speed", "end point"):
+        assert word in printed
+
+
+def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert list(summary) == [
+        "job",
+        "machine",
+        "requested_spacing_mm",
+        "bead_spacing_mm",
+        "tracking_error_um",
+        "generation_error_um",
+        "contour_error_um",
+        "path_speed_mm_s",
+        "path_length_mm",
+        "duration_s",
+        "end_point_mm",
+        "fault",
+        "versions",
+    ]
+    assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
+    assert list(summary["tracking_error_um"]) == ["x", "y", "path"]
+    assert list(summary["path_speed_mm_s"]) == ["mean", "min", "max"]
+    for group in (summary["generation_error_um"], summary["contour_error_um"], *summary["tracking_error_um"].values()):
+        assert list(group) == ["rms", "max"]
+    run = Run.load(tmp_path / "run.npz")
+    figures = metrics.figures(run)
+    assert summary["job"] == "an225"
+    assert summary["machine"] == "xy"
+    assert summary["requested_spacing_mm"] == 5.0
+    assert summary["contour_error_um"]["max"] == pytest.approx(1e3 * figures.contour.max)
+    assert summary["bead_spacing_mm"]["std"] == pytest.approx(figures.spacing.std)
+    assert summary["end_point_mm"] == pytest.approx(run.nozzle[-1].tolist())
+    assert summary["duration_s"] == pytest.approx(run.time[-1])
+    assert summary["fault"] is None
+    assert summary["versions"]["gantrysim"] == gantrysim.__version__
+
+
+def test_the_written_job_repeats_the_run_to_the_last_bit(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path / "a", *SHORT, "--set", "loop_period=0.07")
+    status, _, _ = gantrysim_command("run", tmp_path / "a" / "job.toml", "--out", tmp_path / "b", "--no-video")
+    assert status == 0
+    first, second = Run.load(tmp_path / "a" / "run.npz"), Run.load(tmp_path / "b" / "run.npz")
+    for name in ("commanded", "encoder", "nozzle", "demand", "current", "flow"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert (tmp_path / "a" / "job.toml").read_text() == (tmp_path / "b" / "job.toml").read_text()
+
+
+def test_a_later_run_leaves_nothing_of_an_earlier_one(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    (tmp_path / "video.mp4").write_bytes(b"of the earlier run")
+    (tmp_path / "notes.txt").write_text("mine")
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")  # has no neighbouring turns
+    assert not (tmp_path / "video.mp4").exists()
+    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == ["error.png", "plan.png"]
+    assert json.loads((tmp_path / "summary.json").read_text())["bead_spacing_mm"] is None
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("plot", ["plan", "error", "spacing"])
+def test_plots_are_pictures_with_something_on_them(gantrysim_command, tmp_path, plot):
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    picture = np.asarray(Image.open(tmp_path / "plots" / f"{plot}.png").convert("RGB"), float)
+    assert min(picture.shape[:2]) > 500
+    coloured = picture.max(axis=2) - picture.min(axis=2) > 60
+    assert 0.002 < coloured.mean() < 0.2
+
+
+def test_another_machine_by_name_and_by_file(gantrysim_command, tmp_path, rigid):
+    gantrysim_command("run", "an225", "--out", tmp_path / "a", *SHORT, "--model", "xyz")
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["machine"] == "xyz"
+    source = rigid().source
+    gantrysim_command("run", "an225", "--out", tmp_path / "b", *SHORT, "--model", source)
+    assert json.loads((tmp_path / "b" / "summary.json").read_text())["machine"] == "rigid"
+    assert Job.load(tmp_path / "b" / "job.toml").machine == str(source)
+
+
+def test_a_fault_is_reported_recorded_and_has_its_own_exit_status(gantrysim_command, tmp_path):
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "frequency=300")
+    assert status == 3
+    fault = json.loads((tmp_path / "summary.json").read_text())["fault"]
+    assert fault["axis"] in ("x", "y")
+    assert 0 < fault["time"] < 2
+    assert f"fault: {fault['text']}" in errors.replace("\n", " ")
+
+
+BAD = {
+    "inner diameter below zero": (["--set", "turns=9"], "inner_diameter = -60 mm"),
+    "NaN": (["--set", "speed=nan"], "speed = nan mm/s: must be finite"),
+    "zero turns": (["--set", "turns=0"], "turns = 0: must be at least 1"),
+    "speed above the limit": (["--set", "speed=3000"], "must be at most 1000 mm/s, the limit of machine xy"),
+    "path outside the travel": (["--set", "start=[100.0, 0.0]"], "must lie in the travel -150 to 150 mm of machine xy"),
+    "unknown model": (["--model", "yx"], "unknown model 'yx': did you mean xy"),
+    "unknown key": (["--set", "thicknes=3"], "unknown key 'thicknes': did you mean program.thickness"),
+    "missing file": (["--model", "none/such.xml"], "model none/such.xml: no such file"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_input_is_one_line_and_exit_status_2_and_writes_nothing(gantrysim_command, tmp_path, arguments, text):
+    out = tmp_path / "out"
+    status, printed, errors = gantrysim_command("run", "an225", "--out", out, "--no-video", *arguments)
+    assert status == 2
+    assert printed == ""
+    assert errors.startswith("error: ")
+    assert text in errors
+    assert errors.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_bad_job_and_bad_mjcf_and_bad_folder(gantrysim_command, tmp_path, rigid):
+    status, _, errors = gantrysim_command("run", "an226")
+    assert (status, errors) == (2, "error: unknown job 'an226': did you mean an225? known: an225\n")
+    source = rigid().source
+    source.write_text(source.read_text().replace('name="nozzle"', 'name="tip"'))
+    status, _, errors = gantrysim_command("run", "an225", "--model", source, "--out", tmp_path / "out")
+    assert status == 2
+    assert "has no site named 'nozzle'; it has: tip" in errors
+    (tmp_path / "file").write_text("")
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "file", *SHORT)
+    assert status == 2
+    assert "is a file, must be a folder" in errors
+
+
+def test_the_installed_command_from_another_folder(tmp_path):
+    """One real process: no traceback, status and streams as promised."""
+    command = [sys.executable, "-m", "gantrysim", "run", "an225", "--set", "turns=-1"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "error: job an225: turns = -1: must be at least 1\n"
+    version = subprocess.run([*command[:3], "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert version.stdout.strip() == gantrysim.__version__

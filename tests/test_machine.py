@@ -1,0 +1,144 @@
+"""What a machine reads from its MJCF, and what it refuses."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Machine
+from gantrysim.machine import builtin_models
+
+
+def test_axis_values_of_a_machine_whose_numbers_are_known(rigid):
+    machine = rigid()
+    assert machine.axis_names == ("x", "y")
+    x, y = machine.axes
+    assert x.scale == pytest.approx(10 / (2 * math.pi))
+    assert x.travel == (-150.0, 150.0)
+    assert x.speed_limit == pytest.approx(1000.0)
+    assert x.resolution == pytest.approx(10 / 10_000)
+    assert x.lag == pytest.approx(3e-4 / 0.3)
+    assert x.motor_constant == pytest.approx(0.03)
+    assert x.bus_voltage == 24.0
+    assert x.peak_torque == pytest.approx(0.03 * 30)
+    # torque per acceleration: (mass + J gear^2) lead / 2 pi, and J + mass (lead / 2 pi)^2 over it
+    lead = 0.010 / (2 * math.pi)
+    assert x.inertia == pytest.approx((1.0 * lead + 1.5e-5 / lead) * 1e-3, rel=1e-12)
+    assert y.inertia == pytest.approx((4.0 * lead + 1.5e-5 / lead) * 1e-3, rel=1e-12)
+    assert x.viscous == pytest.approx(12.0 * lead * 1e-3, rel=1e-12)
+
+
+def test_builtin_machines_are_those_of_the_folder():
+    assert {"xy", "xyz"} <= set(builtin_models())
+    for name in builtin_models():
+        assert Machine(name).name == name
+
+
+@pytest.mark.parametrize("name", ["xy", "xyz"])
+def test_the_work_frame_has_its_origin_at_the_nozzle_of_the_zeroed_machine(name):
+    machine = Machine(name)
+    positions = np.random.default_rng(1).uniform(-0.3, 70, (20, len(machine.axes)))
+    expected = np.zeros((20, 3))
+    expected[:, : len(machine.axes)] = positions
+    np.testing.assert_allclose(machine.tip(positions), expected, atol=1e-9)
+
+
+def test_tip_agrees_with_mujoco_at_random_positions(xyz):
+    data = mujoco.MjData(xyz.model)
+    for position in np.random.default_rng(2).uniform(-100, 100, (5, 3)):
+        data.qpos[:] = xyz.to_qpos(position)
+        mujoco.mj_kinematics(xyz.model, data)
+        frame = data.xmat[xyz.work].reshape(3, 3)
+        tip = 1e3 * frame.T @ (data.site_xpos[xyz.nozzle] - data.xpos[xyz.work])
+        np.testing.assert_allclose(xyz.tip(position), tip, atol=1e-9)
+
+
+def test_stepping_changes_only_the_timestep_and_leaves_the_machine_alone(rigid):
+    machine = rigid()
+    model = machine.stepping(1e-4)
+    assert model.opt.timestep == 1e-4
+    assert machine.model.opt.timestep == 2.5e-4
+    assert machine.stepping(1e-4) is model
+
+
+def test_digest_tells_machines_apart(rigid):
+    first, again = rigid(), rigid()
+    assert first.digest == again.digest
+    assert rigid(damping=13.0).digest != first.digest
+
+
+def test_mujoco_is_told_not_to_hide_divergence(rigid):
+    assert rigid().model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+REPLACEMENTS = {
+    "no nozzle": ('name="nozzle"', 'name="tip"', "has no site named 'nozzle'; it has: tip"),
+    "no work": ('name="work"', 'name="table"', "has no body named 'work'; it has: world, table, bridge, carriage"),
+    "axis name": (
+        '<dcmotor name="x" joint="x"/>',
+        '<dcmotor name="q" joint="x"/>',
+        "no joint named 'q'; it has: y, x",
+    ),
+    "nameless": ('<dcmotor name="x" joint="x"/>', '<dcmotor joint="x"/>', "actuator 0 has no name"),
+    "other joint": (
+        '<dcmotor name="x" joint="x"/>\n    <dcmotor name="y" joint="y"/>',
+        '<dcmotor name="x" joint="y"/>\n    <dcmotor name="y" joint="x"/>',
+        "actuator 'x' must drive the joint 'x'",
+    ),
+    "voltage mode": (
+        '<dcmotor name="x" joint="x"/>',
+        '<dcmotor name="x" joint="x" input="voltage" controller="0 0 0 0 0 0"/>',
+        "dcmotor 'x' must have input=\"ff\" and a bus voltage",
+    ),
+    "position servo": (
+        '<dcmotor name="x" joint="x"/>',
+        '<position name="x" joint="x" kp="1"/>',
+        "actuator 'x' must be a dcmotor",
+    ),
+    "integrator": ('integrator="Euler"', 'integrator="RK4"', "integrator RK4 calls the servo four times"),
+    "encoder": ('<actuatorpos name="x" actuator="x"', '<actuatorpos name="x" actuator="y"', "sensor 'x' must be an actuatorpos of"),
+    "gear": ('gear="628.3185307179587"', 'gear="-1"', "gear of 'x' = -1: must be greater than 0"),
+    "not XML": ("</mujoco>", "", "model .*rigid.xml: .*XML"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "text"), REPLACEMENTS.values(), ids=REPLACEMENTS.keys())
+def test_mjcf_that_lacks_what_it_needs_is_refused_in_one_line(rigid, old, new, text):
+    source = rigid().source
+    content = source.read_text()
+    assert old in content
+    content = content.replace(old, new)
+    if "actuator" not in old:
+        content = content[: content.index("<sensor>")] + "</mujoco>"  # sensors of the old names would be refused first
+    source.write_text(content if old != "</mujoco>" else content.removesuffix("</mujoco>"))
+    with pytest.raises(InputError, match=text) as caught:
+        Machine(source)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_plain_motor_is_an_ideal_torque_source(rigid):
+    source = rigid().source
+    content = source.read_text()
+    for name in "xy":
+        content = content.replace(
+            f'<dcmotor name="{name}" joint="{name}"/>', f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>'
+        )
+    source.write_text(content)
+    x = Machine(source).axes[0]
+    assert math.isnan(x.motor_constant)
+    assert x.peak_torque == pytest.approx(0.9)  # the default class' force range
+    assert x.lag == 0.0
+    assert x.inertia == rigid().axes[0].inertia
+
+
+@pytest.mark.parametrize(
+    ("model", "text"),
+    [
+        ("yx", "unknown model 'yx': did you mean xy\\? known: .*xy, xyz"),
+        ("no/such.xml", r"model no/such.xml: no such file; built-in models: .*xy, xyz"),
+    ],
+)
+def test_unknown_models_are_refused_with_the_alternatives(model, text):
+    with pytest.raises(InputError, match=text):
+        Machine(model)

@@ -1,0 +1,86 @@
+"""The record, and its way through a file."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Run, Servo, simulate
+from gantrysim.controllers.path import ArcChain
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.spirals import Archimedean
+from gantrysim.controllers.trio import MoveSpiral
+
+PATHS = {
+    "involute": MoveSpiral(60, 1, 10, 100).requested,
+    "arcs": MoveSpiral(60, 1, 10, 100).generated,
+    "archimedean": Archimedean(30, 10, 1.5, clockwise=False),
+    "line": ArcChain((0, 0), 0.3, [0.0], [50.0]),
+}
+
+
+@pytest.fixture
+def run(xy) -> Run:
+    return simulate(xy, Servo.derive(xy.axes), MoveSpiral(60, 1, 10, 100).setpoints(1e-3).hold(0.1), flow=80.0)
+
+
+@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
+def test_a_saved_run_comes_back_to_the_last_bit(xy, tmp_path, path):
+    run = simulate(xy, Servo.derive(xy.axes), Setpoints.along(path, 80.0, 1e-3), flow=80.0)
+    run.save(tmp_path / "run.npz")
+    again = Run.load(tmp_path / "run.npz")
+    for field in dataclasses.fields(Run):
+        ours, theirs = getattr(run, field.name), getattr(again, field.name)
+        if isinstance(ours, np.ndarray):
+            np.testing.assert_array_equal(ours, theirs)
+            assert ours.dtype == theirs.dtype
+        elif field.name != "requested":
+            assert ours == theirs
+    s = np.linspace(0, path.length, 50)
+    np.testing.assert_array_equal(again.requested.position(s), run.requested.position(s))
+
+
+def test_a_fault_survives_the_file(xy, tmp_path):
+    servo = Servo.derive(xy.axes, following_error_limit=0.01)
+    run = simulate(xy, servo, MoveSpiral(60, 1, 10, 100).setpoints(1e-3))
+    assert run.fault is not None
+    run.save(tmp_path / "run.npz")
+    assert Run.load(tmp_path / "run.npz").fault == run.fault
+
+
+def test_shapes_and_times(run):
+    n = len(run.time)
+    assert run.period == pytest.approx(1e-3)
+    np.testing.assert_allclose(np.diff(run.time), 1e-3, atol=1e-12)
+    for name in ("commanded", "encoder", "demand", "torque", "current", "voltage"):
+        assert getattr(run, name).shape == (n, 2)
+    for name in ("commanded_tip", "encoder_tip", "nozzle"):
+        assert getattr(run, name).shape == (n, 3)
+    assert run.flow.shape == run.dispense.shape == (n,)
+    assert (run.flow == np.where(run.dispense, 80.0, 0.0)).all()
+    assert (~run.dispense).sum() == 100
+
+
+def test_arrays_are_read_only(run):
+    with pytest.raises(ValueError, match="read-only"):
+        run.nozzle[0, 0] = 1.0
+
+
+def test_torque_is_the_motor_constant_times_the_current(run, xy):
+    constant = xy.axes[0].motor_constant
+    np.testing.assert_allclose(run.torque, constant * run.current, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("content", [b"", b"no archive", None])
+def test_what_is_no_record_is_refused(tmp_path, content):
+    file = tmp_path / "run.npz"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(InputError, match="is no record of a run"):
+        Run.load(file)
+
+
+def test_another_archive_is_refused(tmp_path):
+    np.savez(tmp_path / "run.npz", a=1)
+    with pytest.raises(InputError, match="is no record of a run"):
+        Run.load(tmp_path / "run.npz")

@@ -1,0 +1,122 @@
+"""Derived gains and the law itself."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gantrysim import InputError, Servo
+from gantrysim.controllers.servo import law, natural_frequency
+
+
+@dataclass(frozen=True)
+class Plant:
+    name: str = "x"
+    inertia: float = 2e-5
+    viscous: float = 3e-5
+    lag: float = 3e-4
+    peak_torque: float = 0.9
+    resolution: float = 1e-3
+
+
+def margin(frequency, damping, lag):
+    """Phase margin of (2 zeta w s + w^2) / s^2 e^(-s lag) by looking for the crossover on a fine grid [deg]."""
+    w0 = 2 * math.pi * frequency
+    w = w0 * np.logspace(-1, 1.5, 400_001)
+    loop = (2 * damping * w0 * 1j * w + w0**2) / (1j * w) ** 2
+    crossover = int(np.argmin(np.abs(np.abs(loop) - 1)))
+    return 180 + math.degrees(np.angle(loop[crossover])) - math.degrees(w[crossover] * lag)
+
+
+@given(st.floats(0.5, 3.0), st.floats(1e-4, 0.1))
+def test_natural_frequency_leaves_the_phase_margin(damping, lag):
+    assert margin(natural_frequency(lag, damping, 50.0), damping, lag) == pytest.approx(50.0, abs=0.01)
+
+
+def test_natural_frequency_has_no_answer_without_damping():
+    with pytest.raises(InputError, match=r"damping = 0.2: leaves no phase margin of 50 deg.*give a frequency"):
+        natural_frequency(1e-3, 0.2)
+
+
+@given(st.floats(1.0, 100.0), st.floats(0.1, 3.0), st.floats(1e-6, 1e-2))
+def test_gains_place_the_poles_of_the_continuous_loop(frequency, damping, inertia):
+    servo = Servo.derive([Plant(inertia=inertia)], 1e-3, frequency=frequency, damping=damping)
+    # J s^2 + kd s + kp, with the torque that the axis' own mass needs
+    poles = np.roots([inertia, servo.kd[0], servo.kp[0]])
+    w = 2 * math.pi * frequency
+    assert np.abs(poles.prod()) ** 0.5 == pytest.approx(w)
+    assert -poles.sum().real / (2 * w) == pytest.approx(damping)
+
+
+def test_all_axes_get_one_frequency_and_their_own_inertia():
+    servo = Servo.derive([Plant(lag=1e-4), Plant("y", inertia=5e-5, lag=9e-4)])
+    assert servo.kp[1] / servo.kp[0] == pytest.approx(2.5)
+    assert servo.kd[1] / servo.kd[0] == pytest.approx(2.5)
+    assert servo.kp[0] / 2e-5 == pytest.approx((2 * math.pi * natural_frequency(9e-4 + 1e-3, 1.0)) ** 2)
+
+
+def test_feed_forward_is_the_inverse_of_the_axis_and_the_rest_comes_from_it():
+    servo = Servo.derive([Plant()], feedforward=0.5, integral_time=0.1)
+    assert servo.velocity_ff == (pytest.approx(1.5e-5),)
+    assert servo.acceleration_ff == (pytest.approx(1e-5),)
+    assert servo.ki[0] == pytest.approx(servo.kp[0] / 0.1)
+    assert servo.torque_limit == (0.9,)
+    assert servo.resolution == (1e-3,)
+    assert servo.output_velocity == (0.0,)
+
+
+def test_given_gains_are_kept():
+    servo = Servo.derive([Plant(), Plant("y")], kp=[1.0, 2.0], kd=0.25)
+    assert servo.kp == (1.0, 2.0)
+    assert servo.kd == (0.25, 0.25)
+
+
+def test_slower_servos_get_slower_loops():
+    kp = [Servo.derive([Plant()], period).kp[0] for period in (2.5e-4, 1e-3, 8e-3)]
+    assert kp[0] > kp[1] > kp[2]
+
+
+floats = st.floats(-1e3, 1e3)
+
+
+@given(st.lists(floats, min_size=12, max_size=12), st.lists(floats, min_size=6, max_size=6), floats)
+def test_law_is_linear_in_the_measured_quantities(arguments, other, factor):
+    measured, gains = arguments[:6], arguments[6:]
+    total = law(*[a + factor * b for a, b in zip(measured, other, strict=True)], *gains)
+    parts = law(*measured, *gains) + factor * law(*other, *gains)
+    assert total == pytest.approx(parts, rel=1e-9, abs=1e-3)
+
+
+def test_each_term_of_the_law_has_its_own_gain():
+    units = np.eye(6)
+    for i in range(6):
+        for j in range(6):
+            assert law(*units[i], *units[j]) == (1.0 if i == j else 0.0)
+
+
+BAD = {
+    "period": ({"period": 0.0}, "servo period = 0 s: must be greater than 0 s"),
+    "damping": ({"damping": -1.0}, "damping = -1: must be greater than 0"),
+    "frequency": ({"frequency": math.nan}, "frequency = nan Hz: must be finite"),
+    "integral": ({"integral_time": 0.0}, "integral_time = 0 s: must be greater than 0 s; inf"),
+    "delay": ({"delay": 2e-3}, "servo delay = 0.002 s: must be at most the period, 0.001 s"),
+    "per axis": ({"kp": [1.0, 2.0, 3.0]}, "kp has 3 values: must be one or 1, one per axis"),
+    "gain": ({"kd": math.inf}, "kd = inf: must be finite"),
+    "torque": ({"torque_limit": 0.0}, "torque_limit = 0: must be greater than 0"),
+    "encoder": ({"resolution": -1e-3}, "encoder resolution = -0.001 mm: must be at least 0 mm"),
+    "following": ({"following_error_limit": -1.0}, "following_error_limit = -1: must be greater than 0"),
+}
+
+
+@pytest.mark.parametrize(("change", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_servos_are_refused(change, text):
+    with pytest.raises(InputError, match=text):
+        Servo.derive([Plant()], **{"period": 1e-3, **change})
+
+
+def test_a_gain_that_does_not_exist_is_a_type_error():
+    with pytest.raises(TypeError, match="unknown argument 'kq'; known: kp, ki"):
+        Servo.derive([Plant()], kq=1.0)

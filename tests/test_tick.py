@@ -1,0 +1,105 @@
+"""The callback inside MuJoCo's step: its struct layout, and that it minds its own business."""
+
+import dataclasses
+import threading
+
+import mujoco
+import numpy as np
+import pytest
+
+from gantrysim import Servo, native, simulate, tick
+from gantrysim.controllers.trio import MoveSpiral
+
+PENDULUM = """
+<mujoco><size nuserdata="{nuserdata}"/><worldbody><body><joint name="j" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
+<actuator><motor joint="j"/></actuator></mujoco>
+"""
+
+
+def test_every_offset_is_where_the_bindings_say():
+    native._verify(native.offsets())
+
+
+@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(native.Offsets)])
+def test_a_wrong_offset_is_found_before_it_is_used(field):
+    offsets = native.offsets()
+    moved = dataclasses.replace(offsets, **{field: getattr(offsets, field) + 8})
+    with pytest.raises(native.LayoutError, match=field.partition("_")[2]):
+        native._verify(moved)
+
+
+def pendulum(nuserdata):
+    return mujoco.MjModel.from_xml_string(PENDULUM.format(nuserdata=nuserdata))
+
+
+def swing(model, steps=500):
+    data = mujoco.MjData(model)
+    data.userdata[:] = 1.0
+    data.ctrl[:] = 0.7
+    mujoco.mj_step(model, data, steps)
+    return data.qpos.copy(), data.ctrl.copy(), data.userdata.copy()
+
+
+@pytest.mark.parametrize("nuserdata", [0, 1, 10_000])
+def test_models_of_others_are_left_alone_while_the_callback_is_installed(nuserdata):
+    model = pendulum(nuserdata)
+    alone = swing(model)
+    with tick.installed():
+        beside = swing(model)
+    for expected, found in zip(alone, beside, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_users_own_control_callback_comes_back(xy):
+    calls, other = [], pendulum(0)  # MuJoCo compiles nothing while a Python callback is installed
+
+    def own(model, data):
+        calls.append(1)
+
+    mujoco.set_mjcb_control(own)
+    try:
+        simulate(xy, Servo.derive(xy.axes), MoveSpiral(60, 1, 10, 100).setpoints(1e-3))
+        assert not calls
+        swing(other, 3)
+        assert len(calls) == 3
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+def test_the_callback_is_gone_after_a_run_and_after_an_error(xy):
+    servo, setpoints = Servo.derive(xy.axes), MoveSpiral(60, 1, 10, 100).setpoints(1e-3)
+
+    def broken(state):
+        raise RuntimeError
+
+    simulate(xy, servo, setpoints)
+    assert mujoco.get_mjcb_control() is None
+    with pytest.raises(RuntimeError):
+        simulate(xy, servo, setpoints, law=broken)
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_threads_run_side_by_side_with_the_same_result(xy):
+    servo = Servo.derive(xy.axes)
+    setpoints = [MoveSpiral(40 + 10 * k, 1, 10, 100).setpoints(1e-3) for k in range(6)]
+    expected = [simulate(xy, servo, points).nozzle for points in setpoints]
+    found = [None] * len(setpoints)
+
+    def work(k):
+        law = None if k % 3 else (lambda state: np.zeros(2))  # one in three runs a law of its own
+        run = simulate(xy, servo, setpoints[k], law=law)
+        found[k] = expected[k] if law else run.nozzle
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(len(setpoints))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for a, b in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_a_row_is_known_by_code_and_layout():
+    assert tick.magic() > 0
+    assert tick.ROW.itemsize % 8 == 0
