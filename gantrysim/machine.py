@@ -245,7 +245,7 @@ def _axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) -> t
     travel = (float(model.jnt_range[joint, 0]) * unit, float(model.jnt_range[joint, 1]) * unit)
     declared = float(model.jnt_user[joint, 0]) * unit if model.nuser_jnt else 0.0
     no_load = drive.bus_voltage / drive.motor_constant * scale if drive.motor_constant > 0 else math.inf
-    damping = float(model.dof_damping[dof]) + float(np.ravel(model.actuator_damping[i])[0]) * gear**2
+    damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
     axis = Axis(
         name=name,
         travel=travel if limited else (-math.inf, math.inf),

@@ -137,7 +137,7 @@ def save_video(
     file: Path,
     *,
     camera: str = "overview",
-    size: tuple[int, int] = (640, 480),
+    size: tuple[int, int] = (800, 600),
     fps: float = 25.0,
     progress: Callable[[float], None] | None = None,
 ) -> int:

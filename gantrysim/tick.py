@@ -28,7 +28,7 @@ from gantrysim.controllers import servo
 from gantrysim.controllers.servo import PlainLaw, Tick
 from gantrysim.errors import InputError
 
-__all__ = ["FAULTS", "GAINS", "MAX_AXES", "ROW", "ADDRESSES", "installed", "installed_law", "log_width", "magic"]
+__all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "installed", "installed_law", "log_width", "magic"]
 
 MAX_AXES = 6
 

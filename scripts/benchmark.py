@@ -1,6 +1,6 @@
 """Ratios of what gantrysim costs to what it must cost, in one process, interleaved; above 1 is faster.
 
-    python scripts/benchmark.py [--json] [--rounds 15]
+python scripts/benchmark.py [--json] [--rounds 15]
 """
 
 import argparse

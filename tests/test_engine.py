@@ -26,7 +26,7 @@ def plain(machine, period=PERIOD, **gains):
 
 
 def constants(machine, a):
-    """Mass moved by an axis, force per ampere, viscous damping, and winding time constant, all in SI, from first principles."""
+    """Mass moved by an axis, force per ampere, viscous damping, time constant of the winding: the MJCF's numbers [SI]."""
     radians_per_metre = 1e3 / machine.axes[a].scale
     mass = (1.0 if machine.axes[a].name == "x" else 4.0) + 1.5e-5 * radians_per_metre**2
     return mass, 0.03 * radians_per_metre, 12.0, 1e-3
@@ -219,7 +219,10 @@ def test_bus_voltage_bites(rigid):
         runs[voltage] = simulate(machine, plain(machine), setpoints)
         assert np.abs(runs[voltage].voltage).max() <= voltage * (1 + 1e-12)
     # K v 2 pi / lead = 13.2 V of back-EMF, and acceleration wants 9 V more
-    assert np.abs(runs[24.0].commanded - runs[24.0].encoder).max() < np.abs(runs[15.0].commanded - runs[15.0].encoder).max()
+    assert (
+        np.abs(runs[24.0].commanded - runs[24.0].encoder).max()
+        < np.abs(runs[15.0].commanded - runs[15.0].encoder).max()
+    )
 
 
 def test_encoder_lies_on_its_counts_and_within_half_a_count_of_the_nozzle(rigid):
@@ -242,7 +245,11 @@ def test_runs_are_equal_to_the_last_bit_sliced_or_not(xy):
     servo = Servo.derive(xy.axes)
     setpoints = MoveSpiral(60, 1, 10, 100).setpoints(PERIOD)
     seen = []
-    runs = [simulate(xy, servo, setpoints), simulate(xy, servo, setpoints), simulate(xy, servo, setpoints, progress=seen.append)]
+    runs = [
+        simulate(xy, servo, setpoints),
+        simulate(xy, servo, setpoints),
+        simulate(xy, servo, setpoints, progress=seen.append),
+    ]
     for name in ("encoder", "nozzle", "demand", "torque", "current", "voltage"):
         for other in runs[1:]:
             np.testing.assert_array_equal(getattr(runs[0], name), getattr(other, name))
@@ -366,14 +373,26 @@ def test_the_same_run_within_its_limits_has_no_fault(rigid):
 
 
 BAD = {
-    "unknown axis": (lambda m: {"setpoints": dataclasses.replace(ramp(50.0), axes=("x", "w"))}, "moves axis 'w'.*has x, y"),
-    "travel": (lambda m: {"setpoints": ramp(50.0, 240.0)}, r"x = 170 mm at t = .*travel -150 to 150 mm of machine rigid"),
+    "unknown axis": (
+        lambda m: {"setpoints": dataclasses.replace(ramp(50.0), axes=("x", "w"))},
+        "moves axis 'w'.*has x, y",
+    ),
+    "travel": (
+        lambda m: {"setpoints": ramp(50.0, 240.0)},
+        r"x = 170 mm at t = .*travel -150 to 150 mm of machine rigid",
+    ),
     "speed": (lambda m: {"setpoints": ramp(1500.0)}, r"speed of x = 1500 mm/s.*at most 1000 mm/s"),
-    "period": (lambda m: {"servo": Servo.derive(m.axes, 5e-4)}, r"period = 0.001 s: must be the servo period, 0.0005 s"),
+    "period": (
+        lambda m: {"servo": Servo.derive(m.axes, 5e-4)},
+        r"period = 0.001 s: must be the servo period, 0.0005 s",
+    ),
     "axes": (lambda m: {"servo": Servo.derive(m.axes[:1], PERIOD)}, "servo has 1 axes: machine rigid has 2"),
     "physics step": (lambda m: {"physics_step": 0.0}, "physics_step = 0 s: must be at least"),
     "flow": (lambda m: {"flow": -1.0}, "flow = -1 mm³/s: must be at least 0"),
-    "delay": (lambda m: {"servo": Servo.derive(m.axes, PERIOD, delay=3e-4)}, "servo delay = 0.0003 s: must be a multiple"),
+    "delay": (
+        lambda m: {"servo": Servo.derive(m.axes, PERIOD, delay=3e-4)},
+        "servo delay = 0.0003 s: must be a multiple",
+    ),
 }
 
 

@@ -30,7 +30,9 @@ def test_the_written_job_repeats_the_run_to_the_last_bit(tmp_path):
 
 
 def test_overrides_take_dotted_keys_and_unique_last_parts():
-    job = Job.load("an225", ["program.diameter=100", "loop_period=0.5", "servo.kp=[1, 2]", "name=mine", "frequency = 12"])
+    job = Job.load(
+        "an225", ["program.diameter=100", "loop_period=0.5", "servo.kp=[1, 2]", "name=mine", "frequency = 12"]
+    )
     assert job.program["diameter"] == 100.0
     assert job.program["loop_period"] == 0.5
     assert job.servo.kp == [1.0, 2.0]
@@ -62,7 +64,10 @@ def test_settings_reach_the_run():
 
 
 BAD = {
-    "inner diameter": (["turns=8"], r"inner_diameter = -40 mm .*must be at least 0 mm; use turns at most 6 or thickness at most 7.5 mm"),
+    "inner diameter": (
+        ["turns=8"],
+        r"inner_diameter = -40 mm .*must be at least 0 mm; use turns at most 6 or thickness at most 7.5 mm",
+    ),
     "nan": (["speed=nan"], "speed = nan mm/s: must be finite"),
     "zero turns": (["turns=0"], "turns = 0: must be at least 1"),
     "text": (["diameter=wide"], "program.diameter = 'wide': input should be a valid number"),
@@ -86,7 +91,10 @@ def test_bad_values_are_refused_in_one_line(overrides, text):
 FILES = {
     "no TOML": ("name = ", "is not TOML"),
     "no program": ('name = "a"', "program is missing"),
-    "unknown section": ('name = "a"\n[program]\ncontroller="trio.MoveSpiral"\n[sevro]\n', "unknown key sevro|diameter is missing"),
+    "unknown section": (
+        'name = "a"\n[program]\ncontroller="trio.MoveSpiral"\n[sevro]\n',
+        "unknown key sevro|diameter is missing",
+    ),
     "missing argument": ('name = "a"\n[program]\ncontroller="trio.MoveSpiral"\ndiameter=100\n', "turns is missing"),
     "unknown argument": (
         'name = "a"\n[program]\ncontroller="trio.MoveSpiral"\ndiameter=100\nturns=1\nthickness=5\nspeed=9\npitch=3\n',

@@ -97,7 +97,11 @@ REPLACEMENTS = {
         "actuator 'x' must be a dcmotor",
     ),
     "integrator": ('integrator="Euler"', 'integrator="RK4"', "integrator RK4 calls the servo four times"),
-    "encoder": ('<actuatorpos name="x" actuator="x"', '<actuatorpos name="x" actuator="y"', "sensor 'x' must be an actuatorpos of"),
+    "encoder": (
+        '<actuatorpos name="x" actuator="x"',
+        '<actuatorpos name="x" actuator="y"',
+        "sensor 'x' must be an actuatorpos of",
+    ),
     "gear": ('gear="628.3185307179587"', 'gear="-1"', "gear of 'x' = -1: must be greater than 0"),
     "not XML": ("</mujoco>", "", "model .*rigid.xml: .*XML"),
 }
@@ -122,7 +126,8 @@ def test_a_plain_motor_is_an_ideal_torque_source(rigid):
     content = source.read_text()
     for name in "xy":
         content = content.replace(
-            f'<dcmotor name="{name}" joint="{name}"/>', f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>'
+            f'<dcmotor name="{name}" joint="{name}"/>',
+            f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>',
         )
     source.write_text(content)
     x = Machine(source).axes[0]

@@ -11,8 +11,11 @@ from gantrysim import Servo, native, simulate, tick
 from gantrysim.controllers.trio import MoveSpiral
 
 PENDULUM = """
-<mujoco><size nuserdata="{nuserdata}"/><worldbody><body><joint name="j" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
-<actuator><motor joint="j"/></actuator></mujoco>
+<mujoco>
+  <size nuserdata="{nuserdata}"/>
+  <worldbody><body><joint name="j" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
+  <actuator><motor joint="j"/></actuator>
+</mujoco>
 """
 
 

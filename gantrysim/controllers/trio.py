@@ -22,6 +22,7 @@ from gantrysim.errors import InputError, at_least, finite, positive, whole
 __all__ = ["MoveSpiral"]
 
 _MAX_PASSES = 2_000_000
+_LEAST_RATIO = 2.0**-16  # CONNECT's ratio has 16 fractional bits
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ class MoveSpiral:
         positive("speed", self.speed, "mm/s")
         at_least("loop_period", self.loop_period, 0, "s")
         at_least("interpreter_time", self.interpreter_time, 0, "s")
+        if len(self.start) != 2:
+            raise InputError(f"start = {list(self.start)}: must be two numbers, x and y [mm]")
         for name, value in zip("xy", self.start, strict=True):
             finite(f"start {name}", value, "mm")
         if self.inner_diameter < 0:
@@ -121,7 +124,7 @@ class MoveSpiral:
                 f"use 0 s for the continuous limit or at least {self.virtual_time / _MAX_PASSES:.3g} s"
             )
         x = 1 - self.change * np.arange(1, bound + 1, dtype=np.float64)
-        running = x > 0
+        running = x >= _LEAST_RATIO
         turned = np.cumsum(self._pass_angle(x[running]))
         needed = int(np.searchsorted(turned, 2 * math.pi * self.turns * (1 - 1e-12))) + 1
         if needed > turned.size:

@@ -1,0 +1,62 @@
+"""What the README shows runs as it stands."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gantrysim import Job, metrics
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def test_the_python_loop_runs_and_prints_the_contour_error_of_the_table(capsys):
+    exec(compile(blocks("python")[0], "README.md", "exec"), {})
+    rms, largest = re.findall(r"rms=([\d.]+), max=([\d.]+)", capsys.readouterr().out)[0]
+    shown = re.search(r"\| contour error \| ([\d.]+) µm \| ([\d.]+) µm", README)
+    assert f"{1e3 * float(rms):.1f}" == shown[1]
+    assert f"{1e3 * float(largest):.1f}" == shown[2]
+
+
+def test_the_table_is_what_the_job_gives():
+    figures = metrics.figures(Job.load("an225").run())
+    rows = {
+        "generation error": figures.generation,
+        "tracking error x": figures.tracking["x"],
+        "tracking error y": figures.tracking["y"],
+        "contour error": figures.contour,
+    }
+    for name, spread in rows.items():
+        assert f"| {name} | {1e3 * spread.rms:.1f} µm | {1e3 * spread.max:.1f} µm |" in README
+    s = figures.spacing
+    assert f"{s.mean:.4f} mm | std {s.std:.4f}, from {s.min:.4f} to {s.max:.4f} mm" in README
+    faster = metrics.figures(Job.load("an225", ["loop_period=0.01"]).run())
+    assert f"falls to {1e3 * faster.generation.rms:.1f} µm" in README
+
+
+def test_the_job_file_runs(tmp_path):
+    (tmp_path / "my-job.toml").write_text(blocks("toml")[0], encoding="utf-8")
+    job = Job.load(tmp_path / "my-job.toml")
+    assert job.run().fault is None
+    assert job.built_servo.velocity_ff == (0.0, 0.0, 0.0)
+
+
+def test_files_that_the_readme_names_exist():
+    for name in re.findall(r"\]\((pictures/[^)]+)\)|`?(?:bash|python) (scripts/\S+?)`?[\s)]", README):
+        assert (ROOT / (name[0] or name[1])).is_file(), name
+    pictures = sum(picture.stat().st_size for picture in (ROOT / "pictures").iterdir())
+    assert pictures < 3_000_000
+
+
+@pytest.mark.parametrize("script", ["benchmark.py"])
+def test_scripts_run(script):
+    command = [sys.executable, ROOT / "scripts" / script, "--json", "--rounds", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert '"engine"' in done.stdout

@@ -1,0 +1,220 @@
+"""Pictures that show what the record says: bead, nozzle, frames."""
+
+import ctypes.util
+import dataclasses
+import sys
+
+import imageio.v2 as imageio
+import mujoco
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Servo, cli, simulate
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.render import NoOpenGLError, Renderer, save_video
+from gantrysim.sweep import Bead
+
+SIZE = (640, 480)
+FLOW = 150.0  # [mm³/s]
+CAMERAS = ("overview", "top", "nozzle", "side")
+
+
+@pytest.fixture(scope="module")
+def run(xy):
+    setpoints = MoveSpiral(100, 2, 15, 100).setpoints(1e-3).hold(0.05)
+    return simulate(xy, Servo.derive(xy.axes), setpoints, flow=FLOW)
+
+
+@pytest.fixture(scope="module")
+def dry(run):
+    """The same run without glue."""
+    return dataclasses.replace(run, flow=np.zeros(len(run.time)))
+
+
+def to_pixels(renderer, points):
+    """Columns and rows at which world points [m] appear, (n, 2): a pinhole of the camera's field of view."""
+    width, height = renderer.size
+    frame = renderer.data.cam_xmat[renderer.camera].reshape(3, 3)
+    seen = (points - renderer.data.cam_xpos[renderer.camera]) @ frame
+    focal = 0.5 * height / np.tan(0.5 * np.radians(renderer.model.cam_fovy[renderer.camera]))
+    column = 0.5 * width + focal * seen[:, 0] / -seen[:, 2]
+    row = 0.5 * height - focal * seen[:, 1] / -seen[:, 2]
+    return np.stack([column, row], axis=1)
+
+
+def in_sight(renderer, points):
+    """Whether nothing but the work lies between the camera and each point [m]."""
+    model, data = renderer.model, renderer.data
+    eye = data.cam_xpos[renderer.camera].copy()
+    bead = model.geom("bead").id
+    visible = []
+    for point in points:
+        way = point - eye
+        geom = np.full(1, -1, np.int32)
+        shown = model.geom_group[bead]
+        model.geom_group[bead] = 5
+        groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+        distance = mujoco.mj_ray(model, data, eye, way / np.linalg.norm(way), groups, 1, -1, geom, None)
+        model.geom_group[bead] = shown
+        visible.append(geom[0] < 0 or distance > np.linalg.norm(way) - 1e-3)
+    return np.array(visible)
+
+
+def on_work(xy, renderer, points):
+    """World coordinates [m] of points of the work frame [mm]."""
+    origin, frame = renderer.data.xpos[xy.work], renderer.data.xmat[xy.work].reshape(3, 3)
+    return origin + 1e-3 * points @ frame.T
+
+
+def bead_pixels(xy, run, dry, tick, camera):
+    """Pixels that differ between a frame with and one without glue, and the renderer's projection of the trace."""
+    with Renderer(xy, dry, camera, SIZE) as renderer:
+        bare = renderer.frame(tick).astype(int)
+    with Renderer(xy, run, camera, SIZE) as renderer:
+        glued = renderer.frame(tick).astype(int)
+        trace = run.nozzle[::40].copy()
+        trace[:, 2] -= 0.5 - 0.25  # half way up the bead
+        world = on_work(xy, renderer, trace)
+        pixels, visible = to_pixels(renderer, world), in_sight(renderer, world)
+    return np.abs(glued - bare).max(axis=2) > 40, glued, pixels, visible
+
+
+def neighbourhood(mask, pixels, reach):
+    """Whether the mask is set within `reach` pixels of each of the pixels."""
+    height, width = mask.shape
+    hits = []
+    for column, row in np.round(pixels).astype(int):
+        low, left = max(row - reach, 0), max(column - reach, 0)
+        hits.append(mask[low : min(row + reach, height) + 1, left : min(column + reach, width) + 1].any())
+    return np.array(hits)
+
+
+@pytest.mark.parametrize("camera", ["top", "overview"])
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_the_bead_is_exactly_where_the_deposit_is(xy, run, dry, camera, share):
+    tick = int(share * (len(run.time) - 1))
+    mask, picture, pixels, visible = bead_pixels(xy, run, dry, tick, camera)
+    laid = np.arange(0, len(run.time), 40) < tick
+    assert visible[laid].mean() > 0.5  # the bridge hides the rest
+    # every visible point of the trace that has been laid shows glue
+    assert neighbourhood(mask, pixels[laid & visible], 1).mean() > 0.97
+    # and no point that is still to come, a bead's width away from what has been laid
+    ahead = ~laid & (
+        np.linalg.norm(run.nozzle[::40, None, :2] - run.nozzle[None, :tick:40, :2], axis=2).min(axis=1) > 5
+    )
+    if share < 1:
+        assert ahead.sum() > 50
+        assert not neighbourhood(mask, pixels[ahead], 1).any()
+    # all glue lies on the trace: a bead of 3.8 mm, seen, is at most so many pixels away from it
+    rows, columns = np.nonzero(mask)
+    away = np.linalg.norm(np.stack([columns, rows], axis=1)[:, None] - pixels[laid][None], axis=2).min(axis=1)
+    assert (away < 6).mean() > 0.99
+    # it has the glue's colour: red over green over blue
+    red, green, blue = picture[mask].mean(axis=0)
+    assert red > 1.2 * green > 1.2 * blue
+
+
+@pytest.mark.parametrize("camera", ["side", "overview", "nozzle"])
+def test_the_nozzle_follows_the_log(xy, dry, camera):
+    with Renderer(xy, dry, camera, SIZE) as renderer:
+        model = renderer.model
+        site = model.site("nozzle")
+        body = int(model.site_bodyid[site.id])
+        geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
+        # the needle is the geom whose lower end is the site: paint it so that nothing else has its colour
+        ends = [model.geom_pos[g] - [0, 0, model.geom_size[g, 1]] for g in geoms]
+        needle = geoms[int(np.argmin([np.linalg.norm(end - model.site_pos[site.id]) for end in ends]))]
+        material = renderer.model.material("bead").id
+        model.geom_matid[needle] = material
+        model.mat_rgba[material] = (1, 0, 1, 1)
+        model.mat_emission[material] = 1
+        model.geom_size[needle, 0] = 0.002  # thick enough to see from afar
+        for tick in (0, 1500, 3500, len(dry.time) - 1):
+            picture = renderer.frame(tick).astype(int)
+            magenta = (picture[..., 0] > 120) & (picture[..., 2] > 120) & (picture[..., 1] < 90)
+            assert magenta.any()
+            tip = to_pixels(renderer, on_work(xy, renderer, dry.nozzle[tick][None]))[0]
+            rows, columns = np.nonzero(magenta)
+            lowest = rows > rows.max() - 3
+            reach = 2.5 if camera != "nozzle" else 20.0  # a thick needle's rim, seen from near
+            assert abs(columns[lowest].mean() - tip[0]) < reach
+            assert abs(rows.max() - tip[1]) < reach + 2
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
+    pictures = []
+    for _ in range(2):
+        with Renderer(xy, run, camera, SIZE) as renderer:
+            pictures.append(renderer.frame(len(run.time) // 2))
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    picture = pictures[0].astype(float)
+    assert picture.shape == (480, 640, 3)
+    assert 30 < picture.mean() < 225
+    assert picture.std() > 20
+    assert (picture.max(axis=2) < 5).mean() < 0.2
+    assert (picture.min(axis=2) > 250).mean() < 0.2
+
+
+@pytest.mark.parametrize("tick_share", [0.0, 0.3, 1.0])
+def test_the_mesh_conserves_the_volume_of_the_glue(run, tick_share):
+    tick = int(tick_share * (len(run.time) - 1))
+    bead = Bead(run, 0.5)
+    vertices, normals = bead.mesh(tick)
+    corners = vertices.astype(float)[bead.faces()] * 1e3
+    # divergence theorem, with the flat base of each section closing the surface: it lies at z = -gap
+    corners[..., 2] += 0.5
+    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    laid = float((run.flow[:-1] * np.diff(run.time))[:tick].sum())
+    sides = 8
+    inscribed = np.sin(np.pi / sides) / (np.pi / sides)  # a polygon in the ellipse
+    assert volume == pytest.approx(inscribed * laid, rel=0.01, abs=0.5)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
+
+
+def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
+    seen = []
+    count = save_video(xy, run, tmp_path / "video.mp4", size=(320, 240), fps=5.0, progress=seen.append)
+    with imageio.get_reader(tmp_path / "video.mp4") as reader:
+        frames = [np.asarray(frame) for frame in reader]
+        rate = reader.get_meta_data()["fps"]
+    assert rate == 5.0
+    assert len(frames) == count == round(run.time[-1] * 5) + 1
+    assert len(seen) == count
+    assert seen[-1] == 1.0
+    assert all(frame.shape == (240, 320, 3) and frame.mean() > 30 for frame in frames)
+    orange = [((f[..., 0] > 150) & (f[..., 2] < 90)).sum() for f in map(np.asarray, frames)]
+    assert orange[-1] > orange[len(orange) // 2] > orange[0]
+
+
+def test_bad_pictures_are_refused(xy, run, tmp_path):
+    with pytest.raises(InputError, match="unknown camera 'topp': did you mean top"):
+        Renderer(xy, run, "topp")
+    with pytest.raises(InputError, match="size of the video = 321 x 240: must be even"):
+        save_video(xy, run, tmp_path / "video.mp4", size=(321, 240))
+    with pytest.raises(InputError, match="width of the picture = 0 pixels: must be greater than 0"):
+        Renderer(xy, run, size=(0, 10))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def no_opengl(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    find = ctypes.util.find_library
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None if name in ("EGL", "OSMesa") else find(name))
+
+
+def test_without_opengl_the_error_names_the_package(xy, run, no_opengl):
+    with pytest.raises(NoOpenGLError, match="install Debian package libegl1"):
+        Renderer(xy, run)
+
+
+def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp_path, monkeypatch, capsys):
+    arguments = ["gantrysim", "run", "--out", str(tmp_path), "--set", "diameter=40", "--set", "turns=1"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    cli.app(standalone_mode=False)
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+    message = capsys.readouterr().err
+    assert message.startswith("no video: ")
+    assert "libegl1" in message
+    assert message.count("\n") == 1
