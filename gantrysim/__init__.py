@@ -1,11 +1,12 @@
 """gantrysim: which link of a dispensing gantry's chain caused which part of the bead's error."""
 
 from gantrysim import metrics
+from gantrysim.axis import Axis
 from gantrysim.controllers.servo import Servo
 from gantrysim.engine import simulate
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job import Job
-from gantrysim.machine import Axis, Machine
+from gantrysim.machine import Machine
 from gantrysim.run import Fault, Run
 
 __version__ = "0.1.0"

@@ -8,12 +8,14 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from gantrysim import tick
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import PlainLaw, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError, at_least
 from gantrysim.machine import Machine
+from gantrysim.native.hook import installed, installed_law
+from gantrysim.native.row import ADDRESSES, FAULTS, GAINS, ROW, ROW_NUMBERS, log_width
+from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
 
 __all__ = ["PHYSICS_STEP", "simulate"]
@@ -72,11 +74,11 @@ def simulate(
     data.qpos[:] = machine.to_qpos(position[0])
 
     n, axes = position.shape
-    log = np.empty((n, tick.log_width(axes)))
-    row = data.userdata[: tick.ROW.itemsize // 8].view(tick.ROW)
+    log = np.empty((n, log_width(axes)))
+    row = data.userdata[:ROW_NUMBERS].view(ROW)
     _fill(row, machine, servo, position, log, substeps)
     steps = (n - 1) * substeps + 1
-    with tick.installed() if law is None else tick.installed_law(data, law):
+    with installed() if law is None else installed_law(data, law):
         if progress is None:
             mujoco.mj_step(model, data, steps)
         else:
@@ -130,13 +132,13 @@ def _fill(
         raise InputError(
             f"servo delay = {servo.delay:g} s: must be a multiple of the physics step, {servo.period / substeps:g} s"
         )
-    row[:] = np.zeros(1, tick.ROW)
-    for name, value in tick.ADDRESSES.items():
+    row[:] = np.zeros(1, ROW)
+    for name, value in ADDRESSES.items():
         row[name] = value
     row["axes"], row["ticks"], row["substeps"], row["delay"] = len(machine.axes), len(position), substeps, round(delay)
     row["setpoints"], row["log"] = position.ctypes.data, log.ctypes.data
     row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
-    for name in ("resolution", "following_error_limit", *tick.GAINS):
+    for name in ("resolution", "following_error_limit", *GAINS):
         row[name][0, : servo.axes] = getattr(servo, name)
     # a demand beyond what the drive can give is clamped by the drive itself
     row["torque_limit"][0, : servo.axes] = np.minimum(servo.torque_limit, [axis.peak_torque for axis in machine.axes])
@@ -148,7 +150,7 @@ def _fill(
         )
         row["scale"][0, a], row["speed_limit"][0, a] = axis.scale, axis.speed_limit
         row["low"][0, a], row["high"][0, a] = axis.travel
-    row["magic"] = tick.magic()
+    row["magic"] = magic()
 
 
 def _slices(steps: int) -> list[tuple[int, int]]:
@@ -159,7 +161,7 @@ def _fault(machine: Machine, servo: Servo, row: np.void, data: mujoco.MjData) ->
     if row["fault"]:
         axis = machine.axes[int(row["fault_axis"])].name
         time = float(row["fault_tick"] * servo.period)
-        return Fault(tick.FAULTS[int(row["fault"])], axis, time, float(row["fault_value"]), float(row["fault_limit"]))
+        return Fault(FAULTS[int(row["fault"])], axis, time, float(row["fault_value"]), float(row["fault_limit"]))
     for warning, quantity in _CHECKED_WARNINGS.items():
         if data.warning[warning].number:
             # between two ticks, or after the last: the tick itself has seen nothing wrong yet

@@ -26,7 +26,7 @@ def plain(machine, period=PERIOD, **gains):
 
 
 def constants(machine, a):
-    """Mass moved by an axis, force per ampere, viscous damping, time constant of the winding: the MJCF's numbers [SI]."""
+    """Mass moved by an axis, force per ampere, viscous damping, winding's time constant: the MJCF's numbers [SI]."""
     radians_per_metre = 1e3 / machine.axes[a].scale
     mass = (1.0 if machine.axes[a].name == "x" else 4.0) + 1.5e-5 * radians_per_metre**2
     return mass, 0.03 * radians_per_metre, 12.0, 1e-3

@@ -216,14 +216,12 @@ def test_centre_of_a_circle_is_a_radius_away():
     assert circle.project([[0, 25, 0]]).distance == pytest.approx([25], abs=POSITION)
 
 
-@pytest.mark.xfail(strict=True, reason="the table of points is as coarse for the finest pitch")
 def test_projection_stays_on_its_turn_of_a_spiral_finer_than_the_table_of_points():
     path = Involute(5, 0.1, 40)
     s = np.linspace(1, 90, 500)
     assert path.project(path.position(s) + 0.01 * path.normal(s)).s == pytest.approx(s, abs=FOOT)
 
 
-@pytest.mark.xfail(strict=True, reason="Newton's method leaves the nearest table point where the curvature jumps")
 def test_distance_of_a_far_point_whose_foot_is_near_a_joint_of_an_arc_and_a_line():
     chain = (0, 0), 0, [0.2, 0.0], [27.0, 39.0]
     exact = distance_to_chain(-223 - 171j, *chain)

@@ -7,8 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim import Servo, native, simulate, tick
+from gantrysim import Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.native import layout
+from gantrysim.native.hook import installed
+from gantrysim.native.row import ROW
+from gantrysim.native.tick import magic
 
 PENDULUM = """
 <mujoco>
@@ -20,15 +24,15 @@ PENDULUM = """
 
 
 def test_every_offset_is_where_the_bindings_say():
-    native._verify(native.offsets())
+    layout._verify(layout.offsets())
 
 
-@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(native.Offsets)])
+@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(layout.Offsets)])
 def test_a_wrong_offset_is_found_before_it_is_used(field):
-    offsets = native.offsets()
+    offsets = layout.offsets()
     moved = dataclasses.replace(offsets, **{field: getattr(offsets, field) + 8})
-    with pytest.raises(native.LayoutError, match=field.partition("_")[2]):
-        native._verify(moved)
+    with pytest.raises(layout.LayoutError, match=field.partition("_")[2]):
+        layout._verify(moved)
 
 
 def pendulum(nuserdata):
@@ -47,7 +51,7 @@ def swing(model, steps=500):
 def test_models_of_others_are_left_alone_while_the_callback_is_installed(nuserdata):
     model = pendulum(nuserdata)
     alone = swing(model)
-    with tick.installed():
+    with installed():
         beside = swing(model)
     for expected, found in zip(alone, beside, strict=True):
         np.testing.assert_array_equal(found, expected)
@@ -104,5 +108,5 @@ def test_threads_run_side_by_side_with_the_same_result(xy):
 
 
 def test_a_row_is_known_by_code_and_layout():
-    assert tick.magic() > 0
-    assert tick.ROW.itemsize % 8 == 0
+    assert magic() > 0
+    assert ROW.itemsize % 8 == 0

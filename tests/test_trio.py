@@ -338,7 +338,6 @@ def test_ratio_that_would_fall_to_zero_names_the_pass_and_the_remedies():
     assert note(diameter=104, thickness=12.5, loop_period=0.1).ratios[-1] > 0
 
 
-@pytest.mark.xfail(strict=True, reason="1 - k change may be rounded to some 1e-16 instead of 0")
 @pytest.mark.parametrize("passes", [15, 30, 39, 41, 43])
 def test_ratio_of_exactly_zero_on_the_last_pass_is_an_error(passes):
     with pytest.raises(InputError, match="must be greater than 0"):

@@ -22,12 +22,12 @@ __all__ = ["ArcChain", "Floats", "Path", "Projection"]
 
 Floats = NDArray[np.float64]
 
-# Table of points from which a projection starts: fine enough for Newton's method to converge on the
-# nearest branch, and no finer than memory allows.
-_TABLE_SPACING = 0.25  # [mm]
-_TABLE_SIZE = (256, 200_000)
-_NEWTON_STEPS = 8
-_NEWTON_TOLERANCE = 1e-11  # [mm]
+# Table of points from which a projection starts. A branch of the path can be mistaken for the nearest only
+# where the two are as far to within spacing^2 / (8 distance).
+_TABLE_SPACING = 0.05  # [mm]
+_TABLE_SIZE = (256, 1_000_000)
+_STEPS = 60
+_TOLERANCE = 1e-11  # [mm]
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,9 @@ class Path(ABC):
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
 
-        The nearest entry of a table starts Newton's method on (c(s) - p).t(s) = 0, whose derivative is
-        1 + kappa (c(s) - p).n(s).
+        The foot lies between the neighbours of the nearest entry of a table, and is found there by Newton's
+        method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + kappa (c(s) - p).n(s), and by bisection where Newton's
+        step would leave the interval: at the path's ends, where the curvature jumps, near a centre of curvature.
 
         Args:
             points: (n, 3) [mm].
@@ -114,16 +115,25 @@ class Path(ABC):
         if p.shape[-1] != 3 or not np.isfinite(p).all():
             raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
         s_table, p_table = self._table
-        s = s_table[cKDTree(p_table).query(p)[1]]
-        for _ in range(_NEWTON_STEPS):
-            back = self.position(s) - p
-            slope = 1.0 + self.curvature(s) * _dot(back, self.normal(s))
-            # a point near the centre of curvature has no unique foot: keep the step bounded there
-            step = _dot(back, self.tangent(s)) / np.maximum(slope, 0.1)
-            s_next = np.clip(s - step, 0.0, self.length)
-            moved = float(np.max(np.abs(s_next - s), initial=0.0))
-            s = s_next
-            if moved < _NEWTON_TOLERANCE:
+        nearest = cKDTree(p_table).query(p)[1]
+        s = s_table[nearest]
+        low = s_table[np.maximum(nearest - 1, 0)]
+        high = s_table[np.minimum(nearest + 1, s_table.size - 1)]
+        active = np.arange(len(p))
+        for _ in range(_STEPS):
+            at = s[active]
+            back = self.position(at) - p[active]
+            ahead = _dot(back, self.tangent(at))
+            slope = 1.0 + self.curvature(at) * _dot(back, self.normal(at))
+            beyond = ahead > 0
+            high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
+            step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
+            moved = at - step
+            outside = (moved < low[active]) | (moved > high[active])
+            moved[outside] = 0.5 * (low[active] + high[active])[outside]
+            s[active] = moved
+            active = active[np.abs(moved - at) > _TOLERANCE]
+            if not active.size:
                 break
         offset = p - self.position(s)
         return Projection(s, offset, _dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))

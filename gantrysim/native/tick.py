@@ -1,132 +1,46 @@
-"""The servo tick as native code, installed as MuJoCo's control callback.
+"""The servo tick as native code, called by MuJoCo once per physics step as its control callback.
 
-MuJoCo calls the callback once per physics step, on whatever thread steps the simulation. Everything it
-needs lies in the simulation's own mjData.userdata, laid out as ROW: parameters, state, and the addresses
-of the setpoints and of the log. A simulation whose row does not begin with MAGIC is left alone.
+It runs on whatever thread steps the simulation, and finds all it needs in the simulation's own row of
+userdata. A simulation whose row does not begin with the magic number is left alone.
 """
 
 from __future__ import annotations
 
-import ctypes
 import inspect
 import sys
-import threading
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-import mujoco
 import numba
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from gantrysim import native
 from gantrysim.controllers import servo
-from gantrysim.controllers.servo import PlainLaw, Tick
-from gantrysim.errors import InputError
-
-__all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "installed", "installed_law", "log_width", "magic"]
-
-MAX_AXES = 6
-
-# How far an axis may pass its travel before the limit switch trips, and by how much its speed limit.
-OVERTRAVEL = 0.1  # [mm or deg]
-OVERSPEED = 1.2
-
-# An unstable loop need not run away: the torque limit can hold it in a limit cycle, whose error looks harmless.
-# So many swings of the demand from one limit to the other, each within this time of the last, are no motion's.
-OSCILLATION_SWINGS = 20
-OSCILLATION_TIME = 0.1  # [s]
-
-FAULTS = ("none", "following error", "travel", "overspeed", "diverged", "oscillation")
-_FOLLOWING_ERROR, _TRAVEL, _OVERSPEED, _DIVERGED, _OSCILLATION = range(1, 6)
-
-GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
-
-_WHOLE = [
-    "magic",
-    "axes",
-    "ticks",  # setpoints in all
-    "substeps",  # physics steps per servo period
-    "delay",  # physics steps from the sample to the output
-    "steps",  # physics steps begun
-    "tick",  # servo ticks begun
-    "setpoints",  # address of (ticks, axes) positions
-    "log",  # address of (ticks, log_width) numbers
-    "ctrl_at",  # byte offsets of mjData's fields
-    "act_at",
-    "length_at",
-    "velocity_at",
-    "site_at",
-    "body_at",
-    "matrix_at",
-    "nozzle",  # site
-    "work",  # body
-    "fault",  # index into FAULTS
-    "fault_axis",
-    "fault_tick",
-]
-_AXIS_WHOLE = ["control", "output", "current"]  # indices of ctrl, of actuator_length, and of act or -1
-_AXIS_PARAMETERS = [
-    "scale",  # axis travel per radian of the motor
-    "resolution",
-    *GAINS,
-    "torque_limit",
-    "following_error_limit",
-    "low",
-    "high",
-    "speed_limit",
-]
-_AXIS_STATE = [
-    "commanded",
-    "measured",
-    "error",
-    "error_change",
-    "error_sum",
-    "demand_velocity",
-    "demand_acceleration",
-    "measured_velocity",
-    "torque",
-    "pending",
-    "held",
-    "clamp_side",  # where the demand was last clamped, -1 or 1
-    "clamp_tick",
-    "swings",
-]
-ROW = np.dtype(
-    [(name, np.int64) for name in _WHOLE]
-    + [("period", np.float64), ("fault_value", np.float64), ("fault_limit", np.float64)]
-    + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
-    + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
+from gantrysim.native import row as row_layout
+from gantrysim.native.layout import offsets
+from gantrysim.native.row import (
+    DIVERGED,
+    FOLLOWING_ERROR,
+    OSCILLATION,
+    OSCILLATION_SWINGS,
+    OSCILLATION_TIME,
+    OVERSPEED,
+    OVERSPEEDING,
+    OVERTRAVEL,
+    ROW,
+    ROW_NUMBERS,
+    TRAVEL,
 )
 
-
-def log_width(axes: int) -> int:
-    """Numbers per tick in the log: encoder, nozzle (3), torque demand, motor current, motor speed."""
-    return 3 + 4 * axes
-
-
-_OFFSETS = native.offsets()  # verified at import: an error here is better than a wrong address later
-
-# the row's byte offsets of mjData's fields
-ADDRESSES = {
-    "ctrl_at": _OFFSETS.data_ctrl,
-    "act_at": _OFFSETS.data_act,
-    "length_at": _OFFSETS.data_actuator_length,
-    "velocity_at": _OFFSETS.data_actuator_velocity,
-    "site_at": _OFFSETS.data_site_xpos,
-    "body_at": _OFFSETS.data_xpos,
-    "matrix_at": _OFFSETS.data_xmat,
-}
+__all__ = ["command", "compiled", "magic", "output", "sample"]
 
 
 @cache
 def magic() -> int:
     """Return a number that stands for layout and code, so that no cached code outlives a change of either."""
-    source = inspect.getsource(sys.modules[__name__]) + inspect.getsource(servo)
+    source = "".join(inspect.getsource(module) for module in (sys.modules[__name__], row_layout, servo))
     return zlib.crc32(source.encode())
 
 
@@ -182,7 +96,7 @@ def _trip(row, fault, axis, value, limit):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sample(data, userdata):
+def sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; say whether it does."""
     row = _row(userdata)
     if row.fault != 0 or row.tick >= row.ticks or row.steps % row.substeps != 0:
@@ -211,15 +125,15 @@ def _sample(data, userdata):
         log[a] = measured
         log[3 + 3 * n + a] = velocity[row.output[a]]
         if not (np.isfinite(position) and np.isfinite(speed)):
-            _trip(row, _DIVERGED, a, position, np.inf)
+            _trip(row, DIVERGED, a, position, np.inf)
         elif abs(error) > row.following_error_limit[a]:
-            _trip(row, _FOLLOWING_ERROR, a, error, row.following_error_limit[a])
+            _trip(row, FOLLOWING_ERROR, a, error, row.following_error_limit[a])
         elif abs(speed) > OVERSPEED * row.speed_limit[a]:
-            _trip(row, _OVERSPEED, a, speed, OVERSPEED * row.speed_limit[a])
+            _trip(row, OVERSPEEDING, a, speed, OVERSPEED * row.speed_limit[a])
         elif position < row.low[a] - OVERTRAVEL:
-            _trip(row, _TRAVEL, a, position, row.low[a] - OVERTRAVEL)
+            _trip(row, TRAVEL, a, position, row.low[a] - OVERTRAVEL)
         elif position > row.high[a] + OVERTRAVEL:
-            _trip(row, _TRAVEL, a, position, row.high[a] + OVERTRAVEL)
+            _trip(row, TRAVEL, a, position, row.high[a] + OVERTRAVEL)
     tip = _vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
     origin = _vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
     frame = _vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
@@ -255,7 +169,7 @@ def _apply_law(row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _command(data, userdata):
+def command(data, userdata):
     """Clamp and schedule the torques that the law has put into the row, and log them."""
     row = _row(userdata)
     n = row.axes
@@ -287,11 +201,11 @@ def _watch_oscillation(row, axis, side):
     row.clamp_side[axis] = side
     row.clamp_tick[axis] = row.tick
     if row.swings[axis] >= OSCILLATION_SWINGS:
-        _trip(row, _OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
+        _trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _output(data, userdata):
+def output(data, userdata):
     """Put out the torque demands that are due at this step."""
     row = _row(userdata)
     n = row.axes
@@ -312,89 +226,23 @@ def _step(model, data, nuserdata_at, userdata_at, row_size, key):
     row = _row(userdata)
     if row.magic != key:
         return
-    if _sample(data, userdata):
+    if sample(data, userdata):
         _apply_law(row)
-        _command(data, userdata)
-    _output(data, userdata)
+        command(data, userdata)
+    output(data, userdata)
 
 
 @cache
-def _compiled() -> Any:
+def compiled() -> Any:
     """Return the tick as a C function, compiled or from numba's cache.
 
     The numbers of the closure belong to the cache's key: another layout is other code.
     """
-    nuserdata_at, userdata_at = _OFFSETS.model_nuserdata, _OFFSETS.data_userdata
-    row_size, key = ROW.itemsize // 8, magic()
+    nuserdata_at, userdata_at = offsets().model_nuserdata, offsets().data_userdata
+    row_size, key = ROW_NUMBERS, magic()
 
     @numba.cfunc(types.void(types.int64, types.int64), cache=True, error_model="numpy")
     def callback(model, data):
         _step(model, data, nuserdata_at, userdata_at, row_size, key)
 
     return callback.ctypes
-
-
-_turn = threading.Lock()  # held while any callback of ours is installed
-_count_lock = threading.Lock()
-_count = 0
-_previous: Any = None
-
-
-@contextmanager
-def installed() -> Iterator[None]:
-    """Have the compiled tick installed; several threads may at once, and what was there before comes back."""
-    global _count, _previous
-    with _count_lock:
-        if _count == 0:
-            callback = _compiled()
-            _turn.acquire()
-            _previous = mujoco.get_mjcb_control()
-            mujoco.set_mjcb_control(callback)
-        _count += 1
-    try:
-        yield
-    finally:
-        with _count_lock:
-            _count -= 1
-            if _count == 0:
-                mujoco.set_mjcb_control(_previous)
-                _turn.release()
-
-
-@contextmanager
-def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[None]:
-    """Have a law in plain Python installed for one simulation, alone; it raises here what the law raised."""
-    own, userdata, row = data._address, data.userdata.ctypes.data, data.userdata[: ROW.itemsize // 8].view(ROW)[0]
-    n = int(row["axes"])
-    raised: list[BaseException] = []
-
-    @ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
-    def callback(_model: int, address: int) -> None:
-        if address != own or raised:
-            return
-        try:
-            if _sample(own, userdata):
-                torque = np.asarray(law(_tick(row, n)), float)
-                if torque.shape != (n,) or not np.isfinite(torque).all():
-                    raise InputError(f"law returned {torque.tolist()}: must be {n} finite torques, one per axis [N·m]")
-                row["torque"][:n] = torque
-                _command(own, userdata)
-            _output(own, userdata)
-        except BaseException as error:  # must not unwind through MuJoCo's C frames
-            raised.append(error)
-            data.ctrl[:] = 0
-
-    with _turn:
-        previous = mujoco.get_mjcb_control()
-        mujoco.set_mjcb_control(callback)
-        try:
-            yield
-        finally:
-            mujoco.set_mjcb_control(previous)
-    if raised:
-        raise raised[0]
-
-
-def _tick(row: Any, n: int) -> Tick:
-    names = ("commanded", "measured", "demand_velocity", "demand_acceleration", "measured_velocity")
-    return Tick(float(row["tick"] * row["period"]), *(row[name][:n].copy() for name in names))

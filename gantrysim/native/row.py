@@ -1,0 +1,103 @@
+"""What a simulation's servo needs, laid out in its own mjData.userdata: parameters, state, addresses, fault."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gantrysim.native.layout import offsets
+
+__all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "ROW_NUMBERS", "log_width"]
+
+MAX_AXES = 6
+
+# How far an axis may pass its travel before the limit switch trips, and by how much its speed limit.
+OVERTRAVEL = 0.1  # [mm or deg]
+OVERSPEED = 1.2
+
+# An unstable loop need not run away: the torque limit can hold it in a limit cycle, whose error looks harmless.
+# So many swings of the demand from one limit to the other, each within this time of the last, are no motion's.
+OSCILLATION_SWINGS = 20
+OSCILLATION_TIME = 0.1  # [s]
+
+FAULTS = ("none", "following error", "travel", "overspeed", "diverged", "oscillation")
+FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = range(1, 6)
+
+GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+
+_WHOLE = [
+    "magic",
+    "axes",
+    "ticks",  # setpoints in all
+    "substeps",  # physics steps per servo period
+    "delay",  # physics steps from the sample to the output
+    "steps",  # physics steps begun
+    "tick",  # servo ticks begun
+    "setpoints",  # address of (ticks, axes) positions
+    "log",  # address of (ticks, log_width) numbers
+    "ctrl_at",  # byte offsets of mjData's fields
+    "act_at",
+    "length_at",
+    "velocity_at",
+    "site_at",
+    "body_at",
+    "matrix_at",
+    "nozzle",  # site
+    "work",  # body
+    "fault",  # index into FAULTS
+    "fault_axis",
+    "fault_tick",
+]
+_AXIS_WHOLE = ["control", "output", "current"]  # indices of ctrl, of actuator_length, and of act or -1
+_AXIS_PARAMETERS = [
+    "scale",  # axis travel per radian of the motor
+    "resolution",
+    *GAINS,
+    "torque_limit",
+    "following_error_limit",
+    "low",
+    "high",
+    "speed_limit",
+]
+_AXIS_STATE = [
+    "commanded",
+    "measured",
+    "error",
+    "error_change",
+    "error_sum",
+    "demand_velocity",
+    "demand_acceleration",
+    "measured_velocity",
+    "torque",
+    "pending",
+    "held",
+    "clamp_side",  # where the demand was last clamped, -1 or 1
+    "clamp_tick",
+    "swings",
+]
+ROW = np.dtype(
+    [(name, np.int64) for name in _WHOLE]
+    + [("period", np.float64), ("fault_value", np.float64), ("fault_limit", np.float64)]
+    + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
+    + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
+)
+
+ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata
+
+
+def log_width(axes: int) -> int:
+    """Numbers per tick in the log: encoder, nozzle (3), torque demand, motor current, motor speed."""
+    return 3 + 4 * axes
+
+
+_OFFSETS = offsets()  # verified at import: an error here is better than a wrong address later
+
+# the row's byte offsets of mjData's fields
+ADDRESSES = {
+    "ctrl_at": _OFFSETS.data_ctrl,
+    "act_at": _OFFSETS.data_act,
+    "length_at": _OFFSETS.data_actuator_length,
+    "velocity_at": _OFFSETS.data_actuator_velocity,
+    "site_at": _OFFSETS.data_site_xpos,
+    "body_at": _OFFSETS.data_xpos,
+    "matrix_at": _OFFSETS.data_xmat,
+}
