@@ -395,7 +395,6 @@ def test_a_value_out_of_its_bound_is_named(changed, said):
         note(**changed)
 
 
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="the number of coordinates is checked by zip alone")
 @pytest.mark.parametrize("start", [(0, 0, 0), (0,)])
 def test_start_of_other_than_two_coordinates_is_an_input_error(start):
     with pytest.raises(InputError, match="start"):
