@@ -78,7 +78,7 @@ def run(
                     render.save_video(machine, record, scratch / report.VIDEO, progress=advance)
             except render.NoOpenGLError as error:
                 no_video = f"no video: {error}"
-    _output.print(_table(loaded, record, result))
+    _output.print(*_tables(loaded, record, result), sep="\n")
     if no_video:
         _messages.print(no_video, soft_wrap=True)
     _output.print(f"written to {folder}/: " + ", ".join(sorted(item.name for item in folder.iterdir())), soft_wrap=True)
@@ -100,31 +100,34 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: progress.update(bar, completed=share)
 
 
-def _table(job: Job, run: Run, result: Figures) -> Table:
-    """The chain's links from top to bottom, each with its error."""
-    table = Table(title=f"{job.name} on {run.machine}: error of each link of the chain", title_justify="left")
-    for heading in ("", "rms", "max", ""):
-        table.add_column(heading, justify="right" if heading else "left")
+def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
+    """The chain's links from top to bottom, each with its error; and what came out at its end."""
+    links = Table(title=f"{job.name} on {run.machine}: error of each link of the chain", title_justify="left")
+    links.add_column("link", no_wrap=True)
+    links.add_column("rms [µm]", justify="right")
+    links.add_column("max [µm]", justify="right")
+    links.add_column("from one end of the link to the other")
 
     def add(label: str, spread: Spread, note: str) -> None:
-        table.add_row(label, f"{1e3 * spread.rms:.1f} µm", f"{1e3 * spread.max:.1f} µm", note)
+        links.add_row(label, f"{1e3 * spread.rms:.1f}", f"{1e3 * spread.max:.1f}", note)
 
-    add("generation", result.generation, "commanded to requested path")
+    add("generation", result.generation, "requested path to commanded")
     for name, spread in result.tracking.items():
-        add(f"tracking {name}", spread, "commanded - encoder")
+        add(f"tracking {name}", spread, "commanded to encoder")
     add("tracking along", result.tracking_along, "the same along the path")
-    add("contour", result.contour, "nozzle to requested path: what the part sees")
-    table.add_section()
+    links.add_section()
+    add("contour", result.contour, "requested path to nozzle")
+
+    outcome = Table.grid(padding=(0, 2))
     if result.spacing is not None:
         s = result.spacing
-        label = f"spacing, {job.controller.thickness:g} mm asked for"
-        table.add_row(label, "", f"{s.mean:.4f} mm", f"std {s.std:.4f}, {s.min:.4f} to {s.max:.4f} mm")
+        asked = f"asked for {job.controller.thickness:g}, std {s.std:.4f}, {s.min:.4f} to {s.max:.4f}"
+        outcome.add_row("spacing of turns", f"{s.mean:.4f} mm", asked)
     v = result.speed
-    table.add_row("path speed", "", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f} mm/s")
-    table.add_row("path", "", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s with settling")
-    x, y, z = result.end_point
-    table.add_row("end point", "", "", f"({x:.4f}, {y:.4f}, {z:.4f}) mm")
-    return table
+    outcome.add_row("path speed", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f}")
+    outcome.add_row("path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s, settling included")
+    outcome.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*result.end_point))
+    return links, outcome
 
 
 def main() -> None:

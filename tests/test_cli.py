@@ -38,7 +38,7 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
     assert sorted(p.name for p in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
     assert sorted(p.name for p in (out / "plots").iterdir()) == ["error.png", "plan.png", "spacing.png"]
     assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
-    for word in ("generation", "tracking x", "contour", "5 mm asked for", "path speed", "end point"):
+    for word in ("generation", "tracking x", "contour", "asked for 5", "path speed", "end point"):
         assert word in printed
 
 
