@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -26,7 +27,6 @@ _FAULT = 3
 
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
 )
@@ -35,10 +35,14 @@ _messages = Console(stderr=True)
 
 
 @app.callback(invoke_without_command=True)
-def _main(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
+def _main(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
     if version:
         typer.echo(gantrysim.__version__)
-        raise typer.Exit
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @app.command()
@@ -102,7 +106,8 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
 
 def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
     """The chain's links from top to bottom, each with its error; and what came out at its end."""
-    links = Table(title=f"{job.name} on {run.machine}: error of each link of the chain", title_justify="left")
+    until = "" if run.fault is None else ", until the fault"
+    links = Table(title=f"{job.name} on {run.machine}: error of each link of the chain{until}", title_justify="left")
     links.add_column("link", no_wrap=True)
     links.add_column("rms [µm]", justify="right")
     links.add_column("max [µm]", justify="right")
@@ -125,21 +130,19 @@ def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
         outcome.add_row("spacing of turns", f"{s.mean:.4f} mm", asked)
     v = result.speed
     outcome.add_row("path speed", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f}")
-    outcome.add_row("path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s, settling included")
+    outcome.add_row(
+        "path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s{until or ', settling included'}"
+    )
     outcome.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*result.end_point))
     return links, outcome
 
 
 def main() -> None:
-    """Run the command; an error of the domain is one line and exit status 2."""
+    """Run the command; bad input, in its words or in its values, is one line and exit status 2."""
     try:
-        app()
-    except GantryError as error:
-        _messages.print(f"[bold red]error[/]: {_escape(str(error))}", soft_wrap=True, highlight=False)
-        sys.exit(_INPUT_ERROR)
-
-
-def _escape(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)
+        status = app(standalone_mode=False)
+    except (GantryError, typer.TyperException) as error:
+        text = error.format_message() if hasattr(error, "format_message") else str(error)
+        _messages.print(f"[bold red]error[/]: {escape(text)}", soft_wrap=True, highlight=False)
+        status = _INPUT_ERROR
+    sys.exit(status)

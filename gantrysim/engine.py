@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import PlainLaw, Servo
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least
 from gantrysim.machine import Machine
 from gantrysim.native.hook import installed, installed_law
@@ -68,7 +68,7 @@ def simulate(
         raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
     if abs(servo.period - setpoints.period) > 1e-12:
         raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
-    substeps = max(1, round(servo.period / at_least("physics_step", physics_step, 1e-6, "s") + 0.499999))
+    substeps = ticks(servo.period, at_least("physics_step", physics_step, 1e-6, "s"))
     model = machine.stepping(servo.period / substeps)
     data = mujoco.MjData(model)
     data.qpos[:] = machine.to_qpos(position[0])

@@ -39,8 +39,13 @@ class Fault:
     limit: float
 
     def __str__(self) -> str:
-        unit = {"overspeed": "mm/s", "oscillation": "swings from torque limit to torque limit"}.get(self.kind, "mm")
-        figures = f": {self.value:.4g} {unit}, limit {self.limit:.4g} {unit}" if np.isfinite(self.limit) else ""
+        unit = "mm/s" if self.kind == "overspeed" else "mm"
+        if self.kind == "oscillation":
+            figures = f": the torque demand has swung {self.value:g} times from limit to limit"
+        elif np.isfinite(self.limit):
+            figures = f": {self.value:.4g} {unit}, limit {self.limit:.4g} {unit}"
+        else:
+            figures = ""
         return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}"
 
 

@@ -173,3 +173,32 @@ def test_the_installed_command_from_another_folder(tmp_path):
     assert done.stderr == "error: job an225: turns = -1: must be at least 1\n"
     version = subprocess.run([*command[:3], "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert version.stdout.strip() == gantrysim.__version__
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [(["run", "--speed", "3"], "error: No such option: --speed"), (["runn"], "error: No such command 'runn'")],
+)
+def test_a_word_the_command_does_not_know_is_one_line_too(gantrysim_command, arguments, text):
+    status, printed, errors = gantrysim_command(*arguments)
+    assert status == 2
+    assert printed == ""
+    assert errors.startswith(text)
+    assert errors.count("\n") == 1
+
+
+def test_without_words_the_command_shows_its_help(gantrysim_command):
+    status, printed, _ = gantrysim_command()
+    assert status == 0
+    assert "run" in printed
+
+
+def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypatch):
+    def interrupted(*arguments, **keywords):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gantrysim.plots.save_plots", interrupted)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert status == 130
+    assert "Traceback" not in errors
+    assert not list(tmp_path.iterdir())

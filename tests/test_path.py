@@ -18,8 +18,7 @@ STEP = 1e-3  # [mm]
 FOOT = 1e-7  # arc length of a foot point that is well off the centre of curvature [mm]
 # Where two branches of a path are nearly as near, the table of points from which a projection starts may
 # prefer the farther one. Its spacing h bounds by how much: h^2/8 (1/distance + curvature).
-TABLE_SPACING = 0.25  # [mm]
-NEAR_A_CENTRE = 5e-6  # and what Newton's method leaves near a centre of curvature [mm]
+TABLE_SPACING = 0.05  # [mm]
 
 SPIRALS = [
     Involute(60, 10, 4),
@@ -173,7 +172,7 @@ def test_distance_is_that_of_the_nearest_piece_in_closed_form(chain, around):
     sharpest = np.abs(chain[2]).max()
     for point, distance in zip(points, ArcChain(*chain).project(points).distance, strict=True):
         exact = distance_to_chain(complex(*point[:2]), *chain)
-        assert exact - POSITION <= distance <= exact + tie(exact, sharpest) + NEAR_A_CENTRE
+        assert exact - POSITION <= distance <= exact + tie(exact, sharpest) + POSITION
 
 
 @pytest.mark.parametrize("path", SPIRALS, ids=lambda path: f"{type(path).__name__}-{path.clockwise}")

@@ -20,7 +20,7 @@ from gantrysim.errors import InputError
 POSITION = 1e-8  # after up to some thousand passes [mm]
 RELATIVE = 1e-10
 FIRST_ORDER = 0.05  # of the ratio 2 by which half the loop period lowers the error
-PITCH_SECOND_ORDER = 0.15  # the part of the pitch's shrinkage that the formula of first order leaves
+PITCH_SECOND_ORDER = 0.02  # the part of the pitch's shrinkage that the formula of first order leaves
 
 
 def note(**changed):
@@ -342,6 +342,16 @@ def test_ratio_that_would_fall_to_zero_names_the_pass_and_the_remedies():
 def test_ratio_of_exactly_zero_on_the_last_pass_is_an_error(passes):
     with pytest.raises(InputError, match="must be greater than 0"):
         note(diameter=80, loop_period=math.pi * 80 * 4 / 100 / passes)
+
+
+def test_ratio_is_at_least_one_bit_of_its_sixteen():
+    def last_ratio(bits):
+        inner = 2.0**-bits
+        return note(thickness=15 * (1 - inner), loop_period=note().virtual_time / 100).ratios[-1]
+
+    assert last_ratio(15) == pytest.approx(2**-15, rel=1e-6)
+    with pytest.raises(InputError, match=r"ratio x = 7\.63e-06 on pass 100 of 100"):
+        last_ratio(17)
 
 
 def test_inner_diameter_below_zero_names_its_value_and_the_alternatives():
