@@ -350,7 +350,7 @@ def test_ratio_is_at_least_one_bit_of_its_sixteen():
         return note(thickness=15 * (1 - inner), loop_period=note().virtual_time / 100).ratios[-1]
 
     assert last_ratio(15) == pytest.approx(2**-15, rel=1e-6)
-    with pytest.raises(InputError, match=r"ratio x = 7\.63e-06 on pass 100 of 100"):
+    with pytest.raises(InputError, match=r"ratio x = 7\.629e-06 on pass 100 of 100"):
         last_ratio(17)
 
 
