@@ -36,6 +36,7 @@ def _gl_context(width: int, height: int) -> Any:
     """Return an offscreen context: EGL, else OSMesa, or what MUJOCO_GL asks for."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
     wanted = [asked] if asked in ("egl", "osmesa") else ["egl", "osmesa"]
+    failures = ""
     for backend in wanted:
         if ctypes.util.find_library({"egl": "EGL", "osmesa": "OSMesa"}[backend]) is None:
             continue
@@ -48,9 +49,8 @@ def _gl_context(width: int, height: int) -> Any:
             context.make_current()
             return context
         except (ImportError, RuntimeError, AttributeError) as error:
-            failure = f" ({backend}: {error})"
-            raise NoOpenGLError(f"no OpenGL without a display{failure}: Debian package {_PACKAGES}") from error
-    raise NoOpenGLError(f"no OpenGL without a display: install Debian package {_PACKAGES}")
+            failures += f" ({backend}: {' '.join(str(error).split())})"
+    raise NoOpenGLError(f"no OpenGL that needs no display{failures}: install Debian package {_PACKAGES}")
 
 
 class Renderer:
