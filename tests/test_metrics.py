@@ -182,6 +182,38 @@ def test_spacing_of_a_wavy_trace_is_measured_along_its_own_normal(waves):
         assert found.distance[k] == pytest.approx(exact, abs=CURVED_TRACE + tilt)
 
 
+def test_a_trace_of_another_pitch_has_that_pitch_for_spacing():
+    narrow = Involute(60, 9.8, 4)
+    phi = INVOLUTE.phi(along(INVOLUTE)[0])
+    trace = narrow.position(60 * phi - 9.8 / (4 * np.pi) * phi**2)
+    found = figures(run_along(INVOLUTE, nozzle=trace - INVOLUTE.position(along(INVOLUTE)[0]))).spacing
+    assert (found.min, found.mean, found.max) == pytest.approx((9.8, 9.8, 9.8), abs=CURVED_TRACE)
+
+
+@pytest.mark.parametrize("drift", [0.03, -0.03])
+def test_spacing_ends_where_the_normal_of_the_trace_no_longer_meets_it(drift):
+    """A lateral error that grows by `drift` a millimetre leans the normal forwards or back."""
+    further = Involute(60, 10, 4.5)
+
+    def trace(s):
+        return further.position(s) + (drift * (np.atleast_1d(s) - 920))[:, None] * further.normal(s)
+
+    s = np.arange(830, INVOLUTE.length, 0.02)
+    found = spacing(INVOLUTE, trace(s))
+    tangent = trace(found.s[-1] + 1e-4) - trace(found.s[-1] - 1e-4)
+
+    def ahead(at):
+        return float((trace(at) - trace(found.s[-1]))[0] @ tangent[0])
+
+    met = brentq(ahead, INVOLUTE.length - 20, INVOLUTE.length + 20)
+    if drift < 0:  # backwards: the last point is the one a whole turn of the requested path before the end
+        assert INVOLUTE.phi(found.s[-1]) == pytest.approx(6 * np.pi, abs=1e-2)
+        assert met < INVOLUTE.length
+    else:
+        assert met == pytest.approx(INVOLUTE.length, abs=0.03)  # two samples
+        assert INVOLUTE.phi(found.s[-1]) < 6 * np.pi - 2e-3
+
+
 @given(st.floats(-4, 4), st.tuples(st.floats(-200, 200), st.floats(-200, 200)), st.booleans())
 @settings(max_examples=10, deadline=None)
 def test_spacing_is_the_same_for_a_path_moved_turned_and_mirrored(angle, shift, clockwise):
