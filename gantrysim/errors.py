@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
-__all__ = ["GantryError", "InputError", "at_least", "finite", "positive", "unknown", "whole"]
+import numpy as np
+
+__all__ = ["GantryError", "InputError", "at_least", "finite", "point", "positive", "unknown", "whole"]
 
 
 class GantryError(Exception):
@@ -42,6 +44,14 @@ def at_least(name: str, value: float, bound: float, unit: str = "") -> float:
     if number < bound:
         raise InputError(f"{name} = {_quantity(number, unit)}: must be at least {_quantity(bound, unit)}")
     return number
+
+
+def point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, float]:
+    """Return `value` as two floats, x and y, or raise InputError where it is not two finite numbers."""
+    numbers = np.ravel(np.asarray(value, object))
+    if numbers.size != 2:
+        raise InputError(f"{name} = {value}: must be two numbers, x and y [{unit}]")
+    return finite(f"{name} x", numbers[0], unit), finite(f"{name} y", numbers[1], unit)
 
 
 def whole(name: str, value: float, bound: int) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.controllers.path import Floats, Path
+from gantrysim.errors import InputError
 from gantrysim.run import Run
 
 __all__ = ["Figures", "Range", "Spacing", "Spread", "figures", "path_speed", "spacing", "tracking_error"]
@@ -93,8 +94,14 @@ class Figures:
 
 
 def figures(run: Run) -> Figures:
-    """Return the figures of a run; of one that a fault ended, those up to the fault."""
+    """Return the figures of a run; of one that a fault ended, those up to the fault.
+
+    Raises:
+        InputError: the dispenser is never on.
+    """
     on = run.dispense
+    if not on.any():
+        raise InputError("the dispenser is never on in this run: its figures are taken while it is")
     commanded = run.requested.project(run.commanded_tip[on])
     nozzle = run.requested.project(run.nozzle[on])
     along = _dot(run.commanded_tip[on] - run.encoder_tip[on], run.requested.tangent(commanded.s))

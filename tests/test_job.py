@@ -66,7 +66,7 @@ def test_settings_reach_the_run():
 BAD = {
     "inner diameter": (
         ["turns=8"],
-        r"inner_diameter = -40 mm .*must be at least 0 mm; use turns at most 6 or thickness at most 7.5 mm",
+        r"inner_diameter = -40 mm .*must be at least 0 mm; use turns at most 5 or thickness below 7.5 mm",
     ),
     "nan": (["speed=nan"], "speed = nan mm/s: must be finite"),
     "zero turns": (["turns=0"], "turns = 0: must be at least 1"),

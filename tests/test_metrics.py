@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.spirals import Archimedean, Involute
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.errors import InputError
 from gantrysim.metrics import Range, Spread, figures, path_speed, spacing, tracking_error
 from gantrysim.run import Fault, Run
 
@@ -381,3 +382,9 @@ def test_spread_and_range_by_hand():
     found = Range.of(np.array([1.0, 2.0, 6.0]))
     assert (found.mean, found.min, found.max) == (3.0, 1.0, 6.0)
     assert found.std == pytest.approx(math.sqrt(14 / 3), rel=1e-15)
+
+
+def test_a_run_that_never_dispenses_has_no_figures():
+    run = run_along(INVOLUTE, dispense=lambda s: np.zeros(s.shape, bool))
+    with pytest.raises(InputError, match="the dispenser is never on"):
+        figures(run)

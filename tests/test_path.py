@@ -274,5 +274,35 @@ def test_points_of_a_wrong_shape_or_not_finite_are_named(points, shape):
     ],
 )
 def test_chain_of_wrong_pieces_is_named(curvature, lengths, counts):
-    with pytest.raises(InputError, match=f"arc chain: {counts}: must be as many, and every length at least 0 mm"):
+    with pytest.raises(
+        InputError, match=f"arc chain: {counts}: must be as many, at least one, and every length at least 0 mm"
+    ):
         ArcChain([0, 0], 0, curvature, lengths)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (([0, 0], 0, [], []), "0 curvatures and 0 lengths: must be as many, at least one"),
+        (([0, 0, 0, 0], 0, [0.1], [1]), "start of 4 numbers: must be two or three"),
+        (([0, 0], 0, [math.nan], [1]), "must be finite"),
+        (([0, 0], 0, [0.1], [math.inf]), "must be finite"),
+        (([0, math.nan], 0, [0.1], [1]), "must be finite"),
+    ],
+)
+def test_chains_that_are_none_are_refused(arguments, said):
+    with pytest.raises(InputError, match=said):
+        ArcChain(*arguments)
+
+
+def test_only_whole_paths_with_their_own_parameters_are_built():
+    with pytest.raises(InputError, match=r"unknown path '_Spiral'"):
+        Path.build("_Spiral", {})
+    with pytest.raises(InputError, match=r"path Involute: .*unexpected keyword argument 'x'"):
+        Path.build("Involute", {"x": 1})
+
+
+@pytest.mark.parametrize("start", [(0, 0, 0), (0, math.nan), 1.0])
+def test_a_spirals_start_is_two_finite_numbers(start):
+    with pytest.raises(InputError, match="start"):
+        Involute(50, 10, 2, start=start)

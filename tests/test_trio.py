@@ -324,14 +324,15 @@ def test_interpreter_time_makes_the_passes_fewer():
 
 def test_inner_diameter_zero_is_reached_in_the_continuous_limit_alone():
     assert end_of(note(diameter=80, loop_period=0).generated) == pytest.approx([40, 0, 0], abs=1e-6)
-    with pytest.raises(InputError, match=r"ratio x = -[\d.e-]+ on pass \d+ of \d+: must be greater than 0"):
+    with pytest.raises(InputError, match=r"ratio x = -[\d.e-]+ on pass \d+ of \d+: must be at least 2\^-16"):
         note(diameter=80)
 
 
 def test_ratio_that_would_fall_to_zero_names_the_pass_and_the_remedies():
     said = (
-        r"ratio x = -[\d.]+ on pass 14 of 14: must be greater than 0; inner_diameter 4 mm is too small for "
-        r"loop_period 1 s, use fewer turns, a smaller thickness or a shorter loop_period"
+        r"ratio x = -[\d.]+ on pass 14 of 14: must be at least 2\^-16, the least that CONNECT can hold; "
+        r"inner_diameter 4 mm is too small for loop_period 1 s, "
+        r"use fewer turns, a smaller thickness or a shorter loop_period"
     )
     with pytest.raises(InputError, match=said):
         note(diameter=104, thickness=12.5, loop_period=1)
@@ -340,7 +341,7 @@ def test_ratio_that_would_fall_to_zero_names_the_pass_and_the_remedies():
 
 @pytest.mark.parametrize("passes", [15, 30, 39, 41, 43])
 def test_ratio_of_exactly_zero_on_the_last_pass_is_an_error(passes):
-    with pytest.raises(InputError, match="must be greater than 0"):
+    with pytest.raises(InputError, match=r"must be at least 2\^-16"):
         note(diameter=80, loop_period=math.pi * 80 * 4 / 100 / passes)
 
 
@@ -357,16 +358,17 @@ def test_ratio_is_at_least_one_bit_of_its_sixteen():
 def test_inner_diameter_below_zero_names_its_value_and_the_alternatives():
     said = (
         r"inner_diameter = -20 mm \(diameter 120 - 2 x turns 7 x thickness 10\): must be at least 0 mm; "
-        r"use turns at most 6 or thickness at most 8\.57143 mm"
+        r"use turns at most 5 or thickness below 8\.57143 mm"
     )
     with pytest.raises(InputError, match=said):
         note(turns=7)
+    assert note(turns=5).inner_diameter == 20  # what the message offers does run
     assert note(turns=6, loop_period=0).inner_diameter == 0
     assert note(turns=7, thickness=120 / 14, loop_period=0).inner_diameter == pytest.approx(0, abs=1e-12)
 
 
 def test_thickness_over_the_radius_offers_no_turns():
-    with pytest.raises(InputError, match=r"inner_diameter = -40 mm .*; use thickness at most 60 mm"):
+    with pytest.raises(InputError, match=r"inner_diameter = -40 mm .*; use thickness below 60 mm"):
         note(turns=1, thickness=80)
 
 
@@ -405,7 +407,11 @@ def test_a_value_out_of_its_bound_is_named(changed, said):
         note(**changed)
 
 
-@pytest.mark.parametrize("start", [(0, 0, 0), (0,)])
+def test_an_inner_diameter_of_zero_may_be_rounded():
+    assert MoveSpiral(0.6, 3, 0.1, 1, 0).inner_diameter == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize("start", [(0, 0, 0), (0,), 3])
 def test_start_of_other_than_two_coordinates_is_an_input_error(start):
     with pytest.raises(InputError, match="start"):
         note(start=start)

@@ -53,7 +53,8 @@ class Path(ABC):
     _kinds: ClassVar[dict[str, type[Path]]] = {}
 
     def __init_subclass__(cls) -> None:
-        Path._kinds[cls.__name__] = cls
+        if not cls.__name__.startswith("_"):
+            Path._kinds[cls.__name__] = cls
 
     @abstractmethod
     def parameters(self) -> dict[str, Any]:
@@ -64,7 +65,10 @@ class Path(ABC):
         """Return the path of the class named `kind`."""
         if kind not in Path._kinds:
             raise unknown("path", kind, Path._kinds)
-        return Path._kinds[kind](**parameters)
+        try:
+            return Path._kinds[kind](**parameters)
+        except TypeError as error:
+            raise InputError(f"path {kind}: {error}") from None
 
     @property
     @abstractmethod
@@ -152,11 +156,15 @@ class ArcChain(Path):
     def __init__(self, start: ArrayLike, heading: float, curvature: ArrayLike, lengths: ArrayLike) -> None:
         self._kappa = np.atleast_1d(np.asarray(curvature, float))
         pieces = np.atleast_1d(np.asarray(lengths, float))
-        if self._kappa.shape != pieces.shape or pieces.ndim != 1 or not np.all(pieces >= 0):
+        if self._kappa.shape != pieces.shape or pieces.ndim != 1 or not pieces.size or not np.all(pieces >= 0):
             raise InputError(
                 f"arc chain: {self._kappa.size} curvatures and {pieces.size} lengths: "
-                "must be as many, and every length at least 0 mm"
+                "must be as many, at least one, and every length at least 0 mm"
             )
+        if np.size(start) not in (2, 3):
+            raise InputError(f"arc chain: start of {np.size(start)} numbers: must be two or three")
+        if not all(np.isfinite(value).all() for value in (start, heading, self._kappa, pieces)):
+            raise InputError("arc chain: start, heading, curvatures and lengths must be finite")
         self._pieces = pieces
         self._start = np.zeros(3)
         self._start[: np.size(start)] = start

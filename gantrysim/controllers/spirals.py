@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.controllers.path import Floats, Path
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, finite, point, positive
 
 __all__ = ["Archimedean", "Involute"]
 
@@ -32,6 +32,8 @@ class _Spiral(Path):
         positive("radius", self.radius, "mm")
         positive("pitch", self.pitch, "mm")
         positive("turns", self.turns)
+        object.__setattr__(self, "start", point("start", self.start))
+        finite("heading_start", self.heading_start, "rad")
         if self.pitch * self.turns > self.radius * (1 + 1e-12):
             raise InputError(
                 f"end radius = {self.radius - self.pitch * self.turns:g} mm "

@@ -17,11 +17,12 @@ import numpy as np
 from gantrysim.controllers.path import ArcChain, Floats, Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.spirals import Involute
-from gantrysim.errors import InputError, at_least, finite, positive, whole
+from gantrysim.errors import InputError, at_least, point, positive, whole
 
 __all__ = ["MoveSpiral"]
 
 _MAX_PASSES = 2_000_000
+_ROUNDING = 1e-12
 _LEAST_RATIO = 2.0**-16  # CONNECT's ratio has 16 fractional bits
 
 
@@ -68,15 +69,12 @@ class MoveSpiral:
         positive("speed", self.speed, "mm/s")
         at_least("loop_period", self.loop_period, 0, "s")
         at_least("interpreter_time", self.interpreter_time, 0, "s")
-        if len(self.start) != 2:
-            raise InputError(f"start = {list(self.start)}: must be two numbers, x and y [mm]")
-        for name, value in zip("xy", self.start, strict=True):
-            finite(f"start {name}", value, "mm")
-        if self.inner_diameter < 0:
+        object.__setattr__(self, "start", point("start", self.start))
+        if self.inner_diameter < -_ROUNDING * self.diameter:
             raise InputError(
                 f"inner_diameter = {self.inner_diameter:g} mm (diameter {self.diameter:g} - 2 x turns {self.turns} x "
                 f"thickness {self.thickness:g}): must be at least 0 mm; "
-                f"{_fewer(self.diameter, self.thickness)}thickness at most {self.diameter / (2 * self.turns):g} mm"
+                f"use {_fewer(self.diameter, self.thickness)}thickness below {self.diameter / (2 * self.turns):g} mm"
             )
         if self.loop_period == 0 and self.interpreter_time > 0:
             raise InputError(
@@ -129,7 +127,8 @@ class MoveSpiral:
         needed = int(np.searchsorted(turned, 2 * math.pi * self.turns * (1 - 1e-12))) + 1
         if needed > turned.size:
             raise InputError(
-                f"ratio x = {x[turned.size]:.4g} on pass {turned.size + 1} of {bound}: must be greater than 0; "
+                f"ratio x = {x[turned.size]:.4g} on pass {turned.size + 1} of {bound}: "
+                "must be at least 2^-16, the least that CONNECT can hold; "
                 f"inner_diameter {self.inner_diameter:g} mm is too small for loop_period {self.loop_period:g} s, "
                 "use fewer turns, a smaller thickness or a shorter loop_period"
             )
@@ -167,5 +166,5 @@ class MoveSpiral:
 
 
 def _fewer(diameter: float, thickness: float) -> str:
-    turns = math.floor(diameter / (2 * thickness))
-    return f"use turns at most {turns} or " if turns >= 1 else "use "
+    turns = math.ceil(diameter / (2 * thickness)) - 1
+    return f"turns at most {turns} or " if turns >= 1 else ""
