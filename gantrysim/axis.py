@@ -13,13 +13,12 @@ from gantrysim.errors import InputError
 
 __all__ = ["Axis", "AxisAddress", "named", "read_axis"]
 
-_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _MM = 1e3
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One driven axis, in mm (deg on a rotary axis), s, N·m at the motor, A and V.
+    """One driven axis, in mm, s, N·m at the motor, A and V.
 
     Attributes:
         name: shared by joint, actuator and encoder.
@@ -90,29 +89,28 @@ def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) 
     joint = named(model, mujoco.mjtObj.mjOBJ_JOINT, name, source)
     if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[i, 0] != joint:
         raise InputError(f"model {source}: actuator {name!r} must drive the joint {name!r}")
-    if model.jnt_type[joint] not in (_SLIDE, _HINGE):
-        raise InputError(f"model {source}: joint {name!r} must be a slide or a hinge")
+    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_SLIDE:
+        raise InputError(f"model {source}: joint {name!r} must be a slide")
     gear = float(model.actuator_gear[i, 0])
     if not gear > 0:
         raise InputError(f"model {source}: gear of {name!r} = {gear:g}: must be greater than 0 (2 pi / lead in rad/m)")
-    unit = _MM if model.jnt_type[joint] == _SLIDE else math.degrees(1)
-    scale = unit / gear
+    scale = _MM / gear
     dof = int(model.jnt_dofadr[joint])
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
 
     drive = _drive(model, i, name, source)
     limited = bool(model.jnt_limited[joint])
-    travel = (float(model.jnt_range[joint, 0]) * unit, float(model.jnt_range[joint, 1]) * unit)
-    declared = float(model.jnt_user[joint, 0]) * unit if model.nuser_jnt else 0.0
+    travel = (float(model.jnt_range[joint, 0]) * _MM, float(model.jnt_range[joint, 1]) * _MM)
+    declared = float(model.jnt_user[joint, 0]) * _MM if model.nuser_jnt else 0.0
     no_load = drive.bus_voltage / drive.motor_constant * scale if drive.motor_constant > 0 else math.inf
     damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
     axis = Axis(
         name=name,
         travel=travel if limited else (-math.inf, math.inf),
         scale=scale,
-        inertia=float(inertia[dof, dof]) / (gear * unit),
-        viscous=damping / (gear * unit),
+        inertia=float(inertia[dof, dof]) / (gear * _MM),
+        viscous=damping / (gear * _MM),
         coulomb=drive.coulomb,
         motor_constant=drive.motor_constant,
         resistance=drive.resistance,
@@ -139,8 +137,15 @@ class _Drive:
 
 
 def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> _Drive:
-    force = model.actuator_forcerange[i] if model.actuator_forcelimited[i] else (-math.inf, math.inf)
-    peak = float(min(-force[0], force[1]))
+    peak = math.inf
+    for limited, (low, high) in (
+        (model.actuator_forcelimited[i], model.actuator_forcerange[i]),
+        (model.actuator_ctrllimited[i], np.ravel(model.actuator_ctrlrange[model.actuator_ctrladr[i]])),
+    ):
+        if limited and not low < 0 < high:
+            raise InputError(f"model {source}: range of {name!r} = {low:g} to {high:g} N·m: must hold zero within it")
+        if limited:
+            peak = min(peak, float(-low), float(high))
     gain = model.actuator_gainprm[i]
     if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_DCMOTOR:
         resistance, constant, voltage = float(gain[0]), float(gain[1]), float(gain[7])

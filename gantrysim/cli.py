@@ -17,7 +17,7 @@ from rich.table import Table
 import gantrysim
 from gantrysim.errors import GantryError
 from gantrysim.job import Job
-from gantrysim.metrics import Figures, Spread, figures
+from gantrysim.metrics import Analysis, Figures, Spread
 from gantrysim.run import Run
 
 __all__ = ["app", "main"]
@@ -66,28 +66,27 @@ def run(
 
     loaded = Job.load(job, settings or (), model)
     folder = out if out is not None else Path("out") / loaded.name
-    with _progress("simulate") as advance:
-        record = loaded.run(advance)
-    result = figures(record)
-    machine = loaded.built_machine
+    no_video = None
     with report.output_folder(folder) as scratch:
-        report.write_run(scratch, loaded, machine, record, result)
-        (scratch / report.PLOTS).mkdir()
+        with _progress("simulate") as advance:
+            record = loaded.run(advance)
+        analysis = Analysis(record)
+        report.write_run(scratch, loaded, loaded.built_machine, record, analysis.figures)
         with _progress("plot") as advance:
-            plots.save_plots(record, result, scratch / report.PLOTS, advance)
-        no_video = None
+            plots.save_plots(analysis, scratch / report.PLOTS, advance)
         if video:
             try:
                 with _progress("video") as advance:
-                    render.save_video(machine, record, scratch / report.VIDEO, progress=advance)
+                    render.save_video(loaded.built_machine, record, scratch / report.VIDEO, progress=advance)
             except render.NoOpenGLError as error:
                 no_video = f"no video: {error}"
-    _output.print(*_tables(loaded, record, result), sep="\n")
+        written = sorted(item.name for item in scratch.iterdir())
+    _output.print(*_tables(loaded, record, analysis.figures), sep="\n")
     if no_video:
-        _messages.print(no_video, soft_wrap=True)
-    _output.print(f"written to {folder}/: " + ", ".join(sorted(item.name for item in folder.iterdir())), soft_wrap=True)
+        _messages.print(escape(no_video), soft_wrap=True, highlight=False)
+    _output.print(escape(f"written to {folder}/: {', '.join(written)}"), soft_wrap=True, highlight=False)
     if record.fault is not None:
-        _messages.print(f"[bold red]fault[/]: {record.fault}", soft_wrap=True)
+        _messages.print(f"[bold red]fault[/]: {escape(str(record.fault))}", soft_wrap=True, highlight=False)
         raise typer.Exit(_FAULT)
 
 
@@ -107,7 +106,8 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
 def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
     """The chain's links from top to bottom, each with its error; and what came out at its end."""
     until = "" if run.fault is None else ", until the fault"
-    links = Table(title=f"{job.name} on {run.machine}: error of each link of the chain{until}", title_justify="left")
+    title = escape(f"{job.name} on {run.machine}: error of each link of the chain{until}")
+    links = Table(title=title, title_justify="left")
     links.add_column("link", no_wrap=True)
     links.add_column("rms [µm]", justify="right")
     links.add_column("max [µm]", justify="right")
@@ -126,13 +126,13 @@ def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
     outcome = Table.grid(padding=(0, 2))
     if result.spacing is not None:
         s = result.spacing
-        asked = f"asked for {job.controller.thickness:g}, std {s.std:.4f}, {s.min:.4f} to {s.max:.4f}"
+        asked = f"std {s.std:.4f}, {s.min:.4f} to {s.max:.4f}"
+        if run.requested.turn_spacing is not None:
+            asked = f"asked for {run.requested.turn_spacing:g}, {asked}"
         outcome.add_row("spacing of turns", f"{s.mean:.4f} mm", asked)
     v = result.speed
     outcome.add_row("path speed", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f}")
-    outcome.add_row(
-        "path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s{until or ', settling included'}"
-    )
+    outcome.add_row("path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s{until}")
     outcome.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*result.end_point))
     return links, outcome
 
@@ -144,5 +144,9 @@ def main() -> None:
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
         _messages.print(f"[bold red]error[/]: {escape(text)}", soft_wrap=True, highlight=False)
+        status = _INPUT_ERROR
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        _messages.print(f"[bold red]error[/]: {escape(f'{error.strerror}{where}')}", soft_wrap=True, highlight=False)
         status = _INPUT_ERROR
     sys.exit(status)

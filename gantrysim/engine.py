@@ -1,4 +1,4 @@
-"""Runs setpoints, servo and machine at native speed: one C call for a whole job."""
+"""Runs setpoints, servo and machine at native speed: the servo lives inside MuJoCo's step."""
 
 from __future__ import annotations
 
@@ -11,23 +11,17 @@ import numpy as np
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import PlainLaw, Servo
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least
+from gantrysim.errors import GantryError, InputError, at_least
 from gantrysim.machine import Machine
 from gantrysim.native.hook import installed, installed_law
 from gantrysim.native.row import ADDRESSES, FAULTS, GAINS, ROW, ROW_NUMBERS, log_width
 from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
 
-__all__ = ["PHYSICS_STEP", "simulate"]
+__all__ = ["simulate"]
 
-PHYSICS_STEP = 2.5e-4  # [s]
-
-_PROGRESS_SLICES = 50
-_CHECKED_WARNINGS = {
-    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
-    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
-    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
-}
+_CALLS = 50
+_SHORTEST_STEP = 1e-7  # [s]
 
 
 def simulate(
@@ -35,7 +29,7 @@ def simulate(
     servo: Servo,
     setpoints: Setpoints,
     *,
-    physics_step: float = PHYSICS_STEP,
+    physics_step: float | None = None,
     flow: float = 0.0,
     law: PlainLaw | None = None,
     progress: Callable[[float], None] | None = None,
@@ -50,7 +44,8 @@ def simulate(
         machine: the machine.
         servo: the servo, with as many axes as the machine and the setpoints' period.
         setpoints: commanded positions; axes of the machine that they leave out are held at zero.
-        physics_step: longest physics step; the servo period is divided evenly [s].
+        physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; the servo
+            period is divided evenly [s].
         flow: glue flow while the dispenser is on [mm³/s].
         law: a law in plain Python instead of the servo's own; slower, and alone in the process.
         progress: called now and then with the share of the job that is done, 0 to 1.
@@ -62,33 +57,49 @@ def simulate(
         InputError: setpoints that the machine cannot follow: an unknown axis, a position outside the travel,
             a speed above the limit.
     """
-    at_least("flow", flow, 0, "mm³/s")
+    flow = at_least("flow", flow, 0, "mm³/s")
     position = _positions(machine, setpoints)
     if servo.axes != len(machine.axes):
         raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
     if abs(servo.period - setpoints.period) > 1e-12:
         raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
-    substeps = ticks(servo.period, at_least("physics_step", physics_step, 1e-6, "s"))
+    substeps = ticks(servo.period, _physics_step(machine, physics_step))
     model = machine.stepping(servo.period / substeps)
     data = mujoco.MjData(model)
     data.qpos[:] = machine.to_qpos(position[0])
 
     n, axes = position.shape
-    log = np.empty((n, log_width(axes)))
+    log = np.full((n, log_width(axes)), np.nan)
     row = data.userdata[:ROW_NUMBERS].view(ROW)
     _fill(row, machine, servo, position, log, substeps)
     steps = (n - 1) * substeps + 1
     with installed() if law is None else installed_law(data, law):
-        if progress is None:
-            mujoco.mj_step(model, data, steps)
-        else:
-            for done, until in _slices(steps):
-                mujoco.mj_step(model, data, until - done)
+        # a few calls instead of one cost nothing, and let Ctrl-C and a fault end the job
+        for done, until in pairwise(np.linspace(0, steps, min(steps, _CALLS) + 1).astype(int).tolist()):
+            mujoco.mj_step(model, data, until - done)
+            if progress is not None:
                 progress(until / steps)
+            if row[0]["fault"]:
+                break
 
-    fault = _fault(machine, servo, row[0], data)
-    kept = n if fault is None else int(row[0]["fault_tick"]) + 1
+    fault = _fault(machine, servo, row[0])
+    kept = int(row[0]["tick"])
+    if kept < n and fault is None:
+        raise GantryError(f"the servo of machine {machine.name} ran for {kept} of {n} ticks: MuJoCo did not call it")
     return _record(machine, setpoints, position[:kept], log[:kept], flow, fault)
+
+
+def _physics_step(machine: Machine, wanted: float | None) -> float:
+    longest = float(machine.model.opt.timestep)
+    if wanted is None:
+        return longest
+    step = at_least("physics_step", wanted, _SHORTEST_STEP, "s")
+    if step > longest * (1 + 1e-9):
+        raise InputError(
+            f"physics_step = {step:g} s: must be at most {longest:g} s, "
+            f"the timestep that machine {machine.name} is made for"
+        )
+    return step
 
 
 def _positions(machine: Machine, setpoints: Setpoints) -> Floats:
@@ -153,23 +164,12 @@ def _fill(
     row["magic"] = magic()
 
 
-def _slices(steps: int) -> list[tuple[int, int]]:
-    return list(pairwise(np.linspace(0, steps, min(steps, _PROGRESS_SLICES) + 1).astype(int).tolist()))
-
-
-def _fault(machine: Machine, servo: Servo, row: np.void, data: mujoco.MjData) -> Fault | None:
-    if row["fault"]:
-        axis = machine.axes[int(row["fault_axis"])].name
-        time = float(row["fault_tick"] * servo.period)
-        return Fault(FAULTS[int(row["fault"])], axis, time, float(row["fault_value"]), float(row["fault_limit"]))
-    for warning, quantity in _CHECKED_WARNINGS.items():
-        if data.warning[warning].number:
-            # between two ticks, or after the last: the tick itself has seen nothing wrong yet
-            row["fault_tick"] = row["tick"] - 1
-            dof = int(data.warning[warning].lastinfo)
-            joint = mujoco.mj_id2name(data.model, mujoco.mjtObj.mjOBJ_JOINT, int(data.model.dof_jntid[dof])) or str(dof)
-            return Fault(f"diverged ({quantity})", joint, float(data.time), np.nan, np.nan)
-    return None
+def _fault(machine: Machine, servo: Servo, row: np.void) -> Fault | None:
+    if not row["fault"]:
+        return None
+    axis = machine.axes[int(row["fault_axis"])].name
+    time = float(row["fault_tick"] * servo.period)
+    return Fault(FAULTS[int(row["fault"])], axis, time, float(row["fault_value"]), float(row["fault_limit"]))
 
 
 def _record(
@@ -190,6 +190,7 @@ def _record(
         machine=machine.name,
         axes=machine.axis_names,
         requested=setpoints.requested,
+        period=setpoints.period,
         time=np.arange(n, dtype=np.float64) * setpoints.period,
         commanded=position,
         commanded_tip=machine.tip(position),

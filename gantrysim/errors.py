@@ -23,6 +23,8 @@ def finite(name: str, value: float, unit: str = "") -> float:
     """Return `value` as a float, or raise InputError where it is no finite number."""
     try:
         number = float(value)
+        if isinstance(value, bool):
+            raise TypeError
     except (TypeError, ValueError):
         raise InputError(f"{name} = {value!r}: must be a number") from None
     if not math.isfinite(number):

@@ -18,8 +18,8 @@ from pydantic.dataclasses import dataclass as validated
 from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine import PHYSICS_STEP, simulate
-from gantrysim.errors import InputError, unknown
+from gantrysim.engine import simulate
+from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.machine import Machine, builtin_models
 from gantrysim.run import Run
 
@@ -65,11 +65,11 @@ class Dispenser(BaseModel):
 
 
 class Simulation(BaseModel):
-    """Longest physics step [s], and how long the last position is held at the end [s]."""
+    """Longest physics step, by default the machine's own, and how long the last position is held at the end [s]."""
 
     model_config = _STRICT
 
-    physics_step: float = PHYSICS_STEP
+    physics_step: float | None = None
     settle: float = 0.25
 
 
@@ -77,7 +77,7 @@ class Job(BaseModel):
     """All there is to say of a run; read from TOML, written back with every default spelt out.
 
     Attributes:
-        name: of the job.
+        name: of the job: letters, digits, spaces and any of _ . + -
         machine: a built-in machine, or the path of an MJCF file; a relative one is taken from the folder of
             the job file.
         program: the controller's name as `controller`, and its arguments.
@@ -88,7 +88,7 @@ class Job(BaseModel):
 
     model_config = _STRICT
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
     machine: str = "xy"
     program: dict[str, Any]
     servo: ServoSettings = ServoSettings()
@@ -100,7 +100,7 @@ class Job(BaseModel):
     def _known_program(cls, value: dict[str, Any]) -> dict[str, Any]:
         arguments = dict(value)
         name = arguments.pop("controller", None)
-        if name not in PROGRAMS:
+        if not isinstance(name, str) or name not in PROGRAMS:
             raise unknown("controller", str(name), PROGRAMS)
         return {"controller": name, **asdict(_validated[name](**arguments))}
 
@@ -122,12 +122,15 @@ class Job(BaseModel):
             content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"job {job}: is not TOML: {error}") from None
+        for section in ("program", "servo", "dispenser", "simulation"):
+            if not isinstance(content.get(section, {}), dict):
+                raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
         for override in overrides:
             _override(content, override)
         if machine is not None:
-            content["machine"] = machine
-        elif isinstance(content.get("machine"), str) and content["machine"] not in builtin_models():
-            content["machine"] = str(folder / content["machine"])
+            content["machine"] = _absolute(machine, Path())
+        elif isinstance(content.get("machine"), str):
+            content["machine"] = _absolute(content["machine"], folder)
         try:
             return cls(**content)
         except ValidationError as error:
@@ -156,7 +159,8 @@ class Job(BaseModel):
     @cached_property
     def setpoints(self) -> Setpoints:
         """The program's setpoints, the last one held while the machine settles."""
-        return self.controller.setpoints(self.built_servo.period).hold(self.simulation.settle)
+        settle = at_least("settle", self.simulation.settle, 0, "s")
+        return self.controller.setpoints(self.built_servo.period).hold(settle)
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run the job and return the record; `progress` as in `simulate`."""
@@ -187,6 +191,13 @@ def _read(job: str) -> tuple[str, Path]:
         raise InputError(f"job {job}: cannot be read: {error}") from None
 
 
+def _absolute(machine: str, folder: Path) -> str:
+    """Return the name of a built-in machine as it is, and a file's path from `folder` in full."""
+    if machine in builtin_models() or not (set(machine) & set("./\\~")):
+        return machine
+    return str((folder / Path(machine).expanduser()).absolute())
+
+
 def _known_keys(content: dict[str, Any]) -> list[str]:
     sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "dispenser": Dispenser, "simulation": Simulation}
     keys = ["name", "machine"]
@@ -215,21 +226,24 @@ def _override(content: dict[str, Any], override: str) -> None:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
+    if key == "machine" and isinstance(value, str):
+        value = _absolute(value, Path())
     section, _, leaf = key.rpartition(".")
     (content.setdefault(section, {}) if section else content)[leaf] = value
 
 
 def _one_line(error: ValidationError) -> str:
-    problems = []
+    problems: dict[str, str] = {}
     for item in error.errors():
         where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))
         cause = item.get("ctx", {}).get("error")
         if item["type"] == "value_error" and isinstance(cause, Exception):
-            problems.append(str(cause))
+            text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            problems.append(f"unknown key {where}")
+            text = f"unknown key {where}"
         elif item["type"] in ("missing", "missing_argument"):
-            problems.append(f"{where} is missing")
+            text = f"{where} is missing"
         else:
-            problems.append(f"{where} = {item['input']!r}: {item['msg'][:1].lower()}{item['msg'][1:]}")
-    return "; ".join(dict.fromkeys(problems))
+            text = f"{where} = {item['input']!r}: {item['msg'][:1].lower()}{item['msg'][1:]}"
+        problems.setdefault(where or text, text)
+    return "; ".join(dict.fromkeys(problems.values()))

@@ -26,6 +26,7 @@ NOZZLE = "nozzle"  # site at the tip
 WORK = "work"  # body in whose frame the bead lies
 
 _MM = 1e3
+_FRAME_TOLERANCE = 1e-3  # [mm], and of a direction
 
 
 def builtin_models() -> list[str]:
@@ -36,11 +37,12 @@ def builtin_models() -> list[str]:
 class Machine:
     """A compiled MJCF machine.
 
-    The MJCF needs, for every axis, an actuator and a joint (slide or hinge) of one name: a `dcmotor` with
-    input="ff" and a bus voltage (its torque comes through the winding), or a `motor` as an ideal torque
-    source. It needs a site `nozzle` and a body `work`. Optional: the joint's first user value is the speed
-    limit [m/s or rad/s]; an `actuatorpos` sensor of the axis' name with counts per revolution as its first
-    user value is the encoder.
+    The MJCF needs, for every axis, an actuator and a slide joint of one name: a `dcmotor` with input="ff" and a
+    bus voltage (its torque comes through the winding), or a `motor` as an ideal torque source; both with
+    gear = 2 pi / lead. It needs a site `nozzle` and a body `work`, whose frame has its origin at the nozzle
+    when all axes are at zero, and in which the axes x, y and z move the nozzle along x, y and z. Optional: the
+    joint's first user value is the speed limit [m/s]; an `actuatorpos` sensor of the axis' name with counts per
+    revolution as its first user value is the encoder. The MJCF's timestep is the longest a run may take.
 
     Args:
         model: name of a built-in machine, or path of an MJCF file.
@@ -58,6 +60,8 @@ class Machine:
             self.model = self.spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             raise InputError(f"model {self.source}: {' '.join(str(error).split())}") from None
+        if self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or self.model.opt.disableactuator:
+            raise InputError(f"model {self.source}: disables its actuators; the servo needs them")
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.nozzle = named(self.model, mujoco.mjtObj.mjOBJ_SITE, NOZZLE, self.source)
         self.work = named(self.model, mujoco.mjtObj.mjOBJ_BODY, WORK, self.source)
@@ -74,6 +78,7 @@ class Machine:
         read = [read_axis(self.model, home, actuator, self.source) for actuator in range(self.model.nactuator)]
         self.axes: tuple[Axis, ...] = tuple(axis for axis, _ in read)
         self.addresses: tuple[AxisAddress, ...] = tuple(address for _, address in read)
+        self._check_work_frame()
 
     def __repr__(self) -> str:
         return f"Machine({str(self.source)!r})"
@@ -111,6 +116,23 @@ class Machine:
 
     def _joint_per_radian(self, address: AxisAddress) -> float:
         return 1.0 / float(self.model.actuator_gear[address.output, 0])
+
+    def _check_work_frame(self) -> None:
+        """The program's positions are the work frame's: see that the machine agrees, to a micrometre."""
+        offset, matrix = self._tip
+        if np.abs(offset).max() > _FRAME_TOLERANCE:
+            at = ", ".join(f"{value:g}" for value in offset.round(6))
+            raise InputError(
+                f"model {self.source}: with all axes at zero the nozzle is at ({at}) mm of body {WORK!r}: "
+                "must be its origin"
+            )
+        for a, axis in enumerate(self.axes):
+            if axis.name in "xyz" and np.abs(matrix[:, a] - np.eye(3)["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
+                along = ", ".join(f"{value:g}" for value in matrix[:, a].round(6))
+                raise InputError(
+                    f"model {self.source}: axis {axis.name!r} moves the nozzle along ({along}) of body {WORK!r}: "
+                    f"must be along its {axis.name}"
+                )
 
     @cached_property
     def _tip(self) -> tuple[Floats, Floats]:

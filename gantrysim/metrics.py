@@ -3,26 +3,28 @@
     requested path -> commanded (generation error) -> encoder (tracking error) -> nozzle
     nozzle to the requested path: contour error, what the part sees
 
-Errors are taken while the dispenser is on. The distance to a path is to the nearest point of the whole
-path.
+Errors are taken while the dispenser is on.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.controllers.path import Floats, Path
+from gantrysim.controllers.path import Floats, Path, Projection, dot
 from gantrysim.errors import InputError
 from gantrysim.run import Run
 
-__all__ = ["Figures", "Range", "Spacing", "Spread", "figures", "path_speed", "spacing", "tracking_error"]
+__all__ = ["Analysis", "Figures", "Range", "Spacing", "Spread", "figures", "path_speed", "spacing", "tracking_error"]
 
 _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-10  # [mm]
 _SLOPE_REACH = 0.25  # [mm]
+_LEAST_SLOPE = 0.3
+_LEAST_OVERLAP = 0.02  # of the second turn over the first, for a spacing to speak of [rad]
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,8 @@ class Figures:
         generation: commanded position to the requested path.
         contour: nozzle to the requested path.
         speed: path speed of the nozzle.
-        path_length: length of the commanded path [mm].
-        duration: of the run [s].
+        path_length: length of the commanded path, as far as the dispenser was on [mm].
+        duration: time at which the commanded motion ends [s].
         end_point: the nozzle at the end, (x, y, z) [mm].
     """
 
@@ -93,32 +95,66 @@ class Figures:
     end_point: tuple[float, float, float]
 
 
+class Analysis:
+    """A run's traces held against its requested path; each is worked out once, when it is first asked for.
+
+    The traces are followed along the path in the order of the motion, so an error is to the part of the path
+    that the trace has come to, not to a neighbouring turn that may be nearer.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+
+    @cached_property
+    def commanded(self) -> Projection:
+        """Commanded positions on the requested path, all ticks: its distance is the generation error."""
+        return self.run.requested.follow(self.run.commanded_tip)
+
+    @cached_property
+    def nozzle(self) -> Projection:
+        """The nozzle on the requested path, all ticks: its distance is the contour error."""
+        return self.run.requested.follow(self.run.nozzle)
+
+    @cached_property
+    def spacing(self) -> Spacing:
+        """Spacing of neighbouring turns of what has been dispensed."""
+        return _spacing(self.run.requested, self.nozzle, self.run.dispense)
+
+    @cached_property
+    def figures(self) -> Figures:
+        """The figures; of a run that a fault ended, those up to the fault.
+
+        Raises:
+            InputError: the dispenser is never on.
+        """
+        run, on = self.run, self.run.dispense
+        if not on.any():
+            raise InputError("the dispenser is never on in this run: its figures are taken while it is")
+        along = dot(run.commanded_tip - run.encoder_tip, run.requested.tangent(self.commanded.s))
+        error = tracking_error(run)
+        laid = on[1:] & on[:-1]
+        moving = np.flatnonzero(np.any(np.diff(run.commanded, axis=0) != 0, axis=1))
+        x, y, z = run.nozzle[-1].tolist()
+        return Figures(
+            spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
+            tracking={name: Spread.of(error[on, a]) for a, name in enumerate(run.axes)},
+            tracking_along=Spread.of(along[on]),
+            generation=Spread.of(self.commanded.distance[on]),
+            contour=Spread.of(self.nozzle.distance[on]),
+            speed=Range.of(path_speed(run)[on]),
+            path_length=float(np.linalg.norm(np.diff(run.commanded_tip, axis=0), axis=1)[laid].sum()),
+            duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
+            end_point=(x, y, z),
+        )
+
+
 def figures(run: Run) -> Figures:
     """Return the figures of a run; of one that a fault ended, those up to the fault.
 
     Raises:
         InputError: the dispenser is never on.
     """
-    on = run.dispense
-    if not on.any():
-        raise InputError("the dispenser is never on in this run: its figures are taken while it is")
-    commanded = run.requested.project(run.commanded_tip[on])
-    nozzle = run.requested.project(run.nozzle[on])
-    along = _dot(run.commanded_tip[on] - run.encoder_tip[on], run.requested.tangent(commanded.s))
-    turns = spacing(run.requested, run.nozzle[on])
-    error = tracking_error(run)
-    x, y, z = run.nozzle[-1].tolist()
-    return Figures(
-        spacing=Range.of(turns.distance) if turns.distance.size else None,
-        tracking={name: Spread.of(error[on, a]) for a, name in enumerate(run.axes)},
-        tracking_along=Spread.of(along),
-        generation=Spread.of(commanded.distance),
-        contour=Spread.of(nozzle.distance),
-        speed=Range.of(path_speed(run)[on]),
-        path_length=float(np.linalg.norm(np.diff(run.commanded_tip[on], axis=0), axis=1).sum()),
-        duration=float(run.time[-1]),
-        end_point=(x, y, z),
-    )
+    return Analysis(run).figures
 
 
 def tracking_error(run: Run) -> Floats:
@@ -130,7 +166,7 @@ def path_speed(run: Run) -> Floats:
     """Speed of the nozzle in the work frame, by central differences over two servo periods, (n,) [mm/s]."""
     if len(run.time) < 2:
         return np.zeros(len(run.time))
-    speed: Floats = np.linalg.norm(np.gradient(run.nozzle, run.time, axis=0), axis=1)
+    speed: Floats = np.linalg.norm(np.gradient(run.nozzle, run.period, axis=0), axis=1)
     return speed
 
 
@@ -146,9 +182,14 @@ def spacing(path: Path, trace: ArrayLike) -> Spacing:
         path: the requested path.
         trace: points in the order of the motion, (n, 3) [mm].
     """
-    foot = path.project(trace)
-    s, first = np.unique(foot.s, return_index=True)
-    lateral = foot.lateral[first]
+    foot = path.follow(trace)
+    return _spacing(path, foot, np.ones(foot.s.size, bool))
+
+
+def _spacing(path: Path, foot: Projection, on: NDArray[np.bool_]) -> Spacing:
+    """Spacing of a trace from its projection, of the points where `on` is set, on both turns."""
+    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
+    s, lateral, laid = foot.s[forward], foot.lateral[forward], on[forward].astype(float)
 
     def offset(at: Floats) -> Floats:
         error: Floats = np.interp(at, s, lateral)
@@ -158,31 +199,37 @@ def spacing(path: Path, trace: ArrayLike) -> Spacing:
         point: Floats = path.position(at) + offset(at)[:, None] * path.normal(at)
         return point
 
+    def slope(at: Floats) -> Floats:
+        low, high = np.maximum(at - _SLOPE_REACH, s[0]), np.minimum(at + _SLOPE_REACH, s[-1])
+        ratio: Floats = (offset(high) - offset(low)) / (high - low)
+        return ratio
+
+    def direction(at: Floats) -> Floats:
+        """The trace's derivative over s, (m, 3)."""
+        ahead = 1 - path.curvature(at) * offset(at)
+        along: Floats = ahead[:, None] * path.tangent(at) + slope(at)[:, None] * path.normal(at)
+        return along
+
     heading = path.heading(s)
     sense = np.sign(heading[-1] - heading[0])
     turned = np.maximum.accumulate((heading - heading[0]) * sense)  # a spiral's heading is monotonic
-    inner = np.flatnonzero(turned + 2 * np.pi <= turned[-1]) if sense else np.zeros(0, np.intp)
-    if not inner.size:
+    inner = np.flatnonzero((turned + 2 * np.pi <= turned[-1]) & (laid == 1))
+    if turned[-1] < 2 * np.pi + _LEAST_OVERLAP or not inner.size:
         return Spacing(np.zeros(0), np.zeros(0), np.zeros(0))
     at = s[inner]
-    low, high = np.maximum(at - _SLOPE_REACH, s[0]), np.minimum(at + _SLOPE_REACH, s[-1])
-    slope = (offset(high) - offset(low)) / (high - low)
-    ahead = 1 - path.curvature(at) * offset(at)
-    angle = np.arctan2(slope, ahead)[:, None]
-    tangent = np.cos(angle) * path.tangent(at) + np.sin(angle) * path.normal(at)
-    normal = np.cos(angle) * path.normal(at) - np.sin(angle) * path.tangent(at)
+    tangent = direction(at)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0], np.zeros(inner.size)], axis=1)
     point = place(at)
-    met_at = np.interp(turned[inner] + 2 * np.pi, turned, s)
+    guess = np.interp(turned[inner] + 2 * np.pi, turned, s)
+    met_at = guess
     for _ in range(_NEWTON_STEPS):
-        step = _dot(place(met_at) - point, tangent)
+        # where the two turns' directions differ much the step is kept short
+        step = dot(place(met_at) - point, tangent) / np.maximum(dot(direction(met_at), tangent), _LEAST_SLOPE)
         met_at = met_at - step
         if np.max(np.abs(step)) < _NEWTON_TOLERANCE:
             break
-    met = (met_at <= s[-1]) & (met_at >= s[0])
-    distance = np.abs(_dot(place(met_at) - point, normal))
+    met = (np.abs(step) < 1e3 * _NEWTON_TOLERANCE) & (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
+    met &= np.interp(met_at, s, laid) == 1
+    distance = np.abs(dot(place(met_at) - point, normal))
     return Spacing(at[met], turned[inner][met] / (2 * np.pi), distance[met])
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    product: Floats = np.einsum("ij,ij->i", a, b)
-    return product

@@ -7,19 +7,19 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats
-from gantrysim.metrics import Figures, spacing, tracking_error
-from gantrysim.run import Run
+from gantrysim.metrics import Analysis, tracking_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["save_plots"]
+__all__ = ["draw_error", "draw_plan", "draw_spacing", "save_plots"]
 
 _UM = 1e3
-_COLOURS = {"requested": "0.55", "generation": "#4477aa", "contour": "#d1580b", "fault": "#bb0022"}
+_COLOURS = {"requested": "0.55", "generation": "#b8a000", "contour": "#882255", "fault": "#bb0022"}
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _STYLE: dict[Any, Any] = {
     "font.size": 10,
@@ -33,9 +33,7 @@ _STYLE: dict[Any, Any] = {
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-def save_plots(
-    run: Run, figures: Figures, folder: FilePath, progress: Callable[[float], None] | None = None
-) -> list[FilePath]:
+def save_plots(analysis: Analysis, folder: FilePath, progress: Callable[[float], None] | None = None) -> list[FilePath]:
     """Write plan.png, error.png and, where the trace has neighbouring turns, spacing.png.
 
     Returns:
@@ -45,17 +43,17 @@ def save_plots(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    drawings = {"plan": (_plan, (7.0, 7.0)), "error": (_error, (9.0, 6.5))}
-    if figures.spacing is not None:
-        drawings["spacing"] = (_spacing, (8.0, 4.6))
+    drawings = {"plan": (draw_plan, (7.0, 7.0)), "error": (draw_error, (9.0, 6.5))}
+    if analysis.spacing.distance.size:
+        drawings["spacing"] = (draw_spacing, (8.0, 4.6))
     written = []
     with matplotlib.rc_context(_STYLE):
         for name, (draw, size) in drawings.items():
             figure = Figure(figsize=size, layout="constrained")
             FigureCanvasAgg(figure)
-            draw(figure, run)
-            if run.fault is not None:
-                figure.text(0.5, 0.005, f"fault: {run.fault}", color=_COLOURS["fault"], ha="center", va="bottom")
+            draw(figure, analysis)
+            if analysis.run.fault is not None:
+                figure.supxlabel(f"fault: {analysis.run.fault}", color=_COLOURS["fault"], fontsize="medium")
             written.append(folder / f"{name}.png")
             figure.savefig(written[-1])
             if progress is not None:
@@ -63,75 +61,103 @@ def save_plots(
     return written
 
 
-def _plan(figure: Figure, run: Run) -> None:
-    """Requested path, and the nozzle's trace with its error to the path magnified."""
+def draw_plan(figure: Figure, analysis: Analysis) -> None:
+    """Draw the requested path, and the nozzle's trace with its error to the path magnified."""
+    run, on = analysis.run, analysis.run.dispense
     axes = figure.add_subplot()
-    trace = run.nozzle[run.dispense]
-    foot = run.requested.project(trace)
-    # the largest factor that keeps the drawn error below a fifth of the spacing of neighbouring turns
-    turns = spacing(run.requested, trace).distance
-    room = 0.2 * float(turns.mean()) if turns.size else 0.02 * float(np.ptp(trace[:, :2], axis=0).max())
-    usual = max(float(np.percentile(foot.distance, 99)), 1e-9)
-    factor = max((m for m in _MAGNIFICATIONS if m * usual <= room), default=1)
-    drawn = trace + (factor - 1) * foot.offset
+    trace, offset = run.nozzle[on], analysis.nozzle.offset[on]
+    distance = analysis.nozzle.distance[on]
+    factor = _magnification(analysis)
+    drawn = trace + (factor - 1) * offset
     line = run.requested.position(np.linspace(0, run.requested.length, 4000))
     axes.plot(line[:, 0], line[:, 1], color=_COLOURS["requested"], lw=1.0, label="requested path")
-    label = f"nozzle, error x {factor}" if factor > 1 else "nozzle"
+    label = f"nozzle, error magnified {factor} times" if factor > 1 else "nozzle"
     axes.plot(drawn[:, 0], drawn[:, 1], color=_COLOURS["contour"], lw=1.0, label=label)
-    axes.plot(*trace[0, :2], "o", ms=5, color="0.2")
-    axes.annotate("start", (trace[0, 0], trace[0, 1]), xytext=(6, -4), textcoords="offset points", va="top")
-    axes.plot(*trace[-1, :2], "s", ms=5, color="0.2")
-    axes.annotate("end", (trace[-1, 0], trace[-1, 1]), xytext=(6, -4), textcoords="offset points", va="top")
-    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view on machine {run.machine}")
-    axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.0), framealpha=0.9, frameon=True)
+    worst = int(distance.argmax())
+    worst_label = f"largest error, {_UM * distance[worst]:.0f} µm"
+    axes.plot(*drawn[worst, :2], "v", ms=7, mfc="none", color=_COLOURS["fault"], ls="none", label=worst_label)
+    for k, mark, name in ((0, "o", "start"), (-1, "s", "end")):
+        axes.plot(*trace[k, :2], mark, ms=5, color="0.2")
+        axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
+    figure.legend(loc="outside lower center", ncols=3)
 
 
-def _error(figure: Figure, run: Run) -> None:
-    """Error against time: tracking per axis above, and what the part sees below."""
-    on = run.dispense
+def _magnification(analysis: Analysis) -> int:
+    """The largest round factor that keeps the drawn error below a fifth of the turns' spacing, or of the size."""
+    trace = analysis.run.nozzle[analysis.run.dispense]
+    turns = analysis.spacing.distance
+    room = 0.2 * float(turns.mean()) if turns.size else 0.02 * float(np.ptp(trace[:, :2], axis=0).max())
+    usual = max(float(np.percentile(analysis.nozzle.distance[analysis.run.dispense], 99)), 1e-9)
+    return max((factor for factor in _MAGNIFICATIONS if factor * usual <= room), default=1)
+
+
+def draw_error(figure: Figure, analysis: Analysis) -> None:
+    """Draw errors against time: tracking per axis above, and what the part sees below."""
+    run, on = analysis.run, analysis.run.dispense
     upper, lower = figure.subplots(2, sharex=True)
+    error = _UM * tracking_error(run)
     for a, name in enumerate(run.axes):
-        upper.plot(run.time, _UM * tracking_error(run)[:, a], color=_AXIS_COLOURS[a], lw=0.9, label=name)
+        upper.plot(run.time, error[:, a], color=_AXIS_COLOURS[a], lw=0.9, label=name)
+    _clip(upper, run.time[on], error[on])
     upper.set(ylabel="commanded - encoder [µm]", title="Tracking error of the axes")
     upper.legend(loc="upper right", ncols=len(run.axes))
+    generation, contour = _UM * analysis.commanded.lateral, _UM * analysis.nozzle.lateral
+    masked = np.where(on, 1.0, np.nan)
+    lower.plot(run.time, masked * contour, color=_COLOURS["contour"], lw=0.9, label="contour: nozzle")
     lower.plot(
-        run.time[on],
-        _UM * _lateral(run, run.commanded_tip[on]),
-        color=_COLOURS["generation"],
-        lw=0.9,
-        label="generation",
-    )
-    lower.plot(
-        run.time[on], _UM * _lateral(run, run.nozzle[on]), color=_COLOURS["contour"], lw=0.9, label="contour (nozzle)"
+        run.time, masked * generation, color=_COLOURS["generation"], lw=1.4, ls="--", label="generation: commanded"
     )
     lower.set(xlabel="time [s]", ylabel="left of the requested path [µm]", title="Error normal to the requested path")
     lower.legend(loc="upper right", ncols=2)
     for axes in (upper, lower):
         axes.axhline(0, color="0.4", lw=0.6)
         axes.margins(x=0.01)
-        if not on.all():
-            axes.axvspan(run.time[on][-1], run.time[-1], color="0.5", alpha=0.12, lw=0)
+        for start, end in _spans(~on):
+            axes.axvspan(run.time[start], run.time[end], color="0.5", alpha=0.12, lw=0)
+            axes.annotate(
+                "dispenser off",
+                (run.time[start], 0.03),
+                xycoords=("data", "axes fraction"),
+                rotation=90,
+                fontsize=7,
+                va="bottom",
+            )
 
 
-def _lateral(run: Run, points: Floats) -> Floats:
-    return run.requested.project(points).lateral
+def _clip(axes: Axes, time: Floats, error: Floats) -> None:
+    """Let rare peaks leave the picture, and write down how high the highest is."""
+    largest = np.abs(error).max()
+    usual = 1.6 * float(np.percentile(np.abs(error).max(axis=1), 99.5))
+    if largest <= usual or usual == 0:
+        return
+    axes.set_ylim(-usual, usual)
+    k, a = np.unravel_index(int(np.abs(error).argmax()), error.shape)
+    at = (time[k], np.sign(error[k, a]) * usual)
+    text = f"peak {error[k, a]:.0f} µm at {time[k]:.3f} s"
+    axes.annotate(
+        text, at, xytext=(8, -12 if at[1] > 0 else 6), textcoords="offset points", color=_AXIS_COLOURS[int(a)]
+    )
 
 
-def _spacing(figure: Figure, run: Run) -> None:
-    """Spacing of neighbouring turns, turn by turn."""
+def _spans(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(start), int(end) - 1) for start, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def draw_spacing(figure: Figure, analysis: Analysis) -> None:
+    """Draw the spacing of neighbouring turns, turn by turn."""
     axes = figure.add_subplot()
-    turns = spacing(run.requested, run.nozzle[run.dispense])
+    turns, asked = analysis.spacing, analysis.run.requested.turn_spacing
     number = np.floor(turns.turn).astype(int)
     for k in np.unique(number):
         chosen = number == k
         angle = 360 * (turns.turn[chosen] - k)
-        axes.plot(
-            angle,
-            turns.distance[chosen],
-            lw=1.2,
-            color=_AXIS_COLOURS[k % len(_AXIS_COLOURS)],
-            label=f"turn {k + 1} to {k + 2}",
-        )
+        colour = _AXIS_COLOURS[k % len(_AXIS_COLOURS)]
+        axes.plot(angle, turns.distance[chosen], lw=1.2, color=colour, label=f"turn {k + 1} to {k + 2}")
+    if asked is not None:
+        axes.axhline(asked, color="0.3", lw=1.0, ls="--", label=f"asked for: {asked:g} mm")
     axes.set(
         xlabel="angle of the tangent within the turn [deg]",
         ylabel="spacing [mm]",
@@ -139,9 +165,5 @@ def _spacing(figure: Figure, run: Run) -> None:
     )
     axes.set_xticks(range(0, 361, 45))
     axes.set_xlim(0, 360)
-    _plain_ticks(axes)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-def _plain_ticks(axes: Axes) -> None:
     axes.ticklabel_format(axis="y", useOffset=False)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

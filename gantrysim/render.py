@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.errors import GantryError, InputError, positive, unknown
+from gantrysim.errors import GantryError, InputError, positive, unknown, whole
 from gantrysim.machine import WORK, Machine
 from gantrysim.run import Run
 from gantrysim.sweep import Bead
@@ -22,9 +22,10 @@ __all__ = ["NoOpenGLError", "Renderer", "save_video"]
 
 Image = NDArray[np.uint8]
 
-_BEAD = "bead"
+_BEAD = "gantrysim bead"
 _BEAD_COLOUR = (0.98, 0.58, 0.10, 1.0)
 _DEFAULT_GAP = 0.5  # [mm]
+_LONGEST_VIDEO = 60.0  # [s]
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 
 
@@ -35,6 +36,8 @@ class NoOpenGLError(GantryError, RuntimeError):
 def _gl_context(width: int, height: int) -> Any:
     """Return an offscreen context: EGL, else OSMesa, or what MUJOCO_GL asks for."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
+    if asked in ("off", "false", "0", "disable", "disabled"):
+        raise NoOpenGLError(f"MUJOCO_GL is {asked}")
     wanted = [asked] if asked in ("egl", "osmesa") else ["egl", "osmesa"]
     failures = ""
     for backend in wanted:
@@ -59,7 +62,7 @@ class Renderer:
     Args:
         machine: the machine that ran.
         run: the record.
-        camera: name of a camera of the machine.
+        camera: name of a camera of the machine; by default "overview", or a view of everything where there is none.
         size: width and height of the pictures [pixels].
 
     Raises:
@@ -68,29 +71,22 @@ class Renderer:
     """
 
     def __init__(
-        self, machine: Machine, run: Run, camera: str = "overview", size: tuple[int, int] = (640, 480)
+        self, machine: Machine, run: Run, camera: str | None = None, size: tuple[int, int] = (640, 480)
     ) -> None:
-        self.size = size
-        self._machine, self._run = machine, run
         width, height = (
-            int(positive(f"{name} of the picture", value, "pixels"))
-            for name, value in zip(("width", "height"), size, strict=True)
+            whole(f"{name} of the picture", n, 1) for name, n in zip(("width", "height"), size, strict=True)
         )
+        self.size = (width, height)
+        self._machine, self._run = machine, run
         self.bead = Bead(run, _gap(machine))
         self.model = _with_bead(machine, self.bead, width, height)
         self.data = mujoco.MjData(self.model)
-        self.camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
-        if self.camera < 0:
-            names = [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(self.model.ncam)]
-            raise unknown("camera", camera, names)
+        self.view = _view(self.model, camera)
         self._gl = _gl_context(width, height)
         self._context = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(self.model, maxgeom=2000)
         self._option = mujoco.MjvOption()
-        self._view = mujoco.MjvCamera()
-        self._view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._view.fixedcamid = self.camera
 
     def __enter__(self) -> Self:
         return self
@@ -122,7 +118,7 @@ class Renderer:
         self.pose(tick)
         width, height = self.size
         mujoco.mjv_updateScene(
-            self.model, self.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
+            self.model, self.data, self._option, None, self.view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
         viewport = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(viewport, self._scene, self._context)
@@ -136,27 +132,33 @@ def save_video(
     run: Run,
     file: Path,
     *,
-    camera: str = "overview",
+    camera: str | None = None,
     size: tuple[int, int] = (800, 600),
     fps: float = 25.0,
+    speed: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> int:
-    """Write an MP4 of a run in real time and return its number of frames.
+    """Write an MP4 of a run and return its number of frames.
 
     Args:
         machine: the machine that ran.
         run: the record.
         file: to write.
-        camera: name of a camera of the machine.
+        camera: name of a camera of the machine, as for `Renderer`.
         size: width and height, even numbers [pixels].
         fps: frames per second.
+        speed: seconds of the run in a second of video; by default 1, and more where the video would be longer than
+            a minute.
         progress: called after each frame with the share that is done, 0 to 1.
     """
     import imageio.v2 as imageio
 
     if any(value % 2 for value in size):
         raise InputError(f"size of the video = {size[0]} x {size[1]}: must be even numbers of pixels")
-    ticks = list(_frame_ticks(run, positive("frames per second", fps, "1/s")))
+    if speed is None:
+        speed = max(1.0, float(np.ceil(run.time[-1] / _LONGEST_VIDEO)))
+    per_frame = positive("speed of the video", speed) / positive("frames per second", fps, "1/s")
+    ticks = list(_frame_ticks(run, per_frame))
     with (
         Renderer(machine, run, camera, size) as renderer,
         imageio.get_writer(file, fps=fps, codec="libx264", quality=8, macro_block_size=1) as writer,
@@ -168,10 +170,24 @@ def save_video(
     return len(ticks)
 
 
-def _frame_ticks(run: Run, fps: float) -> Iterator[int]:
-    count = max(1, round(float(run.time[-1]) * fps) + 1)
-    for k in range(count):
-        yield min(round(k / fps / run.period), len(run.time) - 1)
+def _frame_ticks(run: Run, per_frame: float) -> Iterator[int]:
+    for k in range(round(float(run.time[-1]) / per_frame) + 1):
+        yield min(round(k * per_frame / run.period), len(run.time) - 1)
+
+
+def _view(model: mujoco.MjModel, camera: str | None) -> mujoco.MjvCamera:
+    """Return the named camera; without a name the one called overview, else a free one that sees everything."""
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(model.ncam)]
+    view = mujoco.MjvCamera()
+    if camera is None and "overview" not in names:
+        mujoco.mjv_defaultFreeCamera(model, view)
+        return view
+    wanted = camera or "overview"
+    if wanted not in names:
+        raise unknown("camera", wanted, names)
+    view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    view.fixedcamid = names.index(wanted)
+    return view
 
 
 def _gap(machine: Machine) -> float:

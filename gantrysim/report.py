@@ -8,7 +8,7 @@ import platform
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -24,42 +24,47 @@ from gantrysim.run import Run
 __all__ = ["JOB", "PLOTS", "RUN", "SUMMARY", "VIDEO", "output_folder", "summary", "versions", "write_run"]
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
+_FILES = (JOB, RUN, SUMMARY, VIDEO, *(f"{PLOTS}/{name}.png" for name in ("plan", "error", "spacing")))
 
 _UM = 1e3
 
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[Path]:
-    """Give a scratch folder beside `folder`; on success its content takes the place of an earlier run's.
+    """Give a scratch folder inside `folder`; on success its files take the places of an earlier run's.
+
+    Other files in the folder stay. On failure nothing is left, not even a folder that was not there before.
 
     Raises:
-        InputError: the folder cannot be made.
+        InputError: the folder cannot be made, or holds such files that no run has written.
     """
     target = folder.expanduser().absolute()
+    made = [parent for parent in (target, *target.parents) if not parent.exists()]
+    if target.exists() and not target.is_dir():
+        raise InputError(f"--out {folder}: is a file, must be a folder")
+    foreign = [name for name in _FILES if (target / name).exists()]
+    if foreign and not (target / RUN).exists():
+        raise InputError(f"--out {folder}: holds {foreign[0]}, which no run has written: name another folder")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists() and not target.is_dir():
-            raise InputError(f"--out {folder}: is a file, must be a folder")
-        scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+        target.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=".partial-", dir=target))
     except OSError as error:
         raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
     try:
+        (scratch / PLOTS).mkdir()
         yield scratch
-        target.mkdir(exist_ok=True)
-        for name in (JOB, RUN, SUMMARY, VIDEO, PLOTS):
-            _replace(scratch / name, target / name)
+        (target / PLOTS).mkdir(exist_ok=True)
+        for name in _FILES:
+            if (scratch / name).exists():
+                (scratch / name).replace(target / name)
+            else:  # the one there is another run's
+                (target / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-
-
-def _replace(new: Path, old: Path) -> None:
-    """Put `new` in the place of `old`; where there is no new one the old one belongs to another run."""
-    if old.is_dir():
-        shutil.rmtree(old)
-    elif old.exists():
-        old.unlink()
-    if new.exists():
-        new.replace(old)
+        if not (target / RUN).exists():
+            for parent in made:
+                with suppress(OSError):
+                    parent.rmdir()
 
 
 def write_run(folder: Path, job: Job, machine: Machine, run: Run, figures: Figures) -> None:
@@ -73,14 +78,15 @@ def write_run(folder: Path, job: Job, machine: Machine, run: Run, figures: Figur
 def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
-    bead_spacing_mm is null where the trace has no neighbouring turns; tracking_error_um.path is the tracking
-    error along the path; path_length_mm is that of the commanded path; end_point_mm is the nozzle in the
-    work frame when the run ends; fault is null where the run went through.
+    requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace has no
+    neighbouring turns; tracking_error_um.path is the tracking error along the path; path_length_mm is that of the
+    commanded path while the dispenser was on; duration_s is the time at which the commanded motion ends;
+    end_point_mm is the nozzle in the work frame when the run ends; fault is null where the run went through.
     """
     return {
         "job": job.name,
         "machine": machine.name,
-        "requested_spacing_mm": job.controller.thickness,
+        "requested_spacing_mm": run.requested.turn_spacing,
         "bead_spacing_mm": None if figures.spacing is None else asdict(figures.spacing),
         "tracking_error_um": {
             **{name: _micrometres(spread) for name, spread in figures.tracking.items()},

@@ -57,6 +57,7 @@ class Run:
         machine: name of the machine.
         axes: names of its axes.
         requested: the requested path, in the work frame.
+        period: servo period [s].
         time: (n,) [s].
         commanded: setpoints, DPOS, (n, axes) [mm].
         encoder: positions as the controller measured them, MPOS, (n, axes) [mm].
@@ -75,6 +76,7 @@ class Run:
     machine: str
     axes: tuple[str, ...]
     requested: Path
+    period: float
     time: Floats
     commanded: Floats
     commanded_tip: Floats
@@ -90,14 +92,11 @@ class Run:
     fault: Fault | None = None
 
     def __post_init__(self) -> None:
-        for value in vars(self).values():
+        for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-
-    @property
-    def period(self) -> float:
-        """Servo period [s]."""
-        return float(self.time[1]) if len(self.time) > 1 else float("nan")
+                own = value.copy()  # the caller's array stays the caller's
+                own.flags.writeable = False
+                object.__setattr__(self, name, own)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the record to a NumPy .npz file."""
@@ -106,7 +105,8 @@ class Run:
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
         arrays["format"] = _FORMAT
-        np.savez_compressed(file, **arrays)
+        with FilePath(file).open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:
@@ -124,6 +124,7 @@ class Run:
             fault = json.loads(str(content.pop("fault")))
             return cls(
                 machine=str(content.pop("machine")),
+                period=float(content.pop("period")),
                 axes=tuple(str(name) for name in content.pop("axes")),
                 requested=Path.build(path["kind"], path["parameters"]),
                 fault=Fault(**fault) if fault else None,

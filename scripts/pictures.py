@@ -6,7 +6,8 @@ from pathlib import Path
 
 import imageio.v2 as imageio
 
-from gantrysim import Job, metrics
+from gantrysim import Job
+from gantrysim.metrics import Analysis
 from gantrysim.plots import save_plots
 from gantrysim.render import Renderer
 
@@ -20,5 +21,5 @@ FOLDER.mkdir(exist_ok=True)
 with Renderer(job.built_machine, run, "overview", SIZE) as renderer:
     imageio.imwrite(FOLDER / "an225.png", renderer.frame(int(SHARE * len(run.time))))
 with tempfile.TemporaryDirectory() as scratch:
-    for plot in save_plots(run, metrics.figures(run), Path(scratch)):
+    for plot in save_plots(Analysis(run), Path(scratch)):
         shutil.copy(plot, FOLDER / f"an225-{plot.name}")

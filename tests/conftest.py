@@ -10,7 +10,7 @@ from gantrysim.controllers.path import ArcChain
 
 RIGID = """
 <mujoco model="rigid">
-  <option timestep="0.00025" integrator="Euler" gravity="0 0 0"/>
+  <option timestep="0.0005" integrator="Euler" gravity="0 0 0"/>
   <size nuser_jnt="1" nuser_sensor="1"/>
   <default>
     <joint type="slide" damping="{damping}" range="-{travel} {travel}" user="{speed}"/>

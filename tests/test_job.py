@@ -76,7 +76,7 @@ BAD = {
     "ambiguous": (["controller=trio.Spiral"], "unknown controller 'trio.Spiral': did you mean trio.MoveSpiral"),
     "servo": (["damping=-1"], "damping = -1: must be greater than 0"),
     "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
-    "settle": (["settle=-1"], "hold = -1 s: must be at least 0 s"),
+    "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
     "machine": (["machine=xyq"], "unknown model 'xyq': did you mean xy"),
 }
 

@@ -44,6 +44,7 @@ def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERI
         machine="none",
         axes=("x", "y"),
         requested=path,
+        period=PERIOD,
         time=np.arange(rows) * PERIOD,
         commanded=tip[:, :2],
         commanded_tip=tip,

@@ -34,9 +34,9 @@ def dry(run):
 def to_pixels(renderer, points):
     """Columns and rows at which world points [m] appear, (n, 2): a pinhole of the camera's field of view."""
     width, height = renderer.size
-    frame = renderer.data.cam_xmat[renderer.camera].reshape(3, 3)
-    seen = (points - renderer.data.cam_xpos[renderer.camera]) @ frame
-    focal = 0.5 * height / np.tan(0.5 * np.radians(renderer.model.cam_fovy[renderer.camera]))
+    frame = renderer.data.cam_xmat[renderer.view.fixedcamid].reshape(3, 3)
+    seen = (points - renderer.data.cam_xpos[renderer.view.fixedcamid]) @ frame
+    focal = 0.5 * height / np.tan(0.5 * np.radians(renderer.model.cam_fovy[renderer.view.fixedcamid]))
     column = 0.5 * width + focal * seen[:, 0] / -seen[:, 2]
     row = 0.5 * height - focal * seen[:, 1] / -seen[:, 2]
     return np.stack([column, row], axis=1)
@@ -45,8 +45,8 @@ def to_pixels(renderer, points):
 def in_sight(renderer, points):
     """Whether nothing but the work lies between the camera and each point [m]."""
     model, data = renderer.model, renderer.data
-    eye = data.cam_xpos[renderer.camera].copy()
-    bead = model.geom("bead").id
+    eye = data.cam_xpos[renderer.view.fixedcamid].copy()
+    bead = model.geom("gantrysim bead").id
     visible = []
     for point in points:
         way = point - eye
@@ -124,7 +124,7 @@ def test_the_nozzle_follows_the_log(xy, dry, camera):
         # the needle is the geom whose lower end is the site: paint it so that nothing else has its colour
         ends = [model.geom_pos[g] - [0, 0, model.geom_size[g, 1]] for g in geoms]
         needle = geoms[int(np.argmin([np.linalg.norm(end - model.site_pos[site.id]) for end in ends]))]
-        material = renderer.model.material("bead").id
+        material = renderer.model.material("gantrysim bead").id
         model.geom_matid[needle] = material
         model.mat_rgba[material] = (1, 0, 1, 1)
         model.mat_emission[material] = 1
@@ -192,7 +192,7 @@ def test_bad_pictures_are_refused(xy, run, tmp_path):
         Renderer(xy, run, "topp")
     with pytest.raises(InputError, match="size of the video = 321 x 240: must be even"):
         save_video(xy, run, tmp_path / "video.mp4", size=(321, 240))
-    with pytest.raises(InputError, match="width of the picture = 0 pixels: must be greater than 0"):
+    with pytest.raises(InputError, match="width of the picture = 0: must be at least 1"):
         Renderer(xy, run, size=(0, 10))
     assert not list(tmp_path.iterdir())
 

@@ -1,5 +1,6 @@
 """Derived gains and the law itself."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -32,13 +33,19 @@ def margin(frequency, damping, lag):
 
 
 @given(st.floats(0.5, 3.0), st.floats(1e-4, 0.1))
-def test_natural_frequency_leaves_the_phase_margin(damping, lag):
-    assert margin(natural_frequency(lag, damping, 50.0), damping, lag) == pytest.approx(50.0, abs=0.01)
+def test_natural_frequency_keeps_its_share_of_the_phase_margin(damping, lag):
+    frequency = natural_frequency(lag, damping, 0.6)
+    assert margin(frequency, damping, lag) == pytest.approx(0.6 * margin(frequency, damping, 0.0), abs=0.01)
 
 
-def test_natural_frequency_has_no_answer_without_damping():
-    with pytest.raises(InputError, match=r"damping = 0.2: leaves no phase margin of 50 deg.*give a frequency"):
-        natural_frequency(1e-3, 0.2)
+def test_the_default_leaves_fifty_degrees_to_a_loop_of_critical_damping():
+    assert margin(natural_frequency(1e-3, 1.0), 1.0, 1e-3) == pytest.approx(50.9, abs=0.1)
+
+
+def test_delay_and_lag_and_period_all_slow_the_loop_down():
+    base = Servo.derive([Plant()], 1e-3).kp[0]
+    assert Servo.derive([Plant()], 1e-3, delay=5e-4).kp[0] == pytest.approx(base * (1.3 / 1.8) ** 2)
+    assert Servo.derive([Plant(lag=8e-4)], 1e-3).kp[0] == pytest.approx(base * (1.3 / 1.8) ** 2)
 
 
 @given(st.floats(1.0, 100.0), st.floats(0.1, 3.0), st.floats(1e-6, 1e-2))
@@ -115,6 +122,18 @@ BAD = {
 def test_bad_servos_are_refused(change, text):
     with pytest.raises(InputError, match=text):
         Servo.derive([Plant()], **{"period": 1e-3, **change})
+
+
+def test_values_are_converted_and_lists_are_checked_as_tuples_are():
+    servo = Servo.derive([Plant()], kp=np.int64(2), resolution=np.float32(0.5))
+    assert servo.kp == (2.0,)
+    assert isinstance(servo.kp[0], float)
+    with pytest.raises(InputError, match="kd = nan: must be finite"):
+        dataclasses.replace(servo, kd=[math.nan])
+    with pytest.raises(InputError, match="ki has 2 values: must be 1"):
+        dataclasses.replace(servo, ki=[0.0, 0.0])
+    with pytest.raises(InputError, match="at least one axis"):
+        Servo.derive([])
 
 
 def test_a_gain_that_does_not_exist_is_a_type_error():

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.errors import InputError, unknown
 
-__all__ = ["ArcChain", "Floats", "Path", "Projection"]
+__all__ = ["ArcChain", "Floats", "Path", "Projection", "dot"]
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +26,11 @@ Floats = NDArray[np.float64]
 # where the two are as far to within spacing^2 / (8 distance).
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)
+# Following a trace: points this far apart are found one after the other [mm], the foot moving at most so many
+# times as far as the point; those between them are looked for within so many entries of the table.
+_ANCHOR = 1.0
+_REACH = 4.0
+_AROUND = 12
 _STEPS = 60
 _TOLERANCE = 1e-11  # [mm]
 
@@ -75,6 +80,11 @@ class Path(ABC):
     def length(self) -> float:
         """Arc length [mm]."""
 
+    @property
+    def turn_spacing(self) -> float | None:
+        """Distance asked for between neighbouring turns [mm]; None where the path has none."""
+        return None
+
     @abstractmethod
     def position(self, s: ArrayLike) -> Floats:
         """Points c(s), (n, 3) [mm]."""
@@ -106,20 +116,53 @@ class Path(ABC):
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
 
-        The foot lies between the neighbours of the nearest entry of a table, and is found there by Newton's
-        method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + kappa (c(s) - p).n(s), and by bisection where Newton's
-        step would leave the interval: at the path's ends, where the curvature jumps, near a centre of curvature.
-
         Args:
-            points: (n, 3) [mm].
+            points: in any order, (n, 3) [mm].
         """
         from scipy.spatial import cKDTree  # slow to import, and needed by the analysis alone
 
-        p = np.atleast_2d(np.asarray(points, float))
-        if p.shape[-1] != 3 or not np.isfinite(p).all():
-            raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
+        p = _points(points)
+        return self._foot(p, cKDTree(self._table[1]).query(p)[1])
+
+    def follow(self, trace: ArrayLike) -> Projection:
+        """Project a trace onto the path in the order of its points: each foot is the nearest near the one before.
+
+        So a trace stays on its own turn of a spiral, however far off it is. The first foot is the nearest of
+        the whole path, the earlier of two.
+
+        Args:
+            trace: points in the order of the motion, (n, 3) [mm].
+        """
+        p = _points(trace)
         s_table, p_table = self._table
-        nearest = cKDTree(p_table).query(p)[1]
+        spacing = s_table[1]
+        travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+        # first a few points, one after the other, then all between them at once
+        anchors = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1] + _ANCHOR, _ANCHOR)))
+        anchors = np.unique(np.append(anchors[anchors < len(p)], len(p) - 1))
+        feet = np.empty(anchors.size, np.intp)
+        distance = np.linalg.norm(p_table - p[0], axis=1)
+        feet[0] = np.flatnonzero(distance <= distance.min() + spacing)[0]
+        for k in range(1, anchors.size):
+            way = travelled[anchors[k]] - travelled[anchors[k - 1]]
+            reach = int(_REACH * (way + _ANCHOR) / spacing) + 1
+            low = max(feet[k - 1] - reach, 0)
+            window = p_table[low : feet[k - 1] + reach + 1] - p[anchors[k]]
+            feet[k] = low + int(np.argmin(dot(window, window)))
+        guess = np.round(np.interp(travelled, travelled[anchors], feet)).astype(np.intp)
+        around = np.arange(-_AROUND, _AROUND + 1)
+        candidates = np.clip(guess[:, None] + around, 0, s_table.size - 1)
+        squares = np.sum((p_table[candidates] - p[:, None]) ** 2, axis=2)
+        return self._foot(p, candidates[np.arange(len(p)), squares.argmin(axis=1)])
+
+    def _foot(self, p: Floats, nearest: NDArray[np.intp]) -> Projection:
+        """Project points, given the nearest entries of the table.
+
+        The foot lies between the neighbours of that entry, and is found there by Newton's method on
+        g(s) = (c(s) - p).t(s) = 0, with g' = 1 + kappa (c(s) - p).n(s), and by bisection where Newton's step would
+        leave the interval: at the path's ends, where the curvature jumps, near a centre of curvature.
+        """
+        s_table = self._table[0]
         s = s_table[nearest]
         low = s_table[np.maximum(nearest - 1, 0)]
         high = s_table[np.minimum(nearest + 1, s_table.size - 1)]
@@ -127,8 +170,8 @@ class Path(ABC):
         for _ in range(_STEPS):
             at = s[active]
             back = self.position(at) - p[active]
-            ahead = _dot(back, self.tangent(at))
-            slope = 1.0 + self.curvature(at) * _dot(back, self.normal(at))
+            ahead = dot(back, self.tangent(at))
+            slope = 1.0 + self.curvature(at) * dot(back, self.normal(at))
             beyond = ahead > 0
             high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
             step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
@@ -140,7 +183,7 @@ class Path(ABC):
             if not active.size:
                 break
         offset = p - self.position(s)
-        return Projection(s, offset, _dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
+        return Projection(s, offset, dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
 
 
 class ArcChain(Path):
@@ -220,6 +263,14 @@ def _arc(theta: Floats, kappa: Floats, s: Floats) -> Floats:
     return np.stack([chord * np.cos(theta + half), chord * np.sin(theta + half), np.zeros_like(s)], axis=-1)
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
+def _points(points: ArrayLike) -> Floats:
+    p = np.atleast_2d(np.asarray(points, float))
+    if p.shape[-1] != 3 or not np.isfinite(p).all():
+        raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
+    return p
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Scalar products of vectors, row by row, (n,)."""
     product: Floats = np.einsum("ij,ij->i", a, b)
     return product

@@ -7,6 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Protocol
 
+from numpy.typing import ArrayLike
+
+from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, at_least, finite, positive
 
 __all__ = ["AxisDynamics", "PlainLaw", "Servo", "Tick", "law"]
@@ -90,29 +93,33 @@ def law(
 
 @dataclass(frozen=True)
 class Tick:
-    """What a user's own law is given at each servo tick, one value per axis, in mm and s.
+    """What a user's own law is given at each servo tick.
 
     Attributes:
         time: time of the tick [s].
-        commanded: DPOS [mm].
-        measured: MPOS, quantised by the encoder [mm].
-        demand_velocity: dDPOS/T [mm/s].
-        demand_acceleration: ddDPOS/T^2 [mm/s²].
-        measured_velocity: dMPOS/T [mm/s].
+        period: servo period T [s].
+        commanded: DPOS, (axes,) [mm].
+        measured: MPOS, quantised by the encoder, (axes,) [mm].
+        error: following error DPOS - MPOS, (axes,) [mm].
+        demand_velocity: dDPOS/T, (axes,) [mm/s].
+        demand_acceleration: ddDPOS/T^2, (axes,) [mm/s²].
+        measured_velocity: dMPOS/T, (axes,) [mm/s].
     """
 
     time: float
-    commanded: Sequence[float]
-    measured: Sequence[float]
-    demand_velocity: Sequence[float]
-    demand_acceleration: Sequence[float]
-    measured_velocity: Sequence[float]
+    period: float
+    commanded: Floats
+    measured: Floats
+    error: Floats
+    demand_velocity: Floats
+    demand_acceleration: Floats
+    measured_velocity: Floats
 
 
 class PlainLaw(Protocol):
     """A law in plain Python: torque demands of all axes [N·m], from what one tick measures."""
 
-    def __call__(self, tick: Tick, /) -> Sequence[float]: ...
+    def __call__(self, tick: Tick, /) -> ArrayLike: ...
 
 
 @dataclass(frozen=True)
@@ -149,19 +156,12 @@ class Servo:
         if at_least("servo delay", self.delay, 0, "s") > self.period:
             raise InputError(f"servo delay = {self.delay:g} s: must be at most the period, {self.period:g} s")
         for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, tuple):
+            if field.name in ("period", "delay"):
                 continue
-            if len(value) != len(self.kp):
-                raise InputError(f"{field.name} has {len(value)} values: must be {len(self.kp)}, one per axis")
-            for number in value:
-                if field.name in ("torque_limit", "following_error_limit"):
-                    if not math.isinf(number):
-                        positive(field.name, number)
-                elif field.name == "resolution":
-                    at_least("encoder resolution", number, 0, "mm")
-                else:
-                    finite(field.name, number)
+            values = tuple(getattr(self, field.name))
+            if len(values) != len(self.kp) or not values:
+                raise InputError(f"{field.name} has {len(values)} values: must be {len(self.kp)}, one per axis")
+            object.__setattr__(self, field.name, tuple(_checked(field.name, value) for value in values))
 
     @property
     def axes(self) -> int:
@@ -201,6 +201,8 @@ class Servo:
             given: any gain, torque_limit or resolution that is not to be derived, one value or one per axis.
         """
         axes = list(axes)
+        if not axes:
+            raise InputError("a servo must have at least one axis")
         positive("servo period", period, "s")
         zeta = positive("damping", damping)
         share = at_least("feedforward", feedforward, 0)
@@ -226,30 +228,33 @@ class Servo:
                 raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
             if value is None:
                 continue
-            derived[name] = [value] * len(axes) if isinstance(value, int | float) else list(value)
+            derived[name] = list(value) if isinstance(value, Iterable) else [value] * len(axes)
             if len(derived[name]) != len(axes):
                 raise InputError(f"{name} has {len(derived[name])} values: must be one or {len(axes)}, one per axis")
         return cls(period=period, delay=delay, **{name: tuple(values) for name, values in derived.items()})
 
 
-def natural_frequency(lag: float, damping: float, phase_margin: float = 50.0) -> float:
-    """Return the natural frequency of a PD loop that keeps a phase margin despite a lag [Hz].
+def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
+    """Return the natural frequency of a PD loop that keeps a share of its phase margin despite a lag [Hz].
 
     The loop L(s) = (2 zeta w s + w^2) / s^2 crosses over at wc = w c, c^2 = 2 zeta^2 + sqrt(4 zeta^4 + 1),
-    with the phase margin atan(2 zeta c). A lag tau takes wc tau of it, so that
-    w = (atan(2 zeta c) - phase_margin) / (c tau). For a sampled servo tau is the drive's time constant plus one
+    with the phase margin atan(2 zeta c): 76 degrees where zeta is 1. A lag tau takes wc tau of it, so that
+    w = (1 - kept) atan(2 zeta c) / (c tau). For a sampled servo tau is the drive's time constant plus one
     period: half of it for the hold and half for the difference that stands for the derivative.
 
     Args:
         lag: tau [s].
         damping: damping ratio zeta.
-        phase_margin: [deg].
+        kept: share of the phase margin that is left.
     """
-    c = math.sqrt(2 * damping**2 + math.sqrt(4 * damping**4 + 1))
-    spare = math.atan(2 * damping * c) - math.radians(phase_margin)
-    if spare <= 0:
-        raise InputError(
-            f"damping = {damping:g}: leaves no phase margin of {phase_margin:g} deg; "
-            "give a frequency, or a damping of at least 0.5"
-        )
-    return spare / (c * positive("lag", lag, "s")) / (2 * math.pi)
+    zeta = positive("damping", damping)
+    c = math.sqrt(2 * zeta**2 + math.sqrt(4 * zeta**4 + 1))
+    return (1 - kept) * math.atan(2 * zeta * c) / (c * positive("lag", lag, "s")) / (2 * math.pi)
+
+
+def _checked(name: str, value: float) -> float:
+    if name in ("torque_limit", "following_error_limit"):
+        return value if value == math.inf else positive(name, value)
+    if name == "resolution":
+        return at_least("encoder resolution", value, 0, "mm")
+    return finite(name, value)

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.errors import InputError, at_least, positive
 
-__all__ = ["Setpoints", "ticks"]
+__all__ = ["MAX_TICKS", "Setpoints", "ticks"]
+
+MAX_TICKS = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -97,5 +99,12 @@ class Setpoints:
 
 
 def ticks(duration: float, period: float) -> int:
-    """Return the number of whole periods that cover `duration`, forgiving rounding [s]."""
-    return math.ceil(duration / period - 1e-9)
+    """Return the number of whole periods that cover `duration`, forgiving rounding [s].
+
+    Raises:
+        InputError: more than MAX_TICKS.
+    """
+    count = duration / period - 1e-9
+    if not count <= MAX_TICKS:
+        raise InputError(f"{duration:g} s in periods of {period:g} s: makes {count:.3g} ticks, at most {MAX_TICKS:g}")
+    return math.ceil(count)

@@ -44,6 +44,10 @@ class _Spiral(Path):
         return asdict(self)
 
     @property
+    def turn_spacing(self) -> float:
+        return self.pitch
+
+    @property
     def a(self) -> float:
         """Decrease of the radius per radian, pitch / 2 pi [mm/rad]."""
         return self.pitch / (2 * np.pi)

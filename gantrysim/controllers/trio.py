@@ -35,6 +35,10 @@ class MoveSpiral:
     V (T x_k + d) / (x_k R). As T and d go to zero the path tends to the involute of a circle of radius
     thickness / 2 pi, whose normal pitch is exactly `thickness`: that is the requested path.
 
+    The setpoints lie on these arcs exactly. A real controller adds ratio times the virtual axis' step at each
+    servo tick, with a ratio of 16 fractional bits and virtual axes that accelerate; that is not modelled, and
+    apart from the acceleration comes to some micrometres.
+
     Source: Trio Motion Technology, application note AN-225 (2008).
 
     Args:
@@ -63,13 +67,17 @@ class MoveSpiral:
     clockwise: bool = True
 
     def __post_init__(self) -> None:
-        positive("diameter", self.diameter, "mm")
-        object.__setattr__(self, "turns", whole("turns", self.turns, 1))
-        positive("thickness", self.thickness, "mm")
-        positive("speed", self.speed, "mm/s")
-        at_least("loop_period", self.loop_period, 0, "s")
-        at_least("interpreter_time", self.interpreter_time, 0, "s")
-        object.__setattr__(self, "start", point("start", self.start))
+        checked = {
+            "diameter": positive("diameter", self.diameter, "mm"),
+            "turns": whole("turns", self.turns, 1),
+            "thickness": positive("thickness", self.thickness, "mm"),
+            "speed": positive("speed", self.speed, "mm/s"),
+            "loop_period": at_least("loop_period", self.loop_period, 0, "s"),
+            "interpreter_time": at_least("interpreter_time", self.interpreter_time, 0, "s"),
+            "start": point("start", self.start),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
         if self.inner_diameter < -_ROUNDING * self.diameter:
             raise InputError(
                 f"inner_diameter = {self.inner_diameter:g} mm (diameter {self.diameter:g} - 2 x turns {self.turns} x "
@@ -115,10 +123,10 @@ class MoveSpiral:
         if self.loop_period == 0:
             return np.zeros(0)
         # without interpreter time every pass turns the circle by V T / R; with it the passes are fewer
-        bound = math.ceil(self.virtual_time / self.loop_period - 1e-9)
+        bound = max(1, math.ceil(self.virtual_time / self.loop_period - 1e-9))
         if bound > _MAX_PASSES:
             raise InputError(
-                f"loop_period = {self.loop_period:g} s: makes {bound} passes, at most {_MAX_PASSES} are run; "
+                f"loop_period = {self.loop_period:g} s: makes {bound:.8g} passes, at most {_MAX_PASSES} are run; "
                 f"use 0 s for the continuous limit or at least {self.virtual_time / _MAX_PASSES:.3g} s"
             )
         x = 1 - self.change * np.arange(1, bound + 1, dtype=np.float64)

@@ -31,6 +31,11 @@ _SCALARS: dict[str, Any] = {
 }
 
 
+# struct mjWarningStat { int lastinfo; int number; }
+WARNING_SIZE = 8
+WARNING_NUMBER = 4
+
+
 class LayoutError(GantryError, ImportError):
     """The installed MuJoCo does not lay out its structs as it describes them."""
 
@@ -49,6 +54,7 @@ class Offsets:
     data_site_xpos: int
     data_xpos: int
     data_xmat: int
+    data_warning: int
 
 
 @cache
@@ -103,14 +109,21 @@ def _verify(layout: Offsets) -> None:
     model = spec.compile()
     data = mujoco.MjData(model)
     data.time = 0.731
+    for k, warning in enumerate(data.warning):
+        warning.number = 11 + k
     wrong = []
+    for k, warning in enumerate(data.warning):
+        at = data._address + layout.data_warning + k * WARNING_SIZE
+        if ctypes.c_int.from_address(at + WARNING_NUMBER).value != warning.number:
+            wrong.append("mjData.warning")
+            break
     if ctypes.c_int64.from_address(model._address + layout.model_nuserdata).value != model.nuserdata:
         wrong.append("mjModel.nuserdata")
     if ctypes.c_double.from_address(data._address + layout.data_time).value != data.time:
         wrong.append("mjData.time")
     for field in fields(Offsets):
         member = field.name.removeprefix("data_")
-        if field.name in ("model_nuserdata", "data_time"):
+        if field.name in ("model_nuserdata", "data_time", "data_warning"):
             continue
         address = ctypes.c_uint64.from_address(data._address + getattr(layout, field.name)).value
         if address != getattr(data, member).ctypes.data:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from gantrysim.native.layout import offsets
 
-__all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "ROW_NUMBERS", "log_width"]
+__all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "ROW_NUMBERS", "WARNINGS", "log_width"]
 
 MAX_AXES = 6
 
@@ -19,8 +20,14 @@ OVERSPEED = 1.2
 OSCILLATION_SWINGS = 20
 OSCILLATION_TIME = 0.1  # [s]
 
+# MuJoCo switches a control of more than 1e10 off, with a warning and no more.
+LARGEST_TORQUE = 1e9  # [N·m]
+
 FAULTS = ("none", "following error", "travel", "overspeed", "diverged", "oscillation")
 FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = range(1, 6)
+
+# MuJoCo's own warnings, every one of which says that the numbers are no good any more
+WARNINGS = int(mujoco.mjtWarning.mjNWARNING)
 
 GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 
@@ -41,6 +48,7 @@ _WHOLE = [
     "site_at",
     "body_at",
     "matrix_at",
+    "warning_at",  # of mjWarningStat[WARNINGS]
     "nozzle",  # site
     "work",  # body
     "fault",  # index into FAULTS
@@ -100,4 +108,5 @@ ADDRESSES = {
     "site_at": _OFFSETS.data_site_xpos,
     "body_at": _OFFSETS.data_xpos,
     "matrix_at": _OFFSETS.data_xmat,
+    "warning_at": _OFFSETS.data_warning,
 }

@@ -10,7 +10,7 @@ import inspect
 import sys
 import zlib
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -19,10 +19,11 @@ from numba.extending import intrinsic
 
 from gantrysim.controllers import servo
 from gantrysim.native import row as row_layout
-from gantrysim.native.layout import offsets
+from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
+    LARGEST_TORQUE,
     OSCILLATION,
     OSCILLATION_SWINGS,
     OSCILLATION_TIME,
@@ -32,9 +33,10 @@ from gantrysim.native.row import (
     ROW,
     ROW_NUMBERS,
     TRAVEL,
+    WARNINGS,
 )
 
-__all__ = ["command", "compiled", "magic", "output", "sample"]
+__all__ = ["Compiled", "compiled", "magic"]
 
 
 @cache
@@ -47,6 +49,11 @@ def magic() -> int:
 @intrinsic
 def _integers(context: Any, address: Any) -> Any:
     return _typed_pointer(types.int64)
+
+
+@intrinsic
+def _whole(context: Any, address: Any) -> Any:
+    return _typed_pointer(types.int32)
 
 
 @intrinsic
@@ -95,8 +102,26 @@ def _trip(row, fault, axis, value, limit):
         row.fault_limit = limit
 
 
-@numba.njit(cache=True, error_model="numpy")
-def sample(data, userdata):
+@_jit
+def _warned(address):
+    statistics = numba.carray(_whole(address), (2 * WARNINGS,))
+    return statistics[WARNING_NUMBER // 4 :: WARNING_SIZE // 4].max() > 0
+
+
+@_jit
+def _furthest(row):
+    """The axis with the largest following error, or the first whose error is no number."""
+    worst = 0
+    for a in range(row.axes):
+        if not np.isfinite(row.error[a]):
+            return a
+        if abs(row.error[a]) > abs(row.error[worst]):
+            worst = a
+    return worst
+
+
+@_jit
+def _sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; say whether it does."""
     row = _row(userdata)
     if row.fault != 0 or row.tick >= row.ticks or row.steps % row.substeps != 0:
@@ -107,6 +132,7 @@ def sample(data, userdata):
     log = numba.carray(_floats(row.log + 8 * width * row.tick), (width,))
     length = _vector(data, row.length_at, row.output[:n].max() + 1)
     velocity = _vector(data, row.velocity_at, row.output[:n].max() + 1)
+    lost = _warned(data + row.warning_at)
     for a in range(n):
         position = length[row.output[a]] * row.scale[a]
         speed = velocity[row.output[a]] * row.scale[a]
@@ -124,9 +150,10 @@ def sample(data, userdata):
         row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
         log[a] = measured
         log[3 + 3 * n + a] = velocity[row.output[a]]
-        if not (np.isfinite(position) and np.isfinite(speed)):
-            _trip(row, DIVERGED, a, position, np.inf)
-        elif abs(error) > row.following_error_limit[a]:
+        lost = lost or not (np.isfinite(position) and np.isfinite(speed))
+        if lost:
+            continue
+        if abs(error) > row.following_error_limit[a]:
             _trip(row, FOLLOWING_ERROR, a, error, row.following_error_limit[a])
         elif abs(speed) > OVERSPEED * row.speed_limit[a]:
             _trip(row, OVERSPEEDING, a, speed, OVERSPEED * row.speed_limit[a])
@@ -134,6 +161,9 @@ def sample(data, userdata):
             _trip(row, TRAVEL, a, position, row.low[a] - OVERTRAVEL)
         elif position > row.high[a] + OVERTRAVEL:
             _trip(row, TRAVEL, a, position, row.high[a] + OVERTRAVEL)
+    if lost:
+        worst = _furthest(row)
+        _trip(row, DIVERGED, worst, row.error[worst], np.inf)
     tip = _vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
     origin = _vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
     frame = _vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
@@ -168,8 +198,8 @@ def _apply_law(row):
             row.error_sum[a] = error_sum
 
 
-@numba.njit(cache=True, error_model="numpy")
-def command(data, userdata):
+@_jit
+def _command(data, userdata):
     """Clamp and schedule the torques that the law has put into the row, and log them."""
     row = _row(userdata)
     n = row.axes
@@ -178,6 +208,8 @@ def command(data, userdata):
     for a in range(n):
         limit = row.torque_limit[a]
         torque = min(max(row.torque[a], -limit), limit)
+        if not abs(torque) < LARGEST_TORQUE:
+            _trip(row, DIVERGED, a, torque, LARGEST_TORQUE)
         if torque != row.torque[a]:
             _watch_oscillation(row, a, np.sign(torque))
         if row.delay == row.substeps:
@@ -204,8 +236,8 @@ def _watch_oscillation(row, axis, side):
         _trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def output(data, userdata):
+@_jit
+def _output(data, userdata):
     """Put out the torque demands that are due at this step."""
     row = _row(userdata)
     n = row.axes
@@ -226,17 +258,27 @@ def _step(model, data, nuserdata_at, userdata_at, row_size, key):
     row = _row(userdata)
     if row.magic != key:
         return
-    if sample(data, userdata):
+    if _sample(data, userdata):
         _apply_law(row)
-        command(data, userdata)
-    output(data, userdata)
+        _command(data, userdata)
+    _output(data, userdata)
+
+
+class Compiled(NamedTuple):
+    """The tick as a C function (mjModel, mjData), and its parts for a law in plain Python: (mjData, userdata)."""
+
+    callback: Any
+    sample: Any
+    command: Any
+    output: Any
 
 
 @cache
-def compiled() -> Any:
-    """Return the tick as a C function, compiled or from numba's cache.
+def compiled() -> Compiled:
+    """Return the tick, compiled or from numba's cache.
 
-    The numbers of the closure belong to the cache's key: another layout is other code.
+    Numba keys its cache by this file's date and the numbers in a function's closure alone. So every function
+    that is cached has the magic number in its closure, and what they call is compiled into them.
     """
     nuserdata_at, userdata_at = offsets().model_nuserdata, offsets().data_userdata
     row_size, key = ROW_NUMBERS, magic()
@@ -245,4 +287,18 @@ def compiled() -> Any:
     def callback(model, data):
         _step(model, data, nuserdata_at, userdata_at, row_size, key)
 
-    return callback.ctypes
+    @numba.njit(types.boolean(types.int64, types.int64), cache=True, error_model="numpy")
+    def sample(data, userdata):
+        return _row(userdata).magic == key and _sample(data, userdata)
+
+    @numba.njit(types.void(types.int64, types.int64), cache=True, error_model="numpy")
+    def command(data, userdata):
+        if _row(userdata).magic == key:
+            _command(data, userdata)
+
+    @numba.njit(types.void(types.int64, types.int64), cache=True, error_model="numpy")
+    def output(data, userdata):
+        if _row(userdata).magic == key:
+            _output(data, userdata)
+
+    return Compiled(callback.ctypes, sample, command, output)
