@@ -2,7 +2,7 @@
 
 from gantrysim import metrics
 from gantrysim.axis import Axis
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import Servo, Tick
 from gantrysim.engine import simulate
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job import Job
@@ -20,6 +20,7 @@ __all__ = [
     "Machine",
     "Run",
     "Servo",
+    "Tick",
     "metrics",
     "simulate",
 ]

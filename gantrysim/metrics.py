@@ -98,51 +98,52 @@ class Figures:
 class Analysis:
     """A run's traces held against its requested path; each is worked out once, when it is first asked for.
 
-    The traces are followed along the path in the order of the motion, so an error is to the part of the path
-    that the trace has come to, not to a neighbouring turn that may be nearer.
+    All is of the ticks where the dispenser is on, `ticks`. The traces are followed along the path in the order of
+    the motion, so an error is to the part of the path that the trace has come to, not to a neighbouring turn that
+    may be nearer.
+
+    Raises:
+        InputError: the dispenser is never on.
     """
 
     def __init__(self, run: Run) -> None:
         self.run = run
+        self.ticks: NDArray[np.intp] = np.flatnonzero(run.dispense)
+        if not self.ticks.size:
+            raise InputError("the dispenser is never on in this run: its figures are taken while it is")
 
     @cached_property
     def commanded(self) -> Projection:
-        """Commanded positions on the requested path, all ticks: its distance is the generation error."""
-        return self.run.requested.follow(self.run.commanded_tip)
+        """Commanded positions on the requested path: its distance is the generation error."""
+        return self.run.requested.follow(self.run.commanded_tip[self.ticks], begin=0.0)
 
     @cached_property
     def nozzle(self) -> Projection:
-        """The nozzle on the requested path, all ticks: its distance is the contour error."""
-        return self.run.requested.follow(self.run.nozzle)
+        """The nozzle on the requested path: its distance is the contour error."""
+        return self.run.requested.follow(self.run.nozzle[self.ticks], begin=0.0)
 
     @cached_property
     def spacing(self) -> Spacing:
-        """Spacing of neighbouring turns of what has been dispensed."""
-        return _spacing(self.run.requested, self.nozzle, self.run.dispense)
+        """Spacing of neighbouring turns."""
+        return _spacing(self.run.requested, self.nozzle, self.ticks)
 
     @cached_property
     def figures(self) -> Figures:
-        """The figures; of a run that a fault ended, those up to the fault.
-
-        Raises:
-            InputError: the dispenser is never on.
-        """
-        run, on = self.run, self.run.dispense
-        if not on.any():
-            raise InputError("the dispenser is never on in this run: its figures are taken while it is")
-        along = dot(run.commanded_tip - run.encoder_tip, run.requested.tangent(self.commanded.s))
+        """The figures; of a run that a fault ended, those up to the fault."""
+        run, on = self.run, self.ticks
+        along = dot((run.commanded_tip - run.encoder_tip)[on], run.requested.tangent(self.commanded.s))
         error = tracking_error(run)
-        laid = on[1:] & on[:-1]
+        steps = np.linalg.norm(np.diff(run.commanded_tip[on], axis=0), axis=1)
         moving = np.flatnonzero(np.any(np.diff(run.commanded, axis=0) != 0, axis=1))
         x, y, z = run.nozzle[-1].tolist()
         return Figures(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
             tracking={name: Spread.of(error[on, a]) for a, name in enumerate(run.axes)},
-            tracking_along=Spread.of(along[on]),
-            generation=Spread.of(self.commanded.distance[on]),
-            contour=Spread.of(self.nozzle.distance[on]),
+            tracking_along=Spread.of(along),
+            generation=Spread.of(self.commanded.distance),
+            contour=Spread.of(self.nozzle.distance),
             speed=Range.of(path_speed(run)[on]),
-            path_length=float(np.linalg.norm(np.diff(run.commanded_tip, axis=0), axis=1)[laid].sum()),
+            path_length=float(steps[np.diff(on) == 1].sum()),
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
             end_point=(x, y, z),
         )
@@ -183,13 +184,14 @@ def spacing(path: Path, trace: ArrayLike) -> Spacing:
         trace: points in the order of the motion, (n, 3) [mm].
     """
     foot = path.follow(trace)
-    return _spacing(path, foot, np.ones(foot.s.size, bool))
+    return _spacing(path, foot, np.arange(foot.s.size))
 
 
-def _spacing(path: Path, foot: Projection, on: NDArray[np.bool_]) -> Spacing:
-    """Spacing of a trace from its projection, of the points where `on` is set, on both turns."""
+def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
+    """Spacing of a trace from its projection; where ticks are left out between two points there is no trace."""
     forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
-    s, lateral, laid = foot.s[forward], foot.lateral[forward], on[forward].astype(float)
+    s, lateral = foot.s[forward], foot.lateral[forward]
+    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[forward]
 
     def offset(at: Floats) -> Floats:
         error: Floats = np.interp(at, s, lateral)
@@ -213,7 +215,7 @@ def _spacing(path: Path, foot: Projection, on: NDArray[np.bool_]) -> Spacing:
     heading = path.heading(s)
     sense = np.sign(heading[-1] - heading[0])
     turned = np.maximum.accumulate((heading - heading[0]) * sense)  # a spiral's heading is monotonic
-    inner = np.flatnonzero((turned + 2 * np.pi <= turned[-1]) & (laid == 1))
+    inner = np.flatnonzero(turned + 2 * np.pi <= turned[-1])
     if turned[-1] < 2 * np.pi + _LEAST_OVERLAP or not inner.size:
         return Spacing(np.zeros(0), np.zeros(0), np.zeros(0))
     at = s[inner]
@@ -230,6 +232,7 @@ def _spacing(path: Path, foot: Projection, on: NDArray[np.bool_]) -> Spacing:
         if np.max(np.abs(step)) < _NEWTON_TOLERANCE:
             break
     met = (np.abs(step) < 1e3 * _NEWTON_TOLERANCE) & (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
-    met &= np.interp(met_at, s, laid) == 1
+    after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
+    met &= parts[after] == parts[after - 1]
     distance = np.abs(dot(place(met_at) - point, normal))
     return Spacing(at[met], turned[inner][met] / (2 * np.pi), distance[met])

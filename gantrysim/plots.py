@@ -63,10 +63,9 @@ def save_plots(analysis: Analysis, folder: FilePath, progress: Callable[[float],
 
 def draw_plan(figure: Figure, analysis: Analysis) -> None:
     """Draw the requested path, and the nozzle's trace with its error to the path magnified."""
-    run, on = analysis.run, analysis.run.dispense
+    run = analysis.run
     axes = figure.add_subplot()
-    trace, offset = run.nozzle[on], analysis.nozzle.offset[on]
-    distance = analysis.nozzle.distance[on]
+    trace, offset, distance = run.nozzle[analysis.ticks], analysis.nozzle.offset, analysis.nozzle.distance
     factor = _magnification(analysis)
     drawn = trace + (factor - 1) * offset
     line = run.requested.position(np.linspace(0, run.requested.length, 4000))
@@ -85,35 +84,38 @@ def draw_plan(figure: Figure, analysis: Analysis) -> None:
 
 def _magnification(analysis: Analysis) -> int:
     """The largest round factor that keeps the drawn error below a fifth of the turns' spacing, or of the size."""
-    trace = analysis.run.nozzle[analysis.run.dispense]
+    trace = analysis.run.nozzle[analysis.ticks]
     turns = analysis.spacing.distance
     room = 0.2 * float(turns.mean()) if turns.size else 0.02 * float(np.ptp(trace[:, :2], axis=0).max())
-    usual = max(float(np.percentile(analysis.nozzle.distance[analysis.run.dispense], 99)), 1e-9)
+    usual = max(float(np.percentile(analysis.nozzle.distance, 99)), 1e-9)
     return max((factor for factor in _MAGNIFICATIONS if factor * usual <= room), default=1)
 
 
 def draw_error(figure: Figure, analysis: Analysis) -> None:
     """Draw errors against time: tracking per axis above, and what the part sees below."""
-    run, on = analysis.run, analysis.run.dispense
+    run, on = analysis.run, analysis.ticks
     upper, lower = figure.subplots(2, sharex=True)
     error = _UM * tracking_error(run)
     for a, name in enumerate(run.axes):
         upper.plot(run.time, error[:, a], color=_AXIS_COLOURS[a], lw=0.9, label=name)
     _clip(upper, run.time[on], error[on])
-    upper.set(ylabel="commanded - encoder [µm]", title="Tracking error of the axes")
-    upper.legend(loc="upper right", ncols=len(run.axes))
-    generation, contour = _UM * analysis.commanded.lateral, _UM * analysis.nozzle.lateral
-    masked = np.where(on, 1.0, np.nan)
-    lower.plot(run.time, masked * contour, color=_COLOURS["contour"], lw=0.9, label="contour: nozzle")
-    lower.plot(
-        run.time, masked * generation, color=_COLOURS["generation"], lw=1.4, ls="--", label="generation: commanded"
-    )
-    lower.set(xlabel="time [s]", ylabel="left of the requested path [µm]", title="Error normal to the requested path")
-    lower.legend(loc="upper right", ncols=2)
+    upper.set(ylabel="commanded - encoder [µm]")
+    upper.set_title("Tracking error of the axes", loc="right")
+    upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(run.axes))
+    for name, foot, style in (
+        ("contour: nozzle", analysis.nozzle, "-"),
+        ("generation: commanded", analysis.commanded, "--"),
+    ):
+        lateral = np.full(len(run.time), np.nan)
+        lateral[on] = _UM * foot.lateral
+        lower.plot(run.time, lateral, color=_COLOURS[name.partition(":")[0]], lw=1.0, ls=style, label=name)
+    lower.set(xlabel="time [s]", ylabel="left of the requested path [µm]")
+    lower.set_title("Error normal to the requested path", loc="right")
+    lower.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in (upper, lower):
         axes.axhline(0, color="0.4", lw=0.6)
         axes.margins(x=0.01)
-        for start, end in _spans(~on):
+        for start, end in _spans(~run.dispense):
             axes.axvspan(run.time[start], run.time[end], color="0.5", alpha=0.12, lw=0)
             axes.annotate(
                 "dispenser off",

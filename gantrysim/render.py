@@ -176,7 +176,7 @@ def _frame_ticks(run: Run, per_frame: float) -> Iterator[int]:
 
 
 def _view(model: mujoco.MjModel, camera: str | None) -> mujoco.MjvCamera:
-    """Return the named camera; without a name the one called overview, else a free one that sees everything."""
+    """Return the named camera; without a name the one called overview, else a free one that sees machine and bead."""
     names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(model.ncam)]
     view = mujoco.MjvCamera()
     if camera is None and "overview" not in names:
@@ -234,6 +234,9 @@ def _with_bead(machine: Machine, bead: Bead, width: int, height: int) -> mujoco.
     model.geom_pos[geom] = 0
     model.geom_quat[geom] = (1, 0, 0, 0)
     model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    # views and light are scaled to the machine, and to the bead where that is larger
+    model.stat.center[:] = machine.model.stat.center
+    model.stat.extent = max(float(machine.model.stat.extent), 2e-3 * float(np.ptp(bead.run.nozzle, axis=0).max()))
     return model
 
 

@@ -1,6 +1,8 @@
 """The command, as a person at a terminal meets it."""
 
+import dataclasses
 import json
+import math
 import subprocess
 import sys
 
@@ -9,7 +11,7 @@ import pytest
 from PIL import Image
 
 import gantrysim
-from gantrysim import Job, Run, cli, metrics
+from gantrysim import Fault, Job, Run, cli, metrics, report
 
 SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
 
@@ -201,4 +203,62 @@ def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypa
     status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
     assert status == 130
     assert "Traceback" not in errors
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command, tmp_path, monkeypatch):
+    (tmp_path / "job.toml").write_text("# mine\n" + Job.load("an225", ["diameter=40", "turns=2", "thickness=5"]).toml())
+    monkeypatch.chdir(tmp_path)
+    status, _, errors = gantrysim_command("run", "job.toml", "--out", ".", "--no-video")
+    assert status == 2
+    assert "--out .: holds job.toml, which no run has written" in errors
+    assert (tmp_path / "job.toml").read_text().startswith("# mine")
+    out = tmp_path / "out"
+    (out / "plots").mkdir(parents=True)
+    (out / "plots" / "my-own.png").write_bytes(b"mine")
+    for _ in range(2):
+        assert gantrysim_command("run", "job.toml", "--out", out, "--no-video")[0] == 0
+    assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
+    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+
+
+def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
+    folder = tmp_path / "o[red]x"
+    status, printed, _ = gantrysim_command("run", "an225", "--out", folder, *SHORT)
+    assert status == 0
+    assert "o[red]x/: job.toml, plots, run.npz, summary.json" in printed
+
+
+def test_a_machine_without_cameras_gets_its_video_all_the_same(gantrysim_command, tmp_path, rigid):
+    arguments = [word for word in SHORT if word != "--no-video"]
+    status, _, errors = gantrysim_command(
+        "run", "an225", "--out", tmp_path / "out", "--model", rigid().source, *arguments
+    )
+    assert (status, errors) == (0, "")
+    assert (tmp_path / "out" / "video.mp4").stat().st_size > 1000
+
+
+def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
+    run = Job.load("an225", ["diameter=40", "turns=1"]).run()
+    faulted = dataclasses.replace(run, fault=Fault("diverged", "x", 0.1, math.nan, math.inf))
+    job = Job.load("an225")
+    written = report.summary(job, job.built_machine, faulted, metrics.figures(faulted))
+    assert written["fault"] == {
+        "kind": "diverged",
+        "axis": "x",
+        "time": 0.1,
+        "value": None,
+        "limit": None,
+        "text": str(faulted.fault),
+    }
+    json.dumps(written, allow_nan=False)
+
+
+def test_what_cannot_be_written_is_one_line(gantrysim_command, tmp_path, monkeypatch):
+    def full(*arguments, **keywords):
+        raise OSError(28, "No space left on device", "run.npz")
+
+    monkeypatch.setattr(Run, "save", full)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "a" / "b", *SHORT)
+    assert (status, errors) == (2, "error: No space left on device (run.npz)\n")
     assert not list(tmp_path.iterdir())

@@ -3,11 +3,12 @@
 import dataclasses
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from gantrysim import InputError, Servo, simulate
+from gantrysim import GantryError, InputError, Machine, Servo, simulate
 from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.servo import Tick
 from gantrysim.controllers.setpoints import Setpoints
@@ -408,3 +409,150 @@ def test_speed_limit_is_the_declared_one_or_the_bus_voltage(rigid):
     assert rigid().axes[0].speed_limit == pytest.approx(1000.0)
     slow = rigid(voltage=12.0).axes[0]
     assert slow.speed_limit == pytest.approx(slow.no_load_speed) == pytest.approx(12 / 0.03 * 10 / (2 * math.pi))
+
+
+def test_speed_limit_is_met_exactly(rigid):
+    machine = rigid()
+    servo = plain(machine)
+    for speed, refused in ((999.9, False), (1000.2, True)):
+        setpoints = ramp(speed)
+        if refused:
+            with pytest.raises(InputError, match="speed of x"):
+                simulate(machine, servo, setpoints)
+        else:
+            simulate(machine, servo, setpoints)
+
+
+def test_voltage_is_what_the_winding_needs_and_the_back_emf(rigid):
+    machine = rigid()
+    run = simulate(machine, plain(machine), ramp(600.0), physics_step=1e-4)
+    speed = np.gradient(run.nozzle[:, 0], PERIOD)  # [mm/s]
+    motor = speed / machine.axes[0].scale
+    expected = 0.3 / 0.03 * run.demand[:, 0] + 0.03 * motor
+    cruising = slice(len(run.time) // 2, -5)
+    np.testing.assert_allclose(run.voltage[cruising, 0], expected[cruising], rtol=1e-5)
+    assert run.voltage[cruising, 0].min() > 11  # most of it back-EMF
+
+
+def test_torque_is_limited_by_the_drive_where_the_current_is_not(rigid):
+    machine = rigid(current=2.0)
+    run = simulate(machine, plain(machine, torque_limit=5.0), ramp(300.0))
+    assert np.abs(run.demand).max() == pytest.approx(0.06)
+    assert np.abs(run.torque).max() <= 0.06 * (1 + 1e-12)
+
+
+def test_a_fault_disables_the_drives_at_once_even_with_a_delay(rigid):
+    machine = rigid()
+    servo = Servo.derive(machine.axes, PERIOD, delay=5e-4, following_error_limit=0.05)
+    seen = []
+    run = simulate(machine, servo, ramp(400.0), physics_step=STEP, progress=seen.append)
+    assert run.fault is not None
+    assert seen[-1] < 1.0  # the job has ended there
+    row_end = len(run.time) - 1
+    assert run.fault.time == pytest.approx(row_end * PERIOD)
+    assert np.isfinite(run.nozzle).all()
+
+
+def test_slow_swings_between_the_limits_are_no_oscillation(rigid):
+    machine = rigid(speed=5.0)
+    n = 25 * 300
+    x = 5 * np.sign(np.sin(2 * np.pi * np.arange(n) * PERIOD / 0.3))  # jumps to and fro, every 0.15 s
+    x = np.clip(np.convolve(x, np.ones(12) / 12, "same"), -5, 5)
+    path = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
+    setpoints = Setpoints(PERIOD, ("x",), x[:, None], np.ones(n, bool), path)
+    servo = Servo.derive(machine.axes, PERIOD, torque_limit=0.15, following_error_limit=1e3, resolution=0.0)
+    run = simulate(machine, servo, setpoints)
+    clamped = np.abs(run.demand[:, 0]) == 0.15
+    swings = np.abs(np.diff(np.sign(run.demand[clamped, 0]))).sum() / 2
+    assert swings > 20
+    assert run.fault is None
+
+
+def test_a_control_that_mujoco_would_switch_off_is_a_fault(rigid):
+    source = rigid(current=0.0).source  # no limit
+    content = source.read_text()
+    for name in "xy":
+        content = content.replace(
+            f'<dcmotor name="{name}" joint="{name}"/>',
+            f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>',
+        )
+    source.write_text(content)
+    machine = Machine(source)
+    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
+    run = simulate(machine, servo, ramp(50.0), law=lambda tick: [1e300, 0.0])
+    assert run.fault is not None
+    assert (run.fault.kind, run.fault.axis, run.fault.time) == ("diverged", "x", 0.0)
+    wild = dataclasses.replace(servo, kp=(1e14, 1e14))
+    run = simulate(machine, wild, ramp(50.0))
+    assert run.fault is not None
+    assert run.fault.kind in ("diverged", "overspeed")
+    assert run.fault.time < 0.01
+
+
+def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid):
+    machine = rigid(speed=0.0, travel=1e7)
+    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
+    machine.model.jnt_limited[:] = 0
+    object.__setattr__(
+        machine,
+        "axes",
+        tuple(dataclasses.replace(a, speed_limit=math.inf, travel=(-math.inf, math.inf)) for a in machine.axes),
+    )
+    machine.model.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
+    run = simulate(machine, servo, ramp(50.0))
+    assert run.fault is not None
+    assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
+    assert run.fault.time <= 2 * PERIOD
+
+
+def test_physics_steps_are_at_most_what_the_machine_is_made_for(rigid):
+    machine = rigid()
+    with pytest.raises(
+        InputError, match=r"physics_step = 0.001 s: must be at most 0.0005 s, the timestep that machine"
+    ):
+        simulate(machine, plain(machine), ramp(50.0), physics_step=1e-3)
+    default = simulate(machine, plain(machine), ramp(50.0))
+    same = simulate(machine, plain(machine), ramp(50.0), physics_step=5e-4)
+    np.testing.assert_array_equal(default.nozzle, same.nozzle)
+
+
+def test_a_step_that_does_not_divide_the_period_is_made_shorter(rigid):
+    machine = rigid()
+    odd = simulate(machine, plain(machine), ramp(50.0), physics_step=4e-4)  # a third of the period is the next shorter
+    third = simulate(machine, plain(machine), ramp(50.0), physics_step=PERIOD / 3)
+    np.testing.assert_array_equal(odd.nozzle, third.nozzle)
+
+
+def test_nested_runs_in_a_law_are_refused_and_a_law_may_step_other_models(rigid):
+    machine = rigid()
+    servo = plain(machine)
+    other = machine.stepping(5e-4)
+    state = mujoco.MjData(other)
+
+    def nested(tick):
+        simulate(machine, servo, ramp(50.0))
+
+    with pytest.raises(GantryError, match="cannot run a simulation: it is inside one"):
+        simulate(machine, servo, ramp(50.0), law=nested)
+    with pytest.raises(GantryError, match="cannot run inside another simulation"):
+        simulate(
+            machine, servo, ramp(50.0), progress=lambda _: simulate(machine, servo, ramp(50.0), law=lambda t: [0, 0])
+        )
+
+    def stepping(tick):
+        mujoco.mj_step(other, state)
+        return 0.0 * tick.error
+
+    alone = simulate(machine, servo, ramp(5.0, 1.0), law=lambda tick: 0.0 * tick.error)
+    beside = simulate(machine, servo, ramp(5.0, 1.0), law=stepping)
+    np.testing.assert_array_equal(alone.nozzle, beside.nozzle)
+
+
+def test_an_interrupt_in_a_law_reaches_the_caller(rigid):
+    machine = rigid()
+
+    def interrupted(tick):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(machine, plain(machine), ramp(50.0), law=interrupted)

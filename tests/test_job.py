@@ -45,11 +45,15 @@ def test_infinity_survives_the_file():
     assert math.isinf(tomllib.loads(job.toml())["servo"]["integral_time"])
 
 
-def test_a_relative_machine_is_taken_from_the_jobs_folder(rigid, tmp_path):
+def test_a_relative_machine_is_found_and_written_down_in_full(rigid, tmp_path, monkeypatch):
     rigid()
     file = tmp_path / "mine.toml"
     file.write_text(Job.load("an225", SHORT).toml().replace('machine = "xy"', 'machine = "rigid.xml"'))
-    job = Job.load(file)
+    monkeypatch.chdir(tmp_path.parent)
+    job = Job.load(f"{tmp_path.name}/mine.toml")
+    assert job.machine == str(tmp_path / "rigid.xml")
+    assert Job.load("an225", [f"machine={tmp_path.name}/rigid.xml"]).machine == job.machine
+    assert Job.load("an225", machine=f"{tmp_path.name}/rigid.xml").machine == job.machine
     assert job.built_machine.name == "rigid"
     assert job.run().machine == "rigid"
 
@@ -77,6 +81,10 @@ BAD = {
     "servo": (["damping=-1"], "damping = -1: must be greater than 0"),
     "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
     "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
+    "no speed that is": (["speed=1e300"], "ratio x = .* on pass 1 of 1: must be at least"),
+    "tiny period": (["servo.period=1e-9"], "10.0197 s in periods of 1e-09 s: makes 1e.10 ticks, at most 5e.07"),
+    "endless settling": (["settle=1e9"], "1e.09 s in periods of 0.001 s: makes 1e.12 ticks"),
+    "said once": (["kp=abc"], "^job an225: servo.kp = 'abc': input should be a valid number[^;]*$"),
     "machine": (["machine=xyq"], "unknown model 'xyq': did you mean xy"),
 }
 
@@ -100,6 +108,9 @@ FILES = {
         'name = "a"\n[program]\ncontroller="trio.MoveSpiral"\ndiameter=100\nturns=1\nthickness=5\nspeed=9\npitch=3\n',
         "unknown key .*pitch",
     ),
+    "controller in a list": ('name = "a"\n[program]\ncontroller=["trio.MoveSpiral"]\n', "unknown controller"),
+    "no table": ('name = "a"\nservo = 3\n[program]\n', r"servo = 3: must be a table, \[servo\]"),
+    "name": ('name = "../../a"\n[program]\ncontroller="trio.MoveSpiral"\n', "name = '../../a': string should match"),
     "no controller": ('name = "a"\n[program]\ndiameter=100\n', "unknown controller 'None'"),
 }
 

@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Machine
+from gantrysim import InputError, Machine, Servo, simulate
+from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine import builtin_models
 
 
@@ -58,7 +59,7 @@ def test_stepping_changes_only_the_timestep_and_leaves_the_machine_alone(rigid):
     machine = rigid()
     model = machine.stepping(1e-4)
     assert model.opt.timestep == 1e-4
-    assert machine.model.opt.timestep == 2.5e-4
+    assert machine.model.opt.timestep == 5e-4
     assert machine.stepping(1e-4) is model
 
 
@@ -103,6 +104,32 @@ REPLACEMENTS = {
         "sensor 'x' must be an actuatorpos of",
     ),
     "gear": ('gear="628.3185307179587"', 'gear="-1"', "gear of 'x' = -1: must be greater than 0"),
+    "hinge": (
+        '<joint name="x" axis="1 0 0"/>',
+        '<joint name="x" type="hinge" axis="1 0 0"/>',
+        "joint 'x' must be a slide",
+    ),
+    "work elsewhere": (
+        '<body name="work"/>',
+        '<body name="work" pos="0.1 0 -0.05"/>',
+        r"with all axes at zero the nozzle is at \(-100, 0, 50\) mm of body 'work': must be its origin",
+    ),
+    "joint reference": ('<joint name="x" axis="1 0 0"/>', '<joint name="x" axis="1 0 0" ref="0.1"/>', "nozzle is at"),
+    "axis direction": (
+        '<joint name="x" axis="1 0 0"/>',
+        '<joint name="x" axis="-1 0 0"/>',
+        r"axis 'x' moves the nozzle along \(-1, 0, 0\) of body 'work': must be along its x",
+    ),
+    "no actuation": (
+        'integrator="Euler" gravity="0 0 0"/>',
+        'integrator="Euler"><flag actuation="disable"/></option>',
+        "disables its actuators",
+    ),
+    "one-sided range": (
+        '<dcmotor name="x" joint="x"/>',
+        '<dcmotor name="x" joint="x" ctrllimited="true" ctrlrange="0 5"/>',
+        "range of 'x' = 0 to 5 N·m: must hold zero within it",
+    ),
     "not XML": ("</mujoco>", "", "model .*rigid.xml: .*XML"),
 }
 
@@ -147,3 +174,25 @@ def test_a_plain_motor_is_an_ideal_torque_source(rigid):
 def test_unknown_models_are_refused_with_the_alternatives(model, text):
     with pytest.raises(InputError, match=text):
         Machine(model)
+
+
+def test_peak_torque_is_the_least_of_all_limits(rigid):
+    source = rigid(current=1e3).source  # so that 0.03 N·m/A of 24 V through 0.3 ohm is the least
+    assert Machine(source).axes[0].peak_torque == pytest.approx(0.03 * 24 / 0.3)
+    content = source.read_text()
+    limited = '<dcmotor name="x" joint="x" ctrllimited="true" ctrlrange="-0.4 0.7"/>'
+    source.write_text(content.replace('<dcmotor name="x" joint="x"/>', limited))
+    assert Machine(source).axes[0].peak_torque == pytest.approx(0.4)
+    assert Machine(source).axes[1].peak_torque == pytest.approx(2.4)
+
+
+def test_a_machine_that_stands_askew_in_the_world_has_the_same_work_frame(rigid):
+    source = rigid().source
+    content = source.read_text()
+    turned = content.replace("<worldbody>", '<worldbody><body name="bench" pos="0.3 -0.2 0.5" euler="20 -30 70">')
+    source.write_text(turned.replace("</worldbody>", "</body></worldbody>"))
+    machine = Machine(source)
+    np.testing.assert_allclose(machine.tip([[30.0, -40.0]]), [[30.0, -40.0, 0.0]], atol=1e-9)
+    servo = Servo.derive(machine.axes, resolution=0.0)
+    run = simulate(machine, servo, MoveSpiral(60, 1, 10, 100).setpoints(1e-3))
+    np.testing.assert_allclose(run.nozzle[:, :2], run.encoder, atol=1e-9)

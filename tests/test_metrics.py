@@ -13,7 +13,7 @@ from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.spirals import Archimedean, Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
-from gantrysim.metrics import Range, Spread, figures, path_speed, spacing, tracking_error
+from gantrysim.metrics import Analysis, Range, Spread, figures, path_speed, spacing, tracking_error
 from gantrysim.run import Fault, Run
 
 EXACT = 1e-9  # [mm]
@@ -252,6 +252,7 @@ def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
         machine="none",
         axes=("x", "y"),
         requested=INVOLUTE,
+        period=PERIOD,
         fault=Fault("following error", "x", 1.0, 2.0, 1.0),
         **rows,
     )
@@ -355,7 +356,7 @@ def test_path_speed_on_a_circle_is_that_of_the_chords_over_two_periods():
     radius, speed, period = 20.0, 200.0, 0.004
     circle = ArcChain([0, 0], 0, 1 / radius, 2 * np.pi * radius)
     run = run_along(circle, step=speed * period)
-    run = Run(**{**vars(run), "time": np.arange(len(run.time)) * period})
+    run = Run(**{**vars(run), "time": np.arange(len(run.time)) * period, "period": period})
     found = path_speed(run)
     angle = speed * period / radius
     assert found[1:-2] == pytest.approx(np.full(len(found) - 3, speed * math.sin(angle) / angle), rel=1e-12)
@@ -373,7 +374,7 @@ def test_path_speed_counts_all_three_directions():
 def test_path_speed_of_a_single_sample_is_zero():
     run = run_along(ArcChain([0, 0], 0, 0, 1))
     rows = {name: value[:1] for name, value in vars(run).items() if isinstance(value, np.ndarray)}
-    single = Run(machine="none", axes=("x", "y"), requested=run.requested, **rows)
+    single = Run(machine="none", axes=("x", "y"), requested=run.requested, period=PERIOD, **rows)
     assert path_speed(single).tolist() == [0]
     assert figures(single).spacing is None
 
@@ -389,3 +390,59 @@ def test_a_run_that_never_dispenses_has_no_figures():
     run = run_along(INVOLUTE, dispense=lambda s: np.zeros(s.shape, bool))
     with pytest.raises(InputError, match="the dispenser is never on"):
         figures(run)
+
+
+@pytest.mark.parametrize("off", [5.1, 8.0, -12.0])
+def test_a_trace_stays_on_its_own_turn_however_far_off_it_is(off):
+    _, _, normals = along(INVOLUTE)
+    shifted = run_along(INVOLUTE, nozzle=off * normals, encoder=off * normals)
+    found = figures(shifted)
+    assert found.contour.rms == pytest.approx(abs(off), rel=1e-9)
+    assert found.spacing.min == pytest.approx(10, abs=1e-6)
+    assert found.spacing.max == pytest.approx(10, abs=1e-6)
+
+
+def test_a_loop_whose_spiral_drifts_by_turns_keeps_its_local_pitch():
+    spiral = MoveSpiral(120, 4, 10, 100, interpreter_time=0.02)
+    trace = np.pad(spiral.setpoints(PERIOD).position, ((0, 0), (0, 1)))
+    found = spacing(INVOLUTE, trace)
+    # thickness / (1 + d / (T x)), at the ratio half way between the two turns
+    turned = -np.cumsum(spiral.generated._kappa * spiral.generated._pieces)
+    ratio = np.interp((found.turn + 0.5) * 2 * np.pi, turned, spiral.ratios)
+    assert found.distance == pytest.approx(10 / (1 + 0.02 / (0.1 * ratio)), rel=0.02)
+    assert INVOLUTE.follow(trace).distance.max() > 8  # more than the half pitch that the nearest turn would say
+
+
+def test_following_a_trace_agrees_with_projecting_it_where_it_is_near():
+    path = Archimedean(60, 10, 4)
+    trace = path.position(np.linspace(0, path.length, 3001)) + np.array([0.3, -0.2, 0.1])
+    assert path.follow(trace).s == pytest.approx(path.project(trace).s, abs=1e-9)
+
+
+def test_a_closed_path_is_followed_from_its_start():
+    circle = ArcChain([20, 0], np.pi / 2, [1 / 20], [40 * np.pi])
+    s = np.linspace(0, circle.length, 500)
+    assert circle.follow(circle.position(s)).s == pytest.approx(s, abs=1e-6)
+
+
+def test_a_gap_of_the_dispenser_is_neither_length_nor_spacing():
+    gap = lambda s: ~((s > 300) & (s < 400))  # noqa: E731
+    found = figures(run_along(INVOLUTE, dispense=gap))
+    assert found.path_length == pytest.approx(INVOLUTE.length - 100, abs=0.3)
+    whole = figures(run_along(INVOLUTE))
+    assert found.spacing.mean == pytest.approx(10, abs=1e-6)
+    # no spacing from the gap to its neighbours, on either side
+    run = run_along(INVOLUTE, dispense=gap)
+    met = Analysis(run).spacing
+    assert not ((met.s > 300) & (met.s < 400)).any()
+    heading = INVOLUTE.phi(np.array([300.0, 400.0])) / (2 * np.pi)
+    before = (met.turn + 1 > heading[0] + 1e-3) & (met.turn + 1 < heading[1] - 1e-3)
+    assert not before.any()
+    assert whole.spacing.mean == pytest.approx(10, abs=1e-9)
+
+
+def test_tight_archimedean_spirals_meet_their_next_turn_and_not_themselves():
+    path = Archimedean(40, 10, 3.5)
+    found = spacing(path, path.position(np.arange(0, path.length, 0.05)))
+    assert found.distance.min() > 9
+    assert found.distance.max() < 10.2

@@ -218,3 +218,58 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
     assert message.startswith("no video: ")
     assert "libegl1" in message
     assert message.count("\n") == 1
+
+
+def test_the_machine_stands_where_its_encoders_say(xy, run):
+    with Renderer(xy, run) as renderer:
+        renderer.pose(2000)
+        joints = [renderer.data.joint(name).qpos[0] for name in run.axes]
+    np.testing.assert_allclose(joints, 1e-3 * run.encoder[2000], atol=1e-12)
+
+
+def test_the_camera_is_overview_or_else_one_that_sees_everything(xy, run, rigid):
+    with Renderer(xy, run) as renderer:
+        assert mujoco.mj_id2name(renderer.model, mujoco.mjtObj.mjOBJ_CAMERA, renderer.view.fixedcamid) == "overview"
+    machine = rigid()
+    servo = Servo.derive(machine.axes)
+    other = simulate(machine, servo, MoveSpiral(60, 1, 10, 100).setpoints(1e-3), flow=FLOW)
+    with Renderer(machine, other, size=(2000, 1500)) as renderer:  # larger than the model's own buffer
+        assert renderer.view.type == mujoco.mjtCamera.mjCAMERA_FREE
+        assert renderer.frame(len(other.time) - 1).std() > 3
+
+
+def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
+    for gap in (0.3, 0.5, 5.0):
+        bead = Bead(run, gap)
+        vertices, normals = bead.mesh(len(run.time) - 1)
+        rings = 1e3 * vertices.reshape(-1, 9, 3).astype(float)
+        middle = rings[len(rings) // 2]
+        width = np.linalg.norm(middle[0] - middle[-1])
+        height = middle[:, 2].max() + gap
+        area = FLOW / 100
+        assert height == pytest.approx(min(gap, np.sqrt(2 * area / np.pi)), rel=1e-3)
+        assert 0.25 * np.pi * width * height == pytest.approx(area, rel=0.01)
+        top = normals.reshape(-1, 9, 3)[len(rings) // 2][4]
+        np.testing.assert_allclose(top, [0, 0, 1], atol=1e-6)
+
+
+def test_a_long_trace_gets_more_rings(run):
+    long = dataclasses.replace(run, nozzle=run.nozzle * [20, 20, 1])
+    assert Bead(run, 0.5).rings == 1250
+    chord = np.linalg.norm(np.diff(long.nozzle, axis=0), axis=1).sum() / Bead(long, 0.5).rings
+    assert 1.0 < chord <= 2.0
+
+
+def test_a_long_run_is_shown_faster(xy, run, tmp_path):
+    slow = dataclasses.replace(run, time=run.time * 30, period=run.period * 30)  # 133 s
+    count = save_video(xy, slow, tmp_path / "video.mp4", size=(160, 120), fps=1.0)
+    assert count == round(slow.time[-1] / 3) + 1
+    assert (
+        save_video(xy, run, tmp_path / "video.mp4", size=(160, 120), fps=2.0, speed=4.0) == round(run.time[-1] / 2) + 1
+    )
+
+
+def test_mujoco_gl_off_means_no_video(xy, run, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    with pytest.raises(NoOpenGLError, match="MUJOCO_GL is off"):
+        Renderer(xy, run)

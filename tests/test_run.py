@@ -84,3 +84,28 @@ def test_another_archive_is_refused(tmp_path):
     np.savez(tmp_path / "run.npz", a=1)
     with pytest.raises(InputError, match="is no record of a run"):
         Run.load(tmp_path / "run.npz")
+
+
+def test_a_record_keeps_its_name_and_another_format_is_refused(run, tmp_path):
+    run.save(tmp_path / "record")
+    assert Run.load(tmp_path / "record").machine == "xy"
+    with np.load(tmp_path / "record") as arrays:
+        content = {**arrays, "format": 99}
+    np.savez(tmp_path / "other.npz", **content)
+    with pytest.raises(InputError, match="written in another format"):
+        Run.load(tmp_path / "other.npz")
+
+
+def test_a_record_has_arrays_of_its_own(run):
+    mine = run.encoder.copy()
+    changed = dataclasses.replace(run, encoder=mine)
+    mine[0, 0] = 77.0
+    assert changed.encoder[0, 0] != 77.0
+
+
+def test_a_fault_at_the_first_tick_leaves_a_record_of_one(xy):
+    servo = Servo.derive(xy.axes, resolution=40.0)
+    run = simulate(xy, servo, MoveSpiral(60, 1, 10, 100, start=(9.0, 9.0)).setpoints(1e-3))
+    assert run.fault is not None
+    assert len(run.time) == 1
+    assert run.period == 1e-3

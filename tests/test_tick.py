@@ -1,12 +1,17 @@
 """The callback inside MuJoCo's step: its struct layout, and that it minds its own business."""
 
 import dataclasses
+import shutil
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+import gantrysim
 from gantrysim import Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.native import layout
@@ -89,13 +94,14 @@ def test_the_callback_is_gone_after_a_run_and_after_an_error(xy):
 def test_threads_run_side_by_side_with_the_same_result(xy):
     servo = Servo.derive(xy.axes)
     setpoints = [MoveSpiral(40 + 10 * k, 1, 10, 100).setpoints(1e-3) for k in range(6)]
-    expected = [simulate(xy, servo, points).nozzle for points in setpoints]
+    laws = [
+        None if k % 3 else (lambda state: 0.1 * state.error) for k in range(len(setpoints))
+    ]  # a few of plain Python
+    expected = [simulate(xy, servo, points, law=law).nozzle for points, law in zip(setpoints, laws, strict=True)]
     found = [None] * len(setpoints)
 
     def work(k):
-        law = None if k % 3 else (lambda state: np.zeros(2))  # one in three runs a law of its own
-        run = simulate(xy, servo, setpoints[k], law=law)
-        found[k] = expected[k] if law else run.nozzle
+        found[k] = simulate(xy, servo, setpoints[k], law=laws[k]).nozzle
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(len(setpoints))]
     for thread in threads:
@@ -110,3 +116,30 @@ def test_threads_run_side_by_side_with_the_same_result(xy):
 def test_a_row_is_known_by_code_and_layout():
     assert magic() > 0
     assert ROW.itemsize % 8 == 0
+
+
+ASK = """
+from gantrysim import Machine, Servo, simulate
+from gantrysim.controllers.trio import MoveSpiral
+machine = Machine("xy")
+setpoints = MoveSpiral(40, 1, 10, 100).setpoints(1e-3)
+servo = Servo.derive(machine.axes)
+for law in (None, lambda tick: 0.5 * tick.error + 0.01 * (tick.demand_velocity - tick.measured_velocity)):
+    print(simulate(machine, servo, setpoints, law=law).fault)
+"""
+
+
+def test_no_compiled_code_outlives_a_change_of_what_it_was_compiled_from(tmp_path):
+    package = tmp_path / "gantrysim"
+    shutil.copytree(Path(gantrysim.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def ask():
+        done = subprocess.run([sys.executable, "-c", ASK], cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout.splitlines()
+
+    assert ask() == ["None", "None"]
+    row = package / "native" / "row.py"
+    row.write_text(row.read_text().replace("OVERSPEED = 1.2", "OVERSPEED = 0.01"))
+    compiled, plain = ask()
+    assert compiled.startswith("overspeed on axis")
+    assert plain.startswith("overspeed on axis")

@@ -124,14 +124,15 @@ class Path(ABC):
         p = _points(points)
         return self._foot(p, cKDTree(self._table[1]).query(p)[1])
 
-    def follow(self, trace: ArrayLike) -> Projection:
+    def follow(self, trace: ArrayLike, begin: float | None = None) -> Projection:
         """Project a trace onto the path in the order of its points: each foot is the nearest near the one before.
 
-        So a trace stays on its own turn of a spiral, however far off it is. The first foot is the nearest of
-        the whole path, the earlier of two.
+        So a trace stays on its own turn of a spiral, however far off it is.
 
         Args:
             trace: points in the order of the motion, (n, 3) [mm].
+            begin: arc length at which the trace begins; its first foot is looked for no further along the path than
+                twice the distance to there. By default the nearest of the whole path, the earlier of two [mm].
         """
         p = _points(trace)
         s_table, p_table = self._table
@@ -141,14 +142,19 @@ class Path(ABC):
         anchors = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1] + _ANCHOR, _ANCHOR)))
         anchors = np.unique(np.append(anchors[anchors < len(p)], len(p) - 1))
         feet = np.empty(anchors.size, np.intp)
-        distance = np.linalg.norm(p_table - p[0], axis=1)
-        feet[0] = np.flatnonzero(distance <= distance.min() + spacing)[0]
-        for k in range(1, anchors.size):
-            way = travelled[anchors[k]] - travelled[anchors[k - 1]]
-            reach = int(_REACH * (way + _ANCHOR) / spacing) + 1
-            low = max(feet[k - 1] - reach, 0)
-            window = p_table[low : feet[k - 1] + reach + 1] - p[anchors[k]]
-            feet[k] = low + int(np.argmin(dot(window, window)))
+        if begin is None:
+            distance = np.linalg.norm(p_table - p[0], axis=1)
+            last, reach = int(np.flatnonzero(distance <= distance.min() + spacing)[0]), 2
+        else:
+            last = int(np.clip(round(begin / spacing), 0, s_table.size - 1))
+            reach = int((2 * np.linalg.norm(p[0] - p_table[last]) + _ANCHOR) / spacing)
+        for k in range(anchors.size):
+            low = max(last - reach, 0)
+            window = p_table[low : last + reach + 1] - p[anchors[k]]
+            feet[k] = last = low + int(np.argmin(dot(window, window)))
+            if k + 1 < anchors.size:
+                way = travelled[anchors[k + 1]] - travelled[anchors[k]]
+                reach = int(_REACH * (way + _ANCHOR) / spacing) + 1
         guess = np.round(np.interp(travelled, travelled[anchors], feet)).astype(np.intp)
         around = np.arange(-_AROUND, _AROUND + 1)
         candidates = np.clip(guess[:, None] + around, 0, s_table.size - 1)
