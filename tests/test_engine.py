@@ -489,7 +489,8 @@ def test_a_control_that_mujoco_would_switch_off_is_a_fault(rigid):
     assert run.fault.time < 0.01
 
 
-def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid):
+def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     machine = rigid(speed=0.0, travel=1e7)
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
     machine.model.jnt_limited[:] = 0
@@ -503,6 +504,7 @@ def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid):
     assert run.fault is not None
     assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
     assert run.fault.time <= 2 * PERIOD
+    assert [item.name for item in tmp_path.iterdir()] == ["rigid.xml"]  # and no log file in the working directory
 
 
 def test_physics_steps_are_at_most_what_the_machine_is_made_for(rigid):

@@ -20,6 +20,8 @@ __all__ = ["installed", "installed_law"]
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
+_SILENCE = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(lambda _text: None)
+
 _turn = threading.Lock()  # held while any callback of ours is installed
 _count_lock = threading.Lock()
 _count = 0
@@ -41,8 +43,7 @@ def installed() -> Iterator[None]:
         if _count == 0:
             callback = compiled().callback
             _turn.acquire()
-            _previous = mujoco.get_mjcb_control()
-            mujoco.set_mjcb_control(callback)
+            _previous = _take_over(callback)
         _count += 1
     _thread.depth = getattr(_thread, "depth", 0) + 1
     try:
@@ -52,7 +53,7 @@ def installed() -> Iterator[None]:
         with _count_lock:
             _count -= 1
             if _count == 0:
-                mujoco.set_mjcb_control(_previous)
+                _give_back(_previous)
                 _turn.release()
 
 
@@ -87,16 +88,29 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[None]:
 
     callback = _CALLBACK(on_control)
     with _turn:
-        previous = mujoco.get_mjcb_control()
-        mujoco.set_mjcb_control(callback)
+        previous = _take_over(callback)
         _thread.law = True
         try:
             yield
         finally:
             _thread.law = False
-            mujoco.set_mjcb_control(previous)
+            _give_back(previous)
     if raised:
         raise raised[0]
+
+
+def _take_over(callback: Any) -> tuple[Any, Any]:
+    """Install a control callback, and have MuJoCo's warnings go nowhere: the tick makes faults of them."""
+    previous = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
+    mujoco.set_mjcb_control(callback)
+    mujoco.set_mju_user_warning(_SILENCE)
+    return previous
+
+
+def _give_back(previous: tuple[Any, Any]) -> None:
+    control, warning = previous
+    mujoco.set_mjcb_control(control)
+    mujoco.set_mju_user_warning(warning)
 
 
 def _tick(row: Any, n: int) -> Tick:
