@@ -1,29 +1,19 @@
 """The sampled servo on the simulated machine, against independent models of both."""
 
-import dataclasses
 import math
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from gantrysim import GantryError, InputError, Machine, Servo, simulate
-from gantrysim.controllers.path import ArcChain
-from gantrysim.controllers.servo import Tick
+from gantrysim import Servo, simulate
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 
-PERIOD = 1e-3
-STEP = 2.5e-4
+from runs import PERIOD, STEP, plain, ramp
+
 # Agreement with a model of the same integrator, in mm: rounding over ten thousand steps.
 SAME_INTEGRATOR = 1e-9
-
-
-def plain(machine, period=PERIOD, **gains):
-    """A servo without encoder quantisation, whose gains the test gives."""
-    gains = {"resolution": 0.0, "following_error_limit": 1e3, **gains}
-    return Servo.derive(machine.axes, period, **gains)
 
 
 def constants(machine, a):
@@ -166,10 +156,6 @@ def test_circle_converges_to_the_exact_sampled_plant_at_first_order_in_the_physi
     assert gaps[1] < 5e-3 * radius * abs(response)  # the default step: below 0.5 % of the error
 
 
-def ramp(speed, length=140.0):
-    return Setpoints.along(ArcChain((-70.0, 0.0), 0.0, [0.0], [length]), speed, PERIOD)
-
-
 @pytest.mark.parametrize("speed", [20.0, 100.0, 400.0])
 def test_steady_ramp_error_is_the_viscous_torque_over_the_gain(rigid, speed):
     machine = rigid()
@@ -264,165 +250,6 @@ def test_axes_that_the_program_leaves_out_stand_still(xyz):
     assert np.abs(run.nozzle[:, 2]).max() < 1e-3
 
 
-def pd_in_python(servo):
-    before = {}
-
-    def law(tick: Tick):
-        error = np.subtract(tick.commanded, tick.measured)
-        change = (error - before.get("error", error)) / servo.period
-        before["error"] = error
-        return (
-            np.array(servo.kp) * error
-            + np.array(servo.ki) * 0.0
-            + np.array(servo.kd) * change
-            + np.array(servo.velocity_ff) * tick.demand_velocity
-            + np.array(servo.acceleration_ff) * tick.demand_acceleration
-            + np.array(servo.output_velocity) * tick.measured_velocity
-        )
-
-    return law
-
-
-def test_a_law_in_plain_python_runs_through_the_same_tick(xy):
-    servo = Servo.derive(xy.axes)
-    setpoints = MoveSpiral(60, 1, 10, 100).setpoints(PERIOD)
-    compiled = simulate(xy, servo, setpoints)
-    plain_law = simulate(xy, servo, setpoints, law=pd_in_python(servo))
-    np.testing.assert_allclose(plain_law.demand, compiled.demand, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(plain_law.encoder, compiled.encoder, rtol=0, atol=1e-9)
-
-
-def test_what_a_plain_law_raises_reaches_the_caller(xy):
-    setpoints = MoveSpiral(60, 1, 10, 100).setpoints(PERIOD)
-
-    def broken(tick):
-        raise ZeroDivisionError("gain of nothing")
-
-    with pytest.raises(ZeroDivisionError, match="gain of nothing"):
-        simulate(xy, Servo.derive(xy.axes), setpoints, law=broken)
-    with pytest.raises(InputError, match="must be 2 finite torques"):
-        simulate(xy, Servo.derive(xy.axes), setpoints, law=lambda tick: [0.0])
-
-
-@pytest.mark.parametrize("frequency", [100.0, 140.0, 200.0, 400.0, 1000.0])
-def test_unstable_gains_end_in_a_fault_with_time_and_axis(xy, frequency):
-    servo = Servo.derive(xy.axes, PERIOD, frequency=frequency)
-    run = simulate(xy, servo, MoveSpiral(120, 4, 10, 100).setpoints(PERIOD))
-    assert run.fault is not None
-    assert run.fault.axis in ("x", "y")
-    assert run.time[-1] == pytest.approx(run.fault.time)
-    assert run.fault.time < 2.0
-    assert f"{run.fault.kind} on axis {run.fault.axis} at t = {run.fault.time:.4f} s" in str(run.fault)
-
-
-def test_divergence_without_any_limit_is_a_fault_too(rigid):
-    machine = rigid(travel=1e6, speed=0.0, voltage=1e9, current=1e9)
-    servo = plain(machine, frequency=400.0, following_error_limit=math.inf, torque_limit=math.inf)
-    run = simulate(machine, servo, MoveSpiral(120, 4, 10, 100).setpoints(PERIOD))
-    assert run.fault is not None
-    assert np.abs(run.commanded - run.encoder)[:-1].max() > 10
-
-
-def test_a_limit_cycle_between_the_torque_limits_is_a_fault_and_a_hard_start_is_none(rigid):
-    machine = rigid()
-    lazy = {"following_error_limit": 1e3, "resolution": 0.0}
-    wild = simulate(machine, Servo.derive(machine.axes, PERIOD, frequency=150.0, **lazy), ramp(100.0))
-    assert wild.fault is not None
-    assert (wild.fault.kind, wild.fault.axis, wild.fault.value) == ("oscillation", "x", 20)
-    assert np.abs(wild.commanded - wild.encoder).max() < 20  # bounded: no other limit would have seen it
-    limited = simulate(machine, Servo.derive(machine.axes, PERIOD, torque_limit=0.1, **lazy), ramp(100.0))
-    assert limited.fault is None
-    assert (np.abs(limited.demand[:, 0]) == 0.1).sum() > 10
-
-
-@pytest.mark.parametrize(
-    ("limits", "kind"),
-    [
-        ({"following_error_limit": 0.5}, "following error"),
-        ({"following_error_limit": 1e6}, "overspeed"),
-    ],
-)
-def test_a_run_away_axis_trips_on_the_first_limit_it_meets(rigid, limits, kind):
-    machine = rigid()
-    servo = Servo.derive(machine.axes, PERIOD, **limits)
-    run = simulate(machine, servo, ramp(50.0), law=lambda tick: [0.9, 0.0])
-    assert run.fault is not None
-    assert (run.fault.kind, run.fault.axis) == (kind, "x")
-    reached = run.commanded[-1, 0] - run.encoder[-1, 0] if kind == "following error" else run.fault.value
-    assert reached == pytest.approx(run.fault.value)
-    assert abs(run.fault.value) > run.fault.limit
-    if kind == "overspeed":
-        assert run.fault.limit == pytest.approx(1.2 * machine.axes[0].speed_limit)
-
-
-def test_leaving_the_travel_is_a_fault(rigid):
-    machine = rigid()
-    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=1e6)
-    machine.model.jnt_limited[:] = 0  # no hard stop before the limit switch
-    run = simulate(machine, servo, ramp(50.0), law=lambda tick: [0.05 if tick.measured_velocity[0] < 300 else 0.0, 0.0])
-    assert run.fault is not None
-    assert (run.fault.kind, run.fault.axis) == ("travel", "x")
-    assert run.encoder[-1, 0] > 150.1
-    assert run.encoder[-2, 0] <= 150.1 + 1e-9
-
-
-def test_the_same_run_within_its_limits_has_no_fault(rigid):
-    machine = rigid()
-    run = simulate(machine, Servo.derive(machine.axes, PERIOD, following_error_limit=0.6), ramp(50.0))
-    assert run.fault is None
-    assert len(run.time) == len(ramp(50.0).position)
-
-
-BAD = {
-    "unknown axis": (
-        lambda m: {"setpoints": dataclasses.replace(ramp(50.0), axes=("x", "w"))},
-        "moves axis 'w'.*has x, y",
-    ),
-    "travel": (
-        lambda m: {"setpoints": ramp(50.0, 240.0)},
-        r"x = 170 mm at t = .*travel -150 to 150 mm of machine rigid",
-    ),
-    "speed": (lambda m: {"setpoints": ramp(1500.0)}, r"speed of x = 1500 mm/s.*at most 1000 mm/s"),
-    "period": (
-        lambda m: {"servo": Servo.derive(m.axes, 5e-4)},
-        r"period = 0.001 s: must be the servo period, 0.0005 s",
-    ),
-    "axes": (lambda m: {"servo": Servo.derive(m.axes[:1], PERIOD)}, "servo has 1 axes: machine rigid has 2"),
-    "physics step": (lambda m: {"physics_step": 0.0}, "physics_step = 0 s: must be at least"),
-    "flow": (lambda m: {"flow": -1.0}, "flow = -1 mm³/s: must be at least 0"),
-    "delay": (
-        lambda m: {"servo": Servo.derive(m.axes, PERIOD, delay=3e-4)},
-        "servo delay = 0.0003 s: must be a multiple",
-    ),
-}
-
-
-@pytest.mark.parametrize(("change", "text"), BAD.values(), ids=BAD.keys())
-def test_bad_input_is_refused_before_anything_moves(rigid, change, text):
-    machine = rigid()
-    arguments = {"servo": Servo.derive(machine.axes, PERIOD), "setpoints": ramp(50.0), **change(machine)}
-    with pytest.raises(InputError, match=text):
-        simulate(machine, **arguments)
-
-
-def test_speed_limit_is_the_declared_one_or_the_bus_voltage(rigid):
-    assert rigid().axes[0].speed_limit == pytest.approx(1000.0)
-    slow = rigid(voltage=12.0).axes[0]
-    assert slow.speed_limit == pytest.approx(slow.no_load_speed) == pytest.approx(12 / 0.03 * 10 / (2 * math.pi))
-
-
-def test_speed_limit_is_met_exactly(rigid):
-    machine = rigid()
-    servo = plain(machine)
-    for speed, refused in ((999.9, False), (1000.2, True)):
-        setpoints = ramp(speed)
-        if refused:
-            with pytest.raises(InputError, match="speed of x"):
-                simulate(machine, servo, setpoints)
-        else:
-            simulate(machine, servo, setpoints)
-
-
 def test_voltage_is_what_the_winding_needs_and_the_back_emf(rigid):
     machine = rigid()
     run = simulate(machine, plain(machine), ramp(600.0), physics_step=1e-4)
@@ -441,120 +268,8 @@ def test_torque_is_limited_by_the_drive_where_the_current_is_not(rigid):
     assert np.abs(run.torque).max() <= 0.06 * (1 + 1e-12)
 
 
-def test_a_fault_disables_the_drives_at_once_even_with_a_delay(rigid):
-    machine = rigid()
-    servo = Servo.derive(machine.axes, PERIOD, delay=5e-4, following_error_limit=0.05)
-    seen = []
-    run = simulate(machine, servo, ramp(400.0), physics_step=STEP, progress=seen.append)
-    assert run.fault is not None
-    assert seen[-1] < 1.0  # the job has ended there
-    row_end = len(run.time) - 1
-    assert run.fault.time == pytest.approx(row_end * PERIOD)
-    assert np.isfinite(run.nozzle).all()
-
-
-def test_slow_swings_between_the_limits_are_no_oscillation(rigid):
-    machine = rigid(speed=5.0)
-    n = 25 * 300
-    x = 5 * np.sign(np.sin(2 * np.pi * np.arange(n) * PERIOD / 0.3))  # jumps to and fro, every 0.15 s
-    x = np.clip(np.convolve(x, np.ones(12) / 12, "same"), -5, 5)
-    path = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
-    setpoints = Setpoints(PERIOD, ("x",), x[:, None], np.ones(n, bool), path)
-    servo = Servo.derive(machine.axes, PERIOD, torque_limit=0.15, following_error_limit=1e3, resolution=0.0)
-    run = simulate(machine, servo, setpoints)
-    clamped = np.abs(run.demand[:, 0]) == 0.15
-    swings = np.abs(np.diff(np.sign(run.demand[clamped, 0]))).sum() / 2
-    assert swings > 20
-    assert run.fault is None
-
-
-def test_a_control_that_mujoco_would_switch_off_is_a_fault(rigid):
-    source = rigid(current=0.0).source  # no limit
-    content = source.read_text()
-    for name in "xy":
-        content = content.replace(
-            f'<dcmotor name="{name}" joint="{name}"/>',
-            f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>',
-        )
-    source.write_text(content)
-    machine = Machine(source)
-    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
-    run = simulate(machine, servo, ramp(50.0), law=lambda tick: [1e300, 0.0])
-    assert run.fault is not None
-    assert (run.fault.kind, run.fault.axis, run.fault.time) == ("diverged", "x", 0.0)
-    wild = dataclasses.replace(servo, kp=(1e14, 1e14))
-    run = simulate(machine, wild, ramp(50.0))
-    assert run.fault is not None
-    assert run.fault.kind in ("diverged", "overspeed")
-    assert run.fault.time < 0.01
-
-
-def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    machine = rigid(speed=0.0, travel=1e7)
-    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
-    machine.model.jnt_limited[:] = 0
-    object.__setattr__(
-        machine,
-        "axes",
-        tuple(dataclasses.replace(a, speed_limit=math.inf, travel=(-math.inf, math.inf)) for a in machine.axes),
-    )
-    machine.model.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
-    run = simulate(machine, servo, ramp(50.0))
-    assert run.fault is not None
-    assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
-    assert run.fault.time <= 2 * PERIOD
-    assert [item.name for item in tmp_path.iterdir()] == ["rigid.xml"]  # and no log file in the working directory
-
-
-def test_physics_steps_are_at_most_what_the_machine_is_made_for(rigid):
-    machine = rigid()
-    with pytest.raises(
-        InputError, match=r"physics_step = 0.001 s: must be at most 0.0005 s, the timestep that machine"
-    ):
-        simulate(machine, plain(machine), ramp(50.0), physics_step=1e-3)
-    default = simulate(machine, plain(machine), ramp(50.0))
-    same = simulate(machine, plain(machine), ramp(50.0), physics_step=5e-4)
-    np.testing.assert_array_equal(default.nozzle, same.nozzle)
-
-
 def test_a_step_that_does_not_divide_the_period_is_made_shorter(rigid):
     machine = rigid()
     odd = simulate(machine, plain(machine), ramp(50.0), physics_step=4e-4)  # a third of the period is the next shorter
     third = simulate(machine, plain(machine), ramp(50.0), physics_step=PERIOD / 3)
     np.testing.assert_array_equal(odd.nozzle, third.nozzle)
-
-
-def test_nested_runs_in_a_law_are_refused_and_a_law_may_step_other_models(rigid):
-    machine = rigid()
-    servo = plain(machine)
-    other = machine.stepping(5e-4)
-    state = mujoco.MjData(other)
-
-    def nested(tick):
-        simulate(machine, servo, ramp(50.0))
-
-    with pytest.raises(GantryError, match="cannot run a simulation: it is inside one"):
-        simulate(machine, servo, ramp(50.0), law=nested)
-    with pytest.raises(GantryError, match="cannot run inside another simulation"):
-        simulate(
-            machine, servo, ramp(50.0), progress=lambda _: simulate(machine, servo, ramp(50.0), law=lambda t: [0, 0])
-        )
-
-    def stepping(tick):
-        mujoco.mj_step(other, state)
-        return 0.0 * tick.error
-
-    alone = simulate(machine, servo, ramp(5.0, 1.0), law=lambda tick: 0.0 * tick.error)
-    beside = simulate(machine, servo, ramp(5.0, 1.0), law=stepping)
-    np.testing.assert_array_equal(alone.nozzle, beside.nozzle)
-
-
-def test_an_interrupt_in_a_law_reaches_the_caller(rigid):
-    machine = rigid()
-
-    def interrupted(tick):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        simulate(machine, plain(machine), ramp(50.0), law=interrupted)

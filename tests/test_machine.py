@@ -10,6 +10,8 @@ from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine import builtin_models
 
+from runs import ideal_motors
+
 
 def test_axis_values_of_a_machine_whose_numbers_are_known(rigid):
     machine = rigid()
@@ -149,15 +151,7 @@ def test_mjcf_that_lacks_what_it_needs_is_refused_in_one_line(rigid, old, new, t
 
 
 def test_a_plain_motor_is_an_ideal_torque_source(rigid):
-    source = rigid().source
-    content = source.read_text()
-    for name in "xy":
-        content = content.replace(
-            f'<dcmotor name="{name}" joint="{name}"/>',
-            f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>',
-        )
-    source.write_text(content)
-    x = Machine(source).axes[0]
+    x = Machine(ideal_motors(rigid().source)).axes[0]
     assert math.isnan(x.motor_constant)
     assert x.peak_torque == pytest.approx(0.9)  # the default class' force range
     assert x.lag == 0.0
