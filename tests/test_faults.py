@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -10,6 +11,9 @@ from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.engine import _fill
+from gantrysim.native.hook import installed
+from gantrysim.native.row import ROW, ROW_NUMBERS, log_width
 
 from runs import PERIOD, STEP, ideal_motors, plain, ramp
 
@@ -139,3 +143,25 @@ def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monke
     assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
     assert run.fault.time <= 2 * PERIOD
     assert [item.name for item in tmp_path.iterdir()] == ["rigid.xml"]  # and no log file in the working directory
+
+
+def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
+    machine = rigid()
+    servo = Servo.derive(machine.axes, PERIOD, delay=5e-4, following_error_limit=0.6)
+    position = np.ascontiguousarray(ramp(400.0).position[:, [0, 0]] * [1, 0])
+    model = machine.stepping(STEP)
+    data = mujoco.MjData(model)
+    data.qpos[:] = machine.to_qpos(position[0])
+    log = np.zeros((len(position), log_width(2)))
+    row = data.userdata[:ROW_NUMBERS].view(ROW)
+    _fill(row, machine, servo, position, log, 4)
+    before = 0.0
+    with installed():
+        for _ in range(4000):
+            mujoco.mj_step(model, data)
+            if row[0]["fault"]:
+                break
+            before = data.ctrl[0]
+    assert row[0]["fault"]
+    assert before != 0.0
+    assert not data.ctrl.any()

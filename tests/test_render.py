@@ -273,3 +273,24 @@ def test_mujoco_gl_off_means_no_video(xy, run, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "off")
     with pytest.raises(NoOpenGLError, match="MUJOCO_GL is off"):
         Renderer(xy, run)
+
+
+def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
+    dwell = 200
+    nozzle = np.concatenate([np.repeat(run.nozzle[:1], dwell, axis=0), run.nozzle])
+    still = dataclasses.replace(
+        run,
+        time=np.arange(len(nozzle)) * run.period,
+        nozzle=nozzle,
+        flow=np.concatenate([np.full(dwell, FLOW), run.flow]),
+    )
+    bead = Bead(still, 0.5)
+    vertices, _ = bead.mesh(len(nozzle) - 1)
+    rings = 1e3 * vertices.reshape(-1, 9, 3).astype(float)[1:-1]
+    width = np.linalg.norm(rings[:, 0] - rings[:, -1], axis=1)
+    height = rings[..., 2].max(axis=1) + 0.5
+    area = 0.25 * np.pi * width * height
+    length = np.linalg.norm(np.diff(nozzle, axis=0), axis=1).sum()
+    drawn = np.trapezoid(area, dx=length / (bead.rings - 1))
+    assert drawn == pytest.approx(still.flow[:-1].sum() * run.period, rel=2e-3)
+    assert area[0] > 20 * area[10]
