@@ -30,7 +30,8 @@ wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" "$root/gantrysim/__i
 stamp="$root/.venv/installed${1:+-$1}"
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
     echo "installing gantrysim$extra into .venv (the first time takes a minute or two)"
-    PIP_CONSTRAINT="$root/constraints.txt" PIP_DISABLE_PIP_VERSION_CHECK=1 \
-        "$root/.venv/bin/python" -m pip install --quiet --editable "$root$extra"
+    # from within the folder: pip splits the constraints' path at spaces
+    (cd "$root" && PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 \
+        .venv/bin/python -m pip install --quiet --editable ".$extra")
     echo "$wanted" >"$stamp"
 fi
