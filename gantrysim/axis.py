@@ -32,7 +32,7 @@ class Axis:
         lag: time constant of the winding, L/R [s].
         bus_voltage: the drive's limit [V]; inf where it has none.
         peak_torque: the drive's limit [N·m].
-        speed_limit: declared limit, at most the no-load speed at bus voltage [mm/s].
+        declared_speed: the MJCF's own limit; inf where it states none [mm/s].
         resolution: axis travel per encoder count, 0 for an exact measurement [mm].
     """
 
@@ -47,13 +47,18 @@ class Axis:
     lag: float
     bus_voltage: float
     peak_torque: float
-    speed_limit: float
+    declared_speed: float
     resolution: float
 
     @property
     def no_load_speed(self) -> float:
         """Speed at which the back-EMF is the bus voltage [mm/s]."""
         return self.bus_voltage / self.motor_constant * self.scale if self.motor_constant > 0 else math.inf
+
+    @property
+    def speed_limit(self) -> float:
+        """The declared speed, at most the no-load speed [mm/s]."""
+        return min(self.declared_speed, self.no_load_speed)
 
 
 @dataclass(frozen=True)
@@ -103,7 +108,6 @@ def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) 
     limited = bool(model.jnt_limited[joint])
     travel = (float(model.jnt_range[joint, 0]) * _MM, float(model.jnt_range[joint, 1]) * _MM)
     declared = float(model.jnt_user[joint, 0]) * _MM if model.nuser_jnt else 0.0
-    no_load = drive.bus_voltage / drive.motor_constant * scale if drive.motor_constant > 0 else math.inf
     damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
     axis = Axis(
         name=name,
@@ -117,7 +121,7 @@ def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) 
         lag=drive.lag,
         bus_voltage=drive.bus_voltage,
         peak_torque=drive.peak_torque,
-        speed_limit=min(declared, no_load) if declared > 0 else no_load,
+        declared_speed=declared if declared > 0 else math.inf,
         resolution=_encoder(model, name, i, scale, source),
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if drive.lag > 0 else -1

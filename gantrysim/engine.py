@@ -86,6 +86,8 @@ def simulate(
     kept = int(row[0]["tick"])
     if kept < n and fault is None:
         raise GantryError(f"the servo of machine {machine.name} ran for {kept} of {n} ticks: MuJoCo did not call it")
+    if fault is not None and not np.isfinite(log[kept - 1, : axes + 3]).all():
+        kept -= 1  # the tick that saw the divergence has no position to record
     return _record(machine, setpoints, position[:kept], log[:kept], flow, fault)
 
 

@@ -107,15 +107,11 @@ class Machine:
         """Return the joint positions for axis positions, every other joint at its reference, (nq,) [SI].
 
         Args:
-            position: (axes,) [mm or deg].
+            position: (axes,) [mm].
         """
         qpos: Floats = self.model.qpos0.copy()
-        for value, axis, address in zip(np.asarray(position, float), self.axes, self.addresses, strict=True):
-            qpos[address.joint] = value / axis.scale * self._joint_per_radian(address)
+        qpos[[address.joint for address in self.addresses]] = np.asarray(position, float) / _MM
         return qpos
-
-    def _joint_per_radian(self, address: AxisAddress) -> float:
-        return 1.0 / float(self.model.actuator_gear[address.output, 0])
 
     def _check_work_frame(self) -> None:
         """The program's positions are the work frame's: see that the machine agrees, to a micrometre."""

@@ -28,7 +28,7 @@ class Fault:
         kind: "following error", "travel", "overspeed", "oscillation" or "diverged".
         axis: name of the axis that tripped.
         time: time of the servo tick that saw it [s].
-        value: the quantity there [mm, mm/s, or swings of the torque demand from limit to limit].
+        value: the quantity there [mm, mm/s, N·m, or swings of the torque demand from limit to limit].
         limit: its bound, in the same unit.
     """
 
@@ -39,7 +39,7 @@ class Fault:
     limit: float
 
     def __str__(self) -> str:
-        unit = "mm/s" if self.kind == "overspeed" else "mm"
+        unit = {"overspeed": "mm/s", "diverged": "N·m"}.get(self.kind, "mm")
         if self.kind == "oscillation":
             figures = f": the torque demand has swung {self.value:g} times from limit to limit"
         elif np.isfinite(self.limit):

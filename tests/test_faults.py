@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim import Machine, Servo, simulate
+from gantrysim import Fault, Machine, Servo, metrics, simulate
 from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
@@ -135,13 +135,15 @@ def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monke
     object.__setattr__(
         machine,
         "axes",
-        tuple(dataclasses.replace(a, speed_limit=math.inf, travel=(-math.inf, math.inf)) for a in machine.axes),
+        tuple(dataclasses.replace(a, travel=(-math.inf, math.inf)) for a in machine.axes),
     )
     machine.model.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
     run = simulate(machine, servo, ramp(50.0))
     assert run.fault is not None
     assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
     assert run.fault.time <= 2 * PERIOD
+    assert np.isfinite(run.nozzle).all()
+    assert metrics.figures(run).contour.max >= 0  # a record that can be looked at
     assert [item.name for item in tmp_path.iterdir()] == ["rigid.xml"]  # and no log file in the working directory
 
 
@@ -165,3 +167,24 @@ def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
     assert row[0]["fault"]
     assert before != 0.0
     assert not data.ctrl.any()
+
+
+def test_a_run_that_ends_in_numbers_that_are_none_keeps_those_before(rigid):
+    machine = rigid()
+    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
+    poisoned = machine.stepping(STEP)
+    poisoned.body_mass[:] = np.inf  # no acceleration is a number
+    poisoned.opt.gravity[0] = 1.0
+    run = simulate(machine, servo, ramp(50.0), physics_step=STEP)
+    assert run.fault is not None
+    assert run.fault.kind == "diverged"
+    assert len(run.time) >= 1
+    assert np.isfinite(run.nozzle).all()
+    assert np.isfinite(metrics.figures(run).contour.max)
+
+
+def test_an_absurd_torque_is_told_in_its_own_unit():
+    assert (
+        str(Fault("diverged", "x", 0.002, -5e9, 1e9))
+        == "diverged on axis x at t = 0.0020 s: -5e+09 N·m, limit 1e+09 N·m"
+    )

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Servo, cli, simulate
+from gantrysim import InputError, Machine, Servo, cli, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.render import NoOpenGLError, Renderer, save_video
+from gantrysim.render import NoOpenGLError, Renderer, _gap, save_video
 from gantrysim.sweep import Bead
 
 SIZE = (640, 480)
@@ -294,3 +294,15 @@ def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
     drawn = np.trapezoid(area, dx=length / (bead.rings - 1))
     assert drawn == pytest.approx(still.flow[:-1].sum() * run.period, rel=2e-3)
     assert area[0] > 20 * area[10]
+
+
+def test_the_gap_is_measured_down_the_work_however_the_machine_stands(xy, rigid):
+    assert _gap(xy) == pytest.approx(0.5, abs=1e-6)
+    source = rigid().source
+    content = source.read_text().replace(
+        '<body name="work"/>',
+        '<body name="work"><geom type="box" size="0.2 0.2 0.01" pos="0 0 -0.0113" contype="0" conaffinity="0"/></body>',
+    )
+    content = content.replace("<worldbody>", '<worldbody><body name="bench" pos="0.3 -0.2 0.5" euler="20 -30 70">')
+    source.write_text(content.replace("</worldbody>", "</body></worldbody>"))
+    assert _gap(Machine(source)) == pytest.approx(1.3, abs=1e-6)

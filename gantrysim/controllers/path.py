@@ -139,8 +139,8 @@ class Path(ABC):
         spacing = s_table[1]
         travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
         # first a few points, one after the other, then all between them at once
-        anchors = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1] + _ANCHOR, _ANCHOR)))
-        anchors = np.unique(np.append(anchors[anchors < len(p)], len(p) - 1))
+        further = np.flatnonzero(np.diff(np.floor(travelled / _ANCHOR))) + 1
+        anchors = np.unique(np.concatenate([[0], further, [len(p) - 1]]))
         feet = np.empty(anchors.size, np.intp)
         if begin is None:
             distance = np.linalg.norm(p_table - p[0], axis=1)

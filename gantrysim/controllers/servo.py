@@ -15,11 +15,11 @@ from gantrysim.errors import InputError, at_least, finite, positive
 __all__ = ["AxisDynamics", "PlainLaw", "Servo", "Tick", "law"]
 
 # An axis further off than this is lost: between the 0.1 mm of a tuned gantry and the 10 mm of a jam.
-FOLLOWING_ERROR_LIMIT = 5.0  # [mm or deg]
+FOLLOWING_ERROR_LIMIT = 5.0  # [mm]
 
 
 class AxisDynamics(Protocol):
-    """What the derivation of gains must know of an axis; mm stands for deg on a rotary axis."""
+    """What the derivation of gains must know of an axis."""
 
     @property
     def name(self) -> str: ...
