@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim.controllers.path import ArcChain
+from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.controllers.spirals import Involute
 from gantrysim.errors import InputError

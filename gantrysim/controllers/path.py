@@ -1,8 +1,13 @@
 """Exact geometry of paths, by arc length.
 
-A path is a curve c(s) [mm] in the work frame with 0 <= s <= length, unit tangent t(s), and in the XY
-plane the heading theta(s), the left normal n(s) and the signed curvature kappa(s) = d(theta)/ds, positive
-where the path turns left.
+A path is a curve c(s) [mm] in the work frame with 0 <= s <= length. It runs along a plane (u, v), as a rule
+the XY plane, from which it may climb along the plane's normal w. With the heading theta in the plane and the
+angle of climb beta the unit tangent is
+
+    t = cos(beta) (cos(theta) u + sin(theta) v) + sin(beta) w,
+
+the left normal n = -sin(theta) u + cos(theta) v, and the turning kappa = d(theta)/ds, positive to the left; in
+the plane itself that is the signed curvature.
 """
 
 from __future__ import annotations
@@ -18,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.errors import InputError, unknown
 
-__all__ = ["ArcChain", "Floats", "Path", "Projection", "dot"]
+__all__ = ["Floats", "Path", "Projection", "dot"]
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +47,7 @@ class Projection:
     Attributes:
         s: arc length of the foot points, (n,) [mm].
         offset: point minus foot point, (n, 3) [mm].
-        lateral: signed distance along the left normal in the XY plane, (n,) [mm].
+        lateral: signed distance along the left normal, (n,) [mm].
         distance: distance to the path, (n,) [mm].
     """
 
@@ -91,21 +96,36 @@ class Path(ABC):
 
     @abstractmethod
     def heading(self, s: ArrayLike) -> Floats:
-        """Angle of the tangent in the XY plane from +x, counter-clockwise, not wrapped, (n,) [rad]."""
+        """Angle theta of the tangent in the plane from u, counter-clockwise, not wrapped, (n,) [rad]."""
 
     @abstractmethod
     def curvature(self, s: ArrayLike) -> Floats:
-        """Signed curvature in the XY plane, (n,) [1/mm]."""
+        """Turning kappa = d(theta)/ds, (n,) [1/mm]."""
+
+    def climb(self, s: ArrayLike) -> Floats:
+        """Sine of the angle of climb beta, (n,)."""
+        return np.zeros(np.size(s))
+
+    def frame(self, s: ArrayLike) -> Floats:
+        """Directions u, v, w of the plane, (n, 3, 3)."""
+        return np.broadcast_to(np.eye(3), (np.size(s), 3, 3))
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
-        theta = self.heading(s)
-        return np.stack([np.cos(theta), np.sin(theta), np.zeros_like(theta)], axis=-1)
+        theta, sine = self.heading(s), self.climb(s)
+        cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
+        return _in_frame(self.frame(s), cosine * np.cos(theta), cosine * np.sin(theta), sine)
 
     def normal(self, s: ArrayLike) -> Floats:
-        """Left unit normals n(s) in the XY plane, (n, 3)."""
+        """Left unit normals n(s) in the plane, (n, 3)."""
         theta = self.heading(s)
-        return np.stack([-np.sin(theta), np.cos(theta), np.zeros_like(theta)], axis=-1)
+        return _in_frame(self.frame(s), -np.sin(theta), np.cos(theta), np.zeros_like(theta))
+
+    def bend(self, s: ArrayLike) -> Floats:
+        """Curvature vectors dt/ds but for the change of climb, kappa cos(beta) n, (n, 3) [1/mm]."""
+        cosine = np.sqrt(np.maximum(1 - self.climb(s) ** 2, 0.0))
+        bend: Floats = (self.curvature(s) * cosine)[:, None] * self.normal(s)
+        return bend
 
     @cached_property
     def _table(self) -> tuple[Floats, Floats]:
@@ -165,7 +185,7 @@ class Path(ABC):
         """Project points, given the nearest entries of the table.
 
         The foot lies between the neighbours of that entry, and is found there by Newton's method on
-        g(s) = (c(s) - p).t(s) = 0, with g' = 1 + kappa (c(s) - p).n(s), and by bisection where Newton's step would
+        g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s), and by bisection where Newton's step would
         leave the interval: at the path's ends, where the curvature jumps, near a centre of curvature.
         """
         s_table = self._table[0]
@@ -177,7 +197,7 @@ class Path(ABC):
             at = s[active]
             back = self.position(at) - p[active]
             ahead = dot(back, self.tangent(at))
-            slope = 1.0 + self.curvature(at) * dot(back, self.normal(at))
+            slope = 1.0 + dot(back, self.bend(at))
             beyond = ahead > 0
             high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
             step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
@@ -192,88 +212,16 @@ class Path(ABC):
         return Projection(s, offset, dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
 
 
-class ArcChain(Path):
-    """Tangent-continuous circular arcs and straight lines in the XY plane, one behind the other.
-
-    Args:
-        start: first point, (2,) or (3,) [mm].
-        heading: direction of the first tangent from +x, counter-clockwise [rad].
-        curvature: signed curvature of each piece, 0 for a line, (m,) [1/mm].
-        lengths: length of each piece, (m,) [mm].
-    """
-
-    def __init__(self, start: ArrayLike, heading: float, curvature: ArrayLike, lengths: ArrayLike) -> None:
-        self._kappa = np.atleast_1d(np.asarray(curvature, float))
-        pieces = np.atleast_1d(np.asarray(lengths, float))
-        if self._kappa.shape != pieces.shape or pieces.ndim != 1 or not pieces.size or not np.all(pieces >= 0):
-            raise InputError(
-                f"arc chain: {self._kappa.size} curvatures and {pieces.size} lengths: "
-                "must be as many, at least one, and every length at least 0 mm"
-            )
-        if np.size(start) not in (2, 3):
-            raise InputError(f"arc chain: start of {np.size(start)} numbers: must be two or three")
-        if not all(np.isfinite(value).all() for value in (start, heading, self._kappa, pieces)):
-            raise InputError("arc chain: start, heading, curvatures and lengths must be finite")
-        self._pieces = pieces
-        self._start = np.zeros(3)
-        self._start[: np.size(start)] = start
-        self._s = np.concatenate([[0.0], np.cumsum(pieces)])
-        self._theta = heading + np.concatenate([[0.0], np.cumsum(self._kappa * pieces)])
-        steps = _arc(self._theta[:-1], self._kappa, pieces)
-        self._points = self._start + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-    def parameters(self) -> dict[str, Any]:
-        return {
-            "start": self._start,
-            "heading": float(self._theta[0]),
-            "curvature": self._kappa,
-            "lengths": self._pieces,
-        }
-
-    @property
-    def length(self) -> float:
-        return float(self._s[-1])
-
-    @property
-    def pieces(self) -> int:
-        """Number of arcs and lines."""
-        return self._kappa.size
-
-    def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
-        arc_length = np.atleast_1d(np.asarray(s, float))
-        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, self.pieces - 1)
-        return k, arc_length - self._s[k]
-
-    def position(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
-        points: Floats = self._points[k] + _arc(self._theta[k], self._kappa[k], rest)
-        return points
-
-    def heading(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
-        theta: Floats = self._theta[k] + self._kappa[k] * rest
-        return theta
-
-    def curvature(self, s: ArrayLike) -> Floats:
-        kappa: Floats = self._kappa[self._locate(s)[0]]
-        return kappa
-
-
-def _arc(theta: Floats, kappa: Floats, s: Floats) -> Floats:
-    """Displacement after the length s along an arc that leaves with heading theta, (m, 3) [mm].
-
-    The chord's form s sinc(kappa s / 2) (cos, sin)(theta + kappa s / 2) holds for lines as well.
-    """
-    half = 0.5 * kappa * s
-    chord = s * np.sinc(half / np.pi)
-    return np.stack([chord * np.cos(theta + half), chord * np.sin(theta + half), np.zeros_like(s)], axis=-1)
-
-
 def _points(points: ArrayLike) -> Floats:
     p = np.atleast_2d(np.asarray(points, float))
     if p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
     return p
+
+
+def _in_frame(frame: Floats, along: Floats, across: Floats, up: Floats) -> Floats:
+    vectors: Floats = np.einsum("ij,ijk->ik", np.stack([along, across, up], axis=1), frame)
+    return vectors
 
 
 def dot(a: Floats, b: Floats) -> Floats:

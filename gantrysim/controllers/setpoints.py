@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats, Path
+from gantrysim.controllers.profile import Constant, Profile
 from gantrysim.errors import InputError, at_least, positive
 
 __all__ = ["MAX_TICKS", "Setpoints", "ticks"]
@@ -73,28 +75,31 @@ class Setpoints:
     def along(
         cls,
         path: Path,
-        speed: float,
+        speed: Profile | float,
         period: float,
         *,
         requested: Path | None = None,
         axes: tuple[str, ...] = ("x", "y"),
+        coordinates: Callable[[Floats], Floats] | None = None,
     ) -> Setpoints:
-        """Return setpoints that run along `path` at constant speed, dispensing all the way.
+        """Return setpoints that run along `path`, dispensing all the way.
 
-        The last setpoint is the end of the path; the way to it may be shorter than speed * period.
+        The last setpoint is the end of the path; the way to it may be shorter than that of a whole period.
 
         Args:
             path: the path to command.
-            speed: path speed [mm/s].
+            speed: law of the way over time, or a constant path speed [mm/s].
             period: servo period [s].
             requested: the path that was asked for, where it is not `path` itself.
-            axes: names of the axes, the first of x, y, z.
+            axes: names of the axes, by default the first of x, y, z.
+            coordinates: positions of the axes at arc lengths, (n,) to (n, axes); by default those of the path.
         """
-        positive("speed", speed, "mm/s")
         positive("period", period, "s")
-        n = ticks(path.length / speed, period)
-        s = np.minimum(np.arange(n + 1) * (speed * period), path.length)
-        position = path.position(s)[:, : len(axes)]
+        profile = speed if isinstance(speed, Profile) else Constant(path.length, speed)
+        n = ticks(profile.duration, period)
+        s = profile.position(np.arange(n + 1) * period)
+        s[-1] = path.length
+        position = path.position(s)[:, : len(axes)] if coordinates is None else coordinates(s)
         return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
 
 

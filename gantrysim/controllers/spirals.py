@@ -1,4 +1,8 @@
-"""Spirals as exact paths: the involute of a circle and Archimedes' spiral, both by arc length."""
+"""Curves whose radius changes evenly with the angle: arcs, helices, spirals, cones, and the involute of a circle.
+
+All of them have ds = sqrt(rho^2 + c^2) d(phi) with rho = r + b phi: of an involute rho is the radius of curvature
+and c the climb per radian, of a spiral about a centre rho is the distance from it and c^2 = b^2 + climb^2.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +15,84 @@ from numpy.typing import ArrayLike
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.errors import InputError, finite, point, positive
 
-__all__ = ["Archimedean", "Involute"]
+__all__ = ["Involute", "arc_length", "swept_angle"]
 
-_NEWTON_STEPS = 50
+_NEWTON_STEPS = 60
 _NEWTON_TOLERANCE = 1e-14  # relative
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_EVEN = 0.3  # change of the radius, in parts of sqrt(rho^2 + c^2), below which the quadrature is exact to rounding
+
+
+def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Floats:
+    """Return the length of ds = sqrt((r + b phi)^2 + c^2) d(phi) from 0 to `angle` [mm]; all broadcast.
+
+    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b; by Gauss and
+    Legendre's quadrature where the radius hardly changes and that difference would cancel.
+    """
+    radius, growth, slow, phi = _together(r, b, c, angle)
+    middle = radius + 0.5 * growth * phi
+    even = np.abs(growth * phi) <= _EVEN * np.hypot(middle, slow)
+    length = np.empty(phi.shape)
+    rho = middle[even, None] + 0.5 * (growth * phi)[even, None] * _NODES
+    length[even] = 0.5 * phi[even] * (np.hypot(rho, slow[even, None]) @ _WEIGHTS)
+    if not even.all():
+        radius, growth, slow, phi = (value[~even] for value in (radius, growth, slow, phi))
+        whole = _antiderivative(radius + growth * phi, slow) - _antiderivative(radius, slow)
+        length[~even] = whole / growth
+    return length
+
+
+def _together(*values: ArrayLike) -> list[Floats]:
+    return [np.atleast_1d(value) for value in np.broadcast_arrays(*(np.asarray(value, float) for value in values))]
+
+
+def _antiderivative(rho: Floats, c: Floats) -> Floats:
+    safe = np.where(c > 0, c, 1.0)
+    inverse = np.where(c > 0, np.arcsinh(rho / safe), 0.0)
+    value: Floats = 0.5 * (rho * np.hypot(rho, c) + c**2 * inverse)
+    return value
+
+
+def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
+    """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad]."""
+    radius, growth, slow, way, end = _together(r, b, c, s, most)
+    rate = np.hypot(radius, slow)
+    # exact where c is 0 or b is 0
+    guess = 2 * way / np.maximum(rate + np.sqrt(np.maximum(rate**2 + 2 * growth * way, 0.0)), 1e-300)
+    angle: Floats = np.clip(guess, 0.0, end)
+    active = np.arange(way.size)
+    for _ in range(_NEWTON_STEPS):
+        at, r0, g, c0 = (value[active] for value in (angle, radius, growth, slow))
+        excess = arc_length(r0, g, c0, at) - way[active]
+        rate = np.hypot(r0 + g * at, c0)
+        moved = np.clip(at - np.divide(excess, rate, out=np.zeros_like(excess), where=rate > 0), 0.0, end[active])
+        angle[active] = moved
+        active = active[np.abs(moved - at) > _NEWTON_TOLERANCE * (1 + moved)]
+        if not active.size:
+            break
+    return angle
 
 
 @dataclass(frozen=True)
-class _Spiral(Path):
-    """Turns inward from `start`; its circle's centre lies `radius` off the start, square to the heading."""
+class Involute(Path):
+    """The involute of a circle of radius a = pitch / 2 pi: its normal pitch is exactly `pitch`.
+
+    With the radius of curvature rho = R - a phi over the tangent's angle phi, in coordinates along the first
+    tangent (u) and towards the centre (w),
+
+        u = a - a cos(phi) + rho sin(phi),    w = R - a sin(phi) - rho cos(phi).
+
+    The true centre, that of the base circle, is (u, w) = (a, R). A height makes it climb evenly with phi.
+
+    Args:
+        radius: radius of curvature at the start, R [mm].
+        pitch: normal distance of neighbouring turns in the XY plane [mm].
+        turns: number of turns, of the tangent's angle.
+        start: first point (x, y), at z = 0 [mm].
+        heading_start: direction of the first tangent from +x, counter-clockwise [rad].
+        clockwise: sense of the turning.
+        height: z at the end [mm].
+    """
 
     radius: float
     pitch: float
@@ -27,6 +100,7 @@ class _Spiral(Path):
     start: tuple[float, float] = (0.0, 0.0)
     heading_start: float = 0.5 * np.pi
     clockwise: bool = True
+    height: float = 0.0
 
     def __post_init__(self) -> None:
         positive("radius", self.radius, "mm")
@@ -34,6 +108,7 @@ class _Spiral(Path):
         positive("turns", self.turns)
         object.__setattr__(self, "start", point("start", self.start))
         finite("heading_start", self.heading_start, "rad")
+        finite("height", self.height, "mm")
         if self.pitch * self.turns > self.radius * (1 + 1e-12):
             raise InputError(
                 f"end radius = {self.radius - self.pitch * self.turns:g} mm "
@@ -58,60 +133,40 @@ class _Spiral(Path):
         return 2 * np.pi * self.turns
 
     @property
+    def _rise(self) -> float:
+        """Climb per radian [mm/rad]."""
+        return self.height / self.angle
+
+    @property
     def _turn(self) -> float:
         return -1.0 if self.clockwise else 1.0
 
-    def _place(self, along: Floats, inward: Floats) -> Floats:
-        """Turn coordinates along the first heading and square to it, towards the centre, into points."""
-        c, s = np.cos(self.heading_start), np.sin(self.heading_start)
-        left = self._turn * inward
-        x = self.start[0] + along * c - left * s
-        y = self.start[1] + along * s + left * c
-        return np.stack([x, y, np.zeros_like(x)], axis=-1)
-
-
-class Involute(_Spiral):
-    """The involute of a circle of radius a = pitch / 2 pi: its normal pitch is exactly `pitch`.
-
-    With the radius of curvature rho = R - a phi over the tangent's angle phi the arc length is
-    s = R phi - a phi^2 / 2, and in coordinates along the first tangent (u) and towards the centre (w)
-
-        u = a - a cos(phi) + rho sin(phi),    w = R - a sin(phi) - rho cos(phi).
-
-    The true centre, that of the base circle, is (u, w) = (a, R).
-
-    Args:
-        radius: radius of curvature at the start, R [mm].
-        pitch: normal distance of neighbouring turns [mm].
-        turns: number of turns, of the tangent's angle.
-        start: first point (x, y) [mm].
-        heading_start: direction of the first tangent from +x, counter-clockwise [rad].
-        clockwise: sense of the turning.
-    """
-
     @property
     def length(self) -> float:
-        return float(self.radius * self.angle - 0.5 * self.a * self.angle**2)
+        return float(arc_length(self.radius, -self.a, abs(self._rise), self.angle)[0])
 
     @property
     def centre(self) -> Floats:
         """Centre of the base circle, (3,) [mm]."""
-        centre: Floats = self._place(np.array([self.a]), np.array([self.radius]))[0]
+        centre: Floats = self._place(np.array([self.a]), np.array([self.radius]), np.zeros(1))[0]
         return centre
 
     def phi(self, s: ArrayLike) -> Floats:
         """Angle of the tangent since the start, (n,) [rad]."""
-        arc = np.atleast_1d(np.asarray(s, float))
-        root = np.sqrt(np.maximum(self.radius**2 - 2 * self.a * arc, 0.0))
-        # (R - root) / a without the cancellation near s = 0
-        return 2 * arc / (self.radius + root)
+        return swept_angle(self.radius, -self.a, abs(self._rise), s, self.angle)
+
+    def _place(self, along: Floats, inward: Floats, up: Floats) -> Floats:
+        """Turn coordinates along the first heading and square to it, towards the centre, into points."""
+        c, s = np.cos(self.heading_start), np.sin(self.heading_start)
+        left = self._turn * inward
+        return np.stack([self.start[0] + along * c - left * s, self.start[1] + along * s + left * c, up], axis=-1)
 
     def position(self, s: ArrayLike) -> Floats:
         phi = self.phi(s)
         rho = self.radius - self.a * phi
         along = self.a - self.a * np.cos(phi) + rho * np.sin(phi)
         inward = self.radius - self.a * np.sin(phi) - rho * np.cos(phi)
-        return self._place(along, inward)
+        return self._place(along, inward, self._rise * phi)
 
     def heading(self, s: ArrayLike) -> Floats:
         theta: Floats = self.heading_start + self._turn * self.phi(s)
@@ -119,66 +174,10 @@ class Involute(_Spiral):
 
     def curvature(self, s: ArrayLike) -> Floats:
         rho = self.radius - self.a * self.phi(s)
-        kappa: Floats = self._turn / np.maximum(rho, 1e-9)
+        kappa: Floats = self._turn / np.maximum(np.hypot(rho, self._rise), 1e-9)
         return kappa
 
-
-class Archimedean(_Spiral):
-    """Archimedes' spiral r = R - a psi about a centre that lies R off the start, square to the heading.
-
-    Its arc length is s = a/2 [u sqrt(1 + u^2) + asinh(u)] between u = r/a and u = R/a; the inverse is
-    found by Newton's method to 1e-14. `heading_start` is the direction square to the first radius; the
-    tangent itself leans inward from it by atan(a / R).
-
-    Args: as those of Involute, with `radius` the distance of the start from the centre.
-    """
-
-    @property
-    def length(self) -> float:
-        return float(_archimedes_length(self.radius / self.a) - _archimedes_length(self._u_end)) * self.a
-
-    @property
-    def centre(self) -> Floats:
-        """Centre of the spiral, (3,) [mm]."""
-        centre: Floats = self._place(np.zeros(1), np.array([self.radius]))[0]
-        return centre
-
-    @property
-    def _u_end(self) -> float:
-        return max(self.radius / self.a - self.angle, 0.0)
-
-    def _u(self, s: ArrayLike) -> Floats:
-        """u = r/a at the arc length s, (n,)."""
-        arc = np.atleast_1d(np.asarray(s, float))
-        target = _archimedes_length(self.radius / self.a) - arc / self.a
-        u = np.sqrt(np.maximum(2 * target, 0.0))  # s ~ a u^2 / 2 where u is large
-        for _ in range(_NEWTON_STEPS):
-            step = (_archimedes_length(u) - target) / np.sqrt(1 + u**2)
-            u = np.maximum(u - step, 0.0)
-            if np.max(np.abs(step), initial=0.0) <= _NEWTON_TOLERANCE * (1 + float(np.max(u, initial=0.0))):
-                break
-        return u
-
-    def position(self, s: ArrayLike) -> Floats:
-        u = self._u(s)
-        psi = self.radius / self.a - u
-        r = self.a * u
-        return self._place(r * np.sin(psi), self.radius - r * np.cos(psi))
-
-    def heading(self, s: ArrayLike) -> Floats:
-        u = self._u(s)
-        psi = self.radius / self.a - u
-        theta: Floats = self.heading_start + self._turn * (psi + np.arctan2(1.0, u))
-        return theta
-
-    def curvature(self, s: ArrayLike) -> Floats:
-        u = self._u(s)
-        kappa: Floats = self._turn * (u**2 + 2) / (self.a * (u**2 + 1) ** 1.5)
-        return kappa
-
-
-def _archimedes_length(u: ArrayLike) -> Floats:
-    """Arc length of r = psi from the centre out to r = u."""
-    r = np.asarray(u, float)
-    length: Floats = 0.5 * (r * np.sqrt(1 + r**2) + np.arcsinh(r))
-    return length
+    def climb(self, s: ArrayLike) -> Floats:
+        rho = self.radius - self.a * self.phi(s)
+        sine: Floats = self._rise / np.maximum(np.hypot(rho, self._rise), 1e-9)
+        return sine

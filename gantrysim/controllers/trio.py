@@ -14,7 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.controllers.path import ArcChain, Floats, Path
+from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.path import Floats, Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.spirals import Involute
 from gantrysim.errors import InputError, at_least, point, positive, whole

@@ -1,0 +1,241 @@
+"""Speed along a path in closed form: constant, and from rest to rest with ramps of several shapes.
+
+A profile is a law s(t) [mm] with 0 <= t <= duration [s]; before and after it s stands still.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.controllers.path import Floats
+from gantrysim.errors import at_least, positive
+
+__all__ = ["Constant", "Jerk", "PointToPoint", "Profile", "Ramp", "Shape", "Sine"]
+
+_HALVINGS = 200
+
+
+@runtime_checkable
+class Profile(Protocol):
+    """A law s(t) that never goes back."""
+
+    @property
+    def length(self) -> float:
+        """Way in all [mm]."""
+
+    @property
+    def duration(self) -> float:
+        """Time in all [s]."""
+
+    def position(self, t: ArrayLike) -> Floats:
+        """Way at the times t, (n,) [mm]."""
+
+    def velocity(self, t: ArrayLike) -> Floats:
+        """Speed at the times t, (n,) [mm/s]."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Constant speed from the first moment to the last.
+
+    Args:
+        length: way [mm].
+        speed: [mm/s].
+    """
+
+    length: float
+    speed: float
+
+    def __post_init__(self) -> None:
+        at_least("length", self.length, 0, "mm")
+        positive("speed", self.speed, "mm/s")
+
+    @property
+    def duration(self) -> float:
+        return self.length / self.speed
+
+    def position(self, t: ArrayLike) -> Floats:
+        return np.clip(np.asarray(t, float) * self.speed, 0.0, self.length)
+
+    def velocity(self, t: ArrayLike) -> Floats:
+        at = np.asarray(t, float)
+        return np.where((at >= 0) & (at <= self.duration), self.speed, 0.0)
+
+
+class Shape(Protocol):
+    """How the speed rises from 0 to V with an acceleration of at most A.
+
+    Every shape is odd about its middle, so that a ramp of the time T takes the way V T / 2.
+    """
+
+    def time(self, speed: float, acceleration: float) -> float:
+        """Time T of the ramp [s]."""
+
+    def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        """Share of V reached after the share x of T."""
+
+    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        """Way as a share of V T after the share x of T."""
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Trapezoidal acceleration whose rise and fall each take a share of the ramp; none is a trapezoid of speed.
+
+    Args:
+        rise: share of the ramp's time, 0 to 1/2.
+        peak: of the acceleration, as a share of A.
+    """
+
+    rise: float = 0.0
+    peak: float = 1.0
+
+    def time(self, speed: float, acceleration: float) -> float:
+        return speed / (acceleration * self.peak * (1 - self.rise))
+
+    def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        r = self.rise
+        y = np.minimum(x, 1 - x)
+        low = y**2 / (2 * r * (1 - r)) if r > 0 else y
+        half = np.where(y < r, low, (y - 0.5 * r) / (1 - r))
+        return np.where(x <= 0.5, half, 1 - half)
+
+    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        r = self.rise
+        y = np.minimum(x, 1 - x)
+        low = y**3 / (6 * r * (1 - r)) if r > 0 else y
+        half = np.where(y < r, low, (0.5 * (y - 0.5 * r) ** 2 + r**2 / 24) / (1 - r))
+        return np.where(x <= 0.5, half, x - 0.5 + half)
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Acceleration of a half sine: v = V (1 - cos(pi x)) / 2."""
+
+    def time(self, speed: float, acceleration: float) -> float:
+        return 0.5 * math.pi * speed / acceleration
+
+    def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        return 0.5 * (1 - np.cos(np.pi * x))
+
+    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        return 0.5 * x - np.sin(np.pi * x) / (2 * np.pi)
+
+
+@dataclass(frozen=True)
+class Jerk:
+    """Trapezoidal acceleration of a given jerk, triangular where A is not reached.
+
+    Args:
+        jerk: [mm/s³].
+    """
+
+    jerk: float
+
+    def __post_init__(self) -> None:
+        positive("jerk", self.jerk, "mm/s³")
+
+    def _ramp(self, speed: float, acceleration: float) -> Ramp:
+        reached = min(acceleration, math.sqrt(speed * self.jerk))
+        rise = reached / self.jerk
+        return Ramp(rise / (speed / reached + rise), reached / acceleration)
+
+    def time(self, speed: float, acceleration: float) -> float:
+        return self._ramp(speed, acceleration).time(speed, acceleration) if speed > 0 else 0.0
+
+    def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        return self._ramp(speed, acceleration).velocity(x, speed, acceleration)
+
+    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        return self._ramp(speed, acceleration).way(x, speed, acceleration)
+
+
+@dataclass(frozen=True)
+class PointToPoint:
+    """From rest to rest: up to a speed, along at it, and down again; a short way does not reach the speed.
+
+    Args:
+        length: way [mm].
+        speed: largest speed [mm/s].
+        acceleration: largest acceleration [mm/s²].
+        deceleration: largest deceleration; the acceleration by default [mm/s²].
+        shape: of both ramps.
+    """
+
+    length: float
+    speed: float
+    acceleration: float
+    deceleration: float | None = None
+    shape: Shape = Ramp()
+
+    def __post_init__(self) -> None:
+        at_least("length", self.length, 0, "mm")
+        positive("speed", self.speed, "mm/s")
+        positive("acceleration", self.acceleration, "mm/s²")
+        if self.deceleration is not None:
+            positive("deceleration", self.deceleration, "mm/s²")
+
+    def _ramps(self, peak: float) -> tuple[float, float]:
+        down = self.acceleration if self.deceleration is None else self.deceleration
+        return self.shape.time(peak, self.acceleration), self.shape.time(peak, down)
+
+    @cached_property
+    def peak(self) -> float:
+        """Largest speed that is reached [mm/s]."""
+        if self.speed * sum(self._ramps(self.speed)) <= 2 * self.length:
+            return self.speed
+        low, high = 0.0, self.speed
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if not low < middle < high:
+                break
+            if middle * sum(self._ramps(middle)) <= 2 * self.length:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    @cached_property
+    def _times(self) -> tuple[float, float, float]:
+        """Up, along, down."""
+        if self.peak <= 0:
+            return 0.0, 0.0, 0.0
+        up, down = self._ramps(self.peak)
+        return up, max(self.length / self.peak - 0.5 * (up + down), 0.0), down
+
+    @property
+    def duration(self) -> float:
+        return sum(self._times)
+
+    def _shares(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Share of the ramp up, time along at the full speed, share of the ramp down."""
+        up, along, down = self._times
+        at = np.asarray(t, float)
+        rising = np.clip(at / up, 0.0, 1.0) if up > 0 else np.ones(at.shape)
+        falling = np.clip((self.duration - at) / down, 0.0, 1.0) if down > 0 else np.ones(at.shape)
+        return rising, np.clip(at - up, 0.0, along), falling
+
+    def position(self, t: ArrayLike) -> Floats:
+        if self.peak <= 0:
+            return np.where(np.asarray(t, float) > 0, self.length, 0.0)
+        up, _, down = self._times
+        rising, along, falling = self._shares(t)
+        down_limit = self.acceleration if self.deceleration is None else self.deceleration
+        climbed = up * self.shape.way(rising, self.peak, self.acceleration)
+        braked = down * (0.5 - self.shape.way(falling, self.peak, down_limit))
+        return np.clip(self.peak * (climbed + along + braked), 0.0, self.length)
+
+    def velocity(self, t: ArrayLike) -> Floats:
+        if self.peak <= 0:
+            return np.zeros(np.shape(t))
+        rising, _, falling = self._shares(t)
+        down_limit = self.acceleration if self.deceleration is None else self.deceleration
+        first = self.shape.velocity(rising, self.peak, self.acceleration)
+        last = self.shape.velocity(falling, self.peak, down_limit)
+        return self.peak * np.minimum(first, last)
