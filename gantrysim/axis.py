@@ -11,32 +11,35 @@ import numpy as np
 
 from gantrysim.errors import InputError
 
-__all__ = ["Axis", "AxisAddress", "named", "read_axis"]
+__all__ = ["PER_SI", "Axis", "AxisAddress", "named", "read_axis"]
 
-_MM = 1e3
+PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # in a metre, in a radian
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One driven axis, in mm, s, N·m at the motor, A and V.
+    """One driven axis, in its own unit u, s, N·m at the motor, A and V.
 
     Attributes:
         name: shared by joint, actuator and encoder.
-        travel: lowest and highest position [mm].
-        scale: axis travel per radian of the motor, lead / 2 pi [mm/rad].
-        inertia: motor torque per acceleration, with rotor, screw and everything the axis carries [N·m·s²/mm].
-        viscous: motor torque per speed [N·m·s/mm].
+        unit: u, "mm" for a slide and "deg" for a hinge.
+        travel: lowest and highest position [u].
+        scale: axis travel per radian of the motor: lead / 2 pi, or 1 / gear ratio in degrees [u/rad].
+        inertia: motor torque per acceleration, with rotor, screw and everything the axis carries where all axes
+            are at their reference [N·m·s²/u].
+        viscous: motor torque per speed [N·m·s/u].
         coulomb: Coulomb friction at the motor [N·m].
         motor_constant: torque constant and back-EMF constant K [N·m/A]; nan for an ideal torque source.
         resistance: of the winding [ohm]; nan for an ideal torque source.
         lag: time constant of the winding, L/R [s].
         bus_voltage: the drive's limit [V]; inf where it has none.
         peak_torque: the drive's limit [N·m].
-        declared_speed: the MJCF's own limit; inf where it states none [mm/s].
-        resolution: axis travel per encoder count, 0 for an exact measurement [mm].
+        declared_speed: the MJCF's own limit; inf where it states none [u/s].
+        resolution: axis travel per encoder count, 0 for an exact measurement [u].
     """
 
     name: str
+    unit: str
     travel: tuple[float, float]
     scale: float
     inertia: float
@@ -52,12 +55,12 @@ class Axis:
 
     @property
     def no_load_speed(self) -> float:
-        """Speed at which the back-EMF is the bus voltage [mm/s]."""
+        """Speed at which the back-EMF is the bus voltage [u/s]."""
         return self.bus_voltage / self.motor_constant * self.scale if self.motor_constant > 0 else math.inf
 
     @property
     def speed_limit(self) -> float:
-        """The declared speed, at most the no-load speed [mm/s]."""
+        """The declared speed, at most the no-load speed [u/s]."""
         return min(self.declared_speed, self.no_load_speed)
 
 
@@ -94,27 +97,33 @@ def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) 
     joint = named(model, mujoco.mjtObj.mjOBJ_JOINT, name, source)
     if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[i, 0] != joint:
         raise InputError(f"model {source}: actuator {name!r} must drive the joint {name!r}")
-    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_SLIDE:
-        raise InputError(f"model {source}: joint {name!r} must be a slide")
+    unit = {mujoco.mjtJoint.mjJNT_SLIDE: "mm", mujoco.mjtJoint.mjJNT_HINGE: "deg"}.get(
+        mujoco.mjtJoint(int(model.jnt_type[joint]))
+    )
+    if unit is None:
+        raise InputError(f"model {source}: joint {name!r} must be a slide or a hinge")
     gear = float(model.actuator_gear[i, 0])
     if not gear > 0:
-        raise InputError(f"model {source}: gear of {name!r} = {gear:g}: must be greater than 0 (2 pi / lead in rad/m)")
-    scale = _MM / gear
+        what = {"mm": "2 pi / lead in rad/m", "deg": "turns of the motor per turn of the axis"}[unit]
+        raise InputError(f"model {source}: gear of {name!r} = {gear:g}: must be greater than 0 ({what})")
+    per_si = PER_SI[unit]
+    scale = per_si / gear
     dof = int(model.jnt_dofadr[joint])
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
 
     drive = _drive(model, i, name, source)
     limited = bool(model.jnt_limited[joint])
-    travel = (float(model.jnt_range[joint, 0]) * _MM, float(model.jnt_range[joint, 1]) * _MM)
-    declared = float(model.jnt_user[joint, 0]) * _MM if model.nuser_jnt else 0.0
+    travel = (float(model.jnt_range[joint, 0]) * per_si, float(model.jnt_range[joint, 1]) * per_si)
+    declared = float(model.jnt_user[joint, 0]) * per_si if model.nuser_jnt else 0.0
     damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
     axis = Axis(
         name=name,
+        unit=unit,
         travel=travel if limited else (-math.inf, math.inf),
         scale=scale,
-        inertia=float(inertia[dof, dof]) / (gear * _MM),
-        viscous=damping / (gear * _MM),
+        inertia=float(inertia[dof, dof]) / (gear * per_si),
+        viscous=damping / (gear * per_si),
         coulomb=drive.coulomb,
         motor_constant=drive.motor_constant,
         resistance=drive.resistance,

@@ -17,7 +17,7 @@ from rich.table import Table
 import gantrysim
 from gantrysim.errors import GantryError
 from gantrysim.job import Job
-from gantrysim.metrics import Analysis, Figures, Spread
+from gantrysim.metrics import THOUSANDTH, Analysis, Figures, Spread
 from gantrysim.run import Run
 
 __all__ = ["app", "main"]
@@ -113,12 +113,13 @@ def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
     links.add_column("max [µm]", justify="right")
     links.add_column("from one end of the link to the other")
 
-    def add(label: str, spread: Spread, note: str) -> None:
-        links.add_row(label, f"{1e3 * spread.rms:.1f}", f"{1e3 * spread.max:.1f}", note)
+    def add(label: str, spread: Spread, note: str, unit: str = "") -> None:
+        links.add_row(label, f"{1e3 * spread.rms:.1f}{unit}", f"{1e3 * spread.max:.1f}{unit}", note)
 
     add("generation", result.generation, "requested path to commanded")
-    for name, spread in result.tracking.items():
-        add(f"tracking {name}", spread, "commanded to encoder")
+    for unit, (name, spread) in zip(run.units, result.tracking.items(), strict=True):
+        own = "" if unit == "mm" else f" {THOUSANDTH[unit]}"  # not the columns' unit
+        add(f"tracking {name}", spread, "commanded to encoder", own)
     add("tracking along", result.tracking_along, "the same along the path")
     links.add_section()
     add("contour", result.contour, "requested path to nozzle")

@@ -119,14 +119,14 @@ def _positions(machine: Machine, setpoints: Setpoints) -> Floats:
         for k in (int(position[:, a].argmin()), int(position[:, a].argmax())):
             if not low <= position[k, a] <= high:
                 raise InputError(
-                    f"{axis.name} = {position[k, a]:.4g} mm at t = {k * setpoints.period:.4g} s: "
-                    f"must lie in the travel {low:g} to {high:g} mm of machine {machine.name}"
+                    f"{axis.name} = {position[k, a]:.4g} {axis.unit} at t = {k * setpoints.period:.4g} s: "
+                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}"
                 )
         k = int(speed[:, a].argmax())
         if speed[k, a] > axis.speed_limit * (1 + 1e-9):
             raise InputError(
-                f"speed of {axis.name} = {speed[k, a]:.6g} mm/s at t = {k * setpoints.period:.4g} s: "
-                f"must be at most {axis.speed_limit:.6g} mm/s, the limit of machine {machine.name}"
+                f"speed of {axis.name} = {speed[k, a]:.6g} {axis.unit}/s at t = {k * setpoints.period:.4g} s: "
+                f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}"
             )
     return position
 
@@ -169,9 +169,12 @@ def _fill(
 def _fault(machine: Machine, servo: Servo, row: np.void) -> Fault | None:
     if not row["fault"]:
         return None
-    axis = machine.axes[int(row["fault_axis"])].name
-    time = float(row["fault_tick"] * servo.period)
-    return Fault(FAULTS[int(row["fault"])], axis, time, float(row["fault_value"]), float(row["fault_limit"]))
+    kind, axis = FAULTS[int(row["fault"])], machine.axes[int(row["fault_axis"])]
+    value, limit = float(row["fault_value"]), float(row["fault_limit"])
+    unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
+    if kind == "diverged" and np.isfinite(limit):
+        unit = "N·m"  # of the demand; else it is the following error, which has no limit
+    return Fault(kind, axis.name, float(row["fault_tick"] * servo.period), value, limit, unit)
 
 
 def _record(
@@ -191,6 +194,7 @@ def _record(
     return Run(
         machine=machine.name,
         axes=machine.axis_names,
+        units=tuple(axis.unit for axis in machine.axes),
         requested=setpoints.requested,
         period=setpoints.period,
         time=np.arange(n, dtype=np.float64) * setpoints.period,

@@ -1,6 +1,7 @@
 """A machine: one compiled MJCF with its axes, drives, encoders, nozzle and work frame.
 
 MuJoCo speaks SI; everything else in gantrysim speaks mm, s and deg. The conversion stands here and in axis.py.
+The position of an axis is in its own unit, mm for a slide and deg for a hinge.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.axis import Axis, AxisAddress, named, read_axis
+from gantrysim.axis import PER_SI, Axis, AxisAddress, named, read_axis
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, positive, unknown
+from gantrysim.kinematics import Kinematics
 from gantrysim.native.row import MAX_AXES, ROW_NUMBERS
 
 __all__ = ["NOZZLE", "WORK", "Machine", "builtin_models"]
@@ -27,6 +29,7 @@ WORK = "work"  # body in whose frame the bead lies
 
 _MM = 1e3
 _FRAME_TOLERANCE = 1e-3  # [mm], and of a direction
+_PROBE = 100.0  # how far each slide is moved to see what a rotary axis does to it [mm]
 
 
 def builtin_models() -> list[str]:
@@ -37,12 +40,15 @@ def builtin_models() -> list[str]:
 class Machine:
     """A compiled MJCF machine.
 
-    The MJCF needs, for every axis, an actuator and a slide joint of one name: a `dcmotor` with input="ff" and a
-    bus voltage (its torque comes through the winding), or a `motor` as an ideal torque source; both with
-    gear = 2 pi / lead. It needs a site `nozzle` and a body `work`, whose frame has its origin at the nozzle
-    when all axes are at zero, and in which the axes x, y and z move the nozzle along x, y and z. Optional: the
-    joint's first user value is the speed limit [m/s]; an `actuatorpos` sensor of the axis' name with counts per
-    revolution as its first user value is the encoder. The MJCF's timestep is the longest a run may take.
+    The MJCF needs, for every axis, an actuator and a slide or hinge joint of one name: a `dcmotor` with input="ff"
+    and a bus voltage (its torque comes through the winding), or a `motor` as an ideal torque source; both with
+    gear = 2 pi / lead of a slide [rad/m], the turns of the motor per turn of a hinge. It needs a site `nozzle` and a
+    body `work`. Where no hinge turns the work, its frame must have its origin at the nozzle when all axes are at
+    zero, the axes x, y and z must move the nozzle along x, y and z of it, and every hinge must turn the nozzle about
+    its own tip. Where one does, the machine's geometry is free: programs for it speak of its axes. Optional:
+    the joint's first user value is the speed limit [m/s or rad/s]; an `actuatorpos` sensor of the axis' name with
+    counts per revolution of the motor as its first user value is the encoder. The MJCF's timestep is the longest a
+    run may take.
 
     Args:
         model: name of a built-in machine, or path of an MJCF file.
@@ -78,7 +84,10 @@ class Machine:
         read = [read_axis(self.model, home, actuator, self.source) for actuator in range(self.model.nactuator)]
         self.axes: tuple[Axis, ...] = tuple(axis for axis, _ in read)
         self.addresses: tuple[AxisAddress, ...] = tuple(address for _, address in read)
-        self._check_work_frame()
+        self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
+        self._kinematics = Kinematics(self.model, self.nozzle, self.work, [address.joint for address in self.addresses])
+        if not self._kinematics.turns_body:
+            self._check_work_frame()
 
     def __repr__(self) -> str:
         return f"Machine({str(self.source)!r})"
@@ -107,58 +116,51 @@ class Machine:
         """Return the joint positions for axis positions, every other joint at its reference, (nq,) [SI].
 
         Args:
-            position: (axes,) [mm].
+            position: (axes,) [mm or deg].
         """
         qpos: Floats = self.model.qpos0.copy()
-        qpos[[address.joint for address in self.addresses]] = np.asarray(position, float) / _MM
+        qpos[[address.joint for address in self.addresses]] = np.asarray(position, float) / self._per_si
         return qpos
+
+    def tip(self, position: ArrayLike) -> Floats:
+        """Return where the nozzle would be in the work frame on a rigid machine, (n, 3) [mm].
+
+        Args:
+            position: axis positions, (n, axes) [mm or deg].
+        """
+        q = np.asarray(position, float) / self._per_si
+        points: Floats = _MM * self._kinematics(np.atleast_2d(q))
+        return points.reshape(*q.shape[:-1], 3)
 
     def _check_work_frame(self) -> None:
         """The program's positions are the work frame's: see that the machine agrees, to a micrometre."""
-        offset, matrix = self._tip
+        offset = self.tip(np.zeros(len(self.axes)))
         if np.abs(offset).max() > _FRAME_TOLERANCE:
             at = ", ".join(f"{value:g}" for value in offset.round(6))
             raise InputError(
                 f"model {self.source}: with all axes at zero the nozzle is at ({at}) mm of body {WORK!r}: "
                 "must be its origin"
             )
+        slides = [a for a, axis in enumerate(self.axes) if axis.unit == "mm"]
+        probes = np.concatenate([np.zeros((1, len(self.axes))), _PROBE * np.eye(len(self.axes))[slides]])
+        units = self.tip(np.eye(len(self.axes))) - offset
         for a, axis in enumerate(self.axes):
-            if axis.name in "xyz" and np.abs(matrix[:, a] - np.eye(3)["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
-                along = ", ".join(f"{value:g}" for value in matrix[:, a].round(6))
+            if axis.unit == "deg":
+                for turn in (90.0, 180.0):
+                    turned = probes.copy()
+                    turned[:, a] = turn
+                    moved = np.linalg.norm(self.tip(turned) - self.tip(probes), axis=1).max()
+                    if moved > _FRAME_TOLERANCE:
+                        raise InputError(
+                            f"model {self.source}: rotary axis {axis.name!r} moves the nozzle by {moved:.4g} mm "
+                            f"in {turn:g} deg: must turn it about its own tip"
+                        )
+            if axis.name in "xyz" and np.abs(units[a] - np.eye(3)["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
+                along = ", ".join(f"{value:g}" for value in units[a].round(6))
                 raise InputError(
                     f"model {self.source}: axis {axis.name!r} moves the nozzle along ({along}) of body {WORK!r}: "
                     f"must be along its {axis.name}"
                 )
-
-    @cached_property
-    def _tip(self) -> tuple[Floats, Floats]:
-        """Nozzle in the work frame as offset (3,) + matrix (3, axes) @ position [mm]."""
-        columns = []
-        zero = np.zeros(len(self.axes))
-        offset = self._tip_at(zero)
-        for a in range(len(self.axes)):
-            unit = zero.copy()
-            unit[a] = 1.0
-            columns.append(self._tip_at(unit) - offset)
-        return offset, np.stack(columns, axis=1)
-
-    def _tip_at(self, position: Floats) -> Floats:
-        data = mujoco.MjData(self.model)
-        data.qpos[:] = self.to_qpos(position)
-        mujoco.mj_kinematics(self.model, data)
-        frame = data.xmat[self.work].reshape(3, 3)
-        tip: Floats = _MM * frame.T @ (data.site_xpos[self.nozzle] - data.xpos[self.work])
-        return tip
-
-    def tip(self, position: ArrayLike) -> Floats:
-        """Return where the nozzle would be in the work frame on a rigid machine, (n, 3) [mm].
-
-        Args:
-            position: axis positions, (n, axes) [mm].
-        """
-        offset, matrix = self._tip
-        points: Floats = offset + np.asarray(position, float) @ matrix.T
-        return points
 
 
 def _find(model: str | Path) -> Path:

@@ -18,7 +18,20 @@ from gantrysim.controllers.path import Floats, Path, Projection, dot
 from gantrysim.errors import InputError
 from gantrysim.run import Run
 
-__all__ = ["Analysis", "Figures", "Range", "Spacing", "Spread", "figures", "path_speed", "spacing", "tracking_error"]
+__all__ = [
+    "THOUSANDTH",
+    "Analysis",
+    "Figures",
+    "Range",
+    "Spacing",
+    "Spread",
+    "figures",
+    "path_speed",
+    "spacing",
+    "tracking_error",
+]
+
+THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # in which the errors of an axis are told
 
 _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-10  # [mm]
@@ -70,12 +83,13 @@ class Spacing:
 
 @dataclass(frozen=True)
 class Figures:
-    """The figures of a run, in mm, s and mm/s.
+    """The figures of a run, in mm, s and mm/s; of a rotary axis in deg.
 
     Attributes:
         spacing: of neighbouring turns, or None where the trace has no neighbouring turns.
-        tracking: commanded minus encoder position, for each axis.
-        tracking_along: the same along the requested path's tangent: lag is positive.
+        tracking: commanded minus encoder position, for each axis in its own unit, `Run.units` [mm or deg].
+        tracking_along: the same of the nozzle that follows from the axes, along the requested path's tangent: lag
+            is positive.
         generation: commanded position to the requested path.
         contour: nozzle to the requested path.
         speed: path speed of the nozzle.
@@ -159,7 +173,7 @@ def figures(run: Run) -> Figures:
 
 
 def tracking_error(run: Run) -> Floats:
-    """Commanded minus encoder position, the following error, (n, axes) [mm]."""
+    """Commanded minus encoder position, the following error, (n, axes), each axis in its own unit [mm or deg]."""
     return run.commanded - run.encoder
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats
-from gantrysim.metrics import Analysis, tracking_error
+from gantrysim.metrics import THOUSANDTH, Analysis, tracking_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +43,8 @@ def save_plots(analysis: Analysis, folder: FilePath, progress: Callable[[float],
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    drawings = {"plan": (draw_plan, (7.0, 7.0)), "error": (draw_error, (9.0, 6.5))}
+    tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axes, and one for the path
+    drawings = {"plan": (draw_plan, (7.0, 7.0)), "error": (draw_error, (9.0, tall))}
     if analysis.spacing.distance.size:
         drawings["spacing"] = (draw_spacing, (8.0, 4.6))
     written = []
@@ -92,16 +93,19 @@ def _magnification(analysis: Analysis) -> int:
 
 
 def draw_error(figure: Figure, analysis: Analysis) -> None:
-    """Draw errors against time: tracking per axis above, and what the part sees below."""
+    """Draw errors against time: tracking per axis above, rotary axes by themselves, and what the part sees below."""
     run, on = analysis.run, analysis.ticks
-    upper, lower = figure.subplots(2, sharex=True)
-    error = _UM * tracking_error(run)
-    for a, name in enumerate(run.axes):
-        upper.plot(run.time, error[:, a], color=_AXIS_COLOURS[a], lw=0.9, label=name)
-    _clip(upper, run.time[on], error[on])
-    upper.set(ylabel="commanded - encoder [µm]")
-    upper.set_title("Tracking error of the axes", loc="right")
-    upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(run.axes))
+    kinds = [unit for unit in THOUSANDTH if unit in run.units]
+    *upper, lower = figure.subplots(len(kinds) + 1, sharex=True)
+    error = 1e3 * tracking_error(run)
+    for panel, unit in zip(upper, kinds, strict=True):
+        members = [a for a, own in enumerate(run.units) if own == unit]
+        for a in members:
+            panel.plot(run.time, error[:, a], color=_AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
+        _clip(panel, run.time[on], error[on], members, THOUSANDTH[unit])
+        panel.set(ylabel=f"commanded - encoder [{THOUSANDTH[unit]}]")
+        panel.set_title(f"Tracking error of the {'axes' if unit == 'mm' else 'rotary axes'}", loc="right")
+        panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(members))
     for name, foot, style in (
         ("contour: nozzle", analysis.nozzle, "-"),
         ("generation: commanded", analysis.commanded, "--"),
@@ -112,7 +116,7 @@ def draw_error(figure: Figure, analysis: Analysis) -> None:
     lower.set(xlabel="time [s]", ylabel="left of the requested path [µm]")
     lower.set_title("Error normal to the requested path", loc="right")
     lower.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
-    for axes in (upper, lower):
+    for axes in (*upper, lower):
         axes.axhline(0, color="0.4", lw=0.6)
         axes.margins(x=0.01)
         for start, end in _spans(~run.dispense):
@@ -127,8 +131,9 @@ def draw_error(figure: Figure, analysis: Analysis) -> None:
             )
 
 
-def _clip(axes: Axes, time: Floats, error: Floats) -> None:
-    """Let rare peaks leave the picture, and write down how high the highest is."""
+def _clip(axes: Axes, time: Floats, errors: Floats, members: list[int], unit: str) -> None:
+    """Let rare peaks leave the picture, and write down how high the highest of these columns is."""
+    error = errors[:, members]
     largest = np.abs(error).max()
     usual = 1.6 * float(np.percentile(np.abs(error).max(axis=1), 99.5))
     if largest <= usual or usual == 0:
@@ -136,10 +141,9 @@ def _clip(axes: Axes, time: Floats, error: Floats) -> None:
     axes.set_ylim(-usual, usual)
     k, a = np.unravel_index(int(np.abs(error).argmax()), error.shape)
     at = (time[k], np.sign(error[k, a]) * usual)
-    text = f"peak {error[k, a]:.0f} µm at {time[k]:.3f} s"
-    axes.annotate(
-        text, at, xytext=(8, -12 if at[1] > 0 else 6), textcoords="offset points", color=_AXIS_COLOURS[int(a)]
-    )
+    text = f"peak {error[k, a]:.0f} {unit} at {time[k]:.3f} s"
+    colour = _AXIS_COLOURS[members[int(a)]]
+    axes.annotate(text, at, xytext=(8, -12 if at[1] > 0 else 6), textcoords="offset points", color=colour)
 
 
 def _spans(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

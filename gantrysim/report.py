@@ -26,7 +26,7 @@ __all__ = ["JOB", "PLOTS", "RUN", "SUMMARY", "VIDEO", "output_folder", "summary"
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
 _FILES = (JOB, RUN, SUMMARY, VIDEO, *(f"{PLOTS}/{name}.png" for name in ("plan", "error", "spacing")))
 
-_UM = 1e3
+_THOUSANDTHS = 1e3
 
 
 @contextmanager
@@ -79,21 +79,24 @@ def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str,
     """Return the content of summary.json; a key's unit stands in its name.
 
     requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace has no
-    neighbouring turns; tracking_error_um.path is the tracking error along the path; path_length_mm is that of the
-    commanded path while the dispenser was on; duration_s is the time at which the commanded motion ends;
-    end_point_mm is the nozzle in the work frame when the run ends; fault is null where the run went through.
+    neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that of
+    the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
+    the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
+    the work frame when the run ends; fault is null where the run went through.
     """
+    tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
+    for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
+        tracking[unit][name] = _thousandths(spread)
+    rotary = {"tracking_error_mdeg": tracking["deg"]} if tracking["deg"] else {}
     return {
         "job": job.name,
         "machine": machine.name,
         "requested_spacing_mm": run.requested.turn_spacing,
         "bead_spacing_mm": None if figures.spacing is None else asdict(figures.spacing),
-        "tracking_error_um": {
-            **{name: _micrometres(spread) for name, spread in figures.tracking.items()},
-            "path": _micrometres(figures.tracking_along),
-        },
-        "generation_error_um": _micrometres(figures.generation),
-        "contour_error_um": _micrometres(figures.contour),
+        "tracking_error_um": {**tracking["mm"], "path": _thousandths(figures.tracking_along)},
+        **rotary,
+        "generation_error_um": _thousandths(figures.generation),
+        "contour_error_um": _thousandths(figures.contour),
         "path_speed_mm_s": _mean_min_max(figures.speed),
         "path_length_mm": figures.path_length,
         "duration_s": figures.duration,
@@ -124,8 +127,8 @@ def _fault(run: Run) -> dict[str, Any] | None:
     return {**numbers, "text": str(run.fault)}
 
 
-def _micrometres(spread: Spread) -> dict[str, float]:
-    return {"rms": _UM * spread.rms, "max": _UM * spread.max}
+def _thousandths(spread: Spread) -> dict[str, float]:
+    return {"rms": _THOUSANDTHS * spread.rms, "max": _THOUSANDTHS * spread.max}
 
 
 def _mean_min_max(values: Range) -> dict[str, float]:

@@ -17,7 +17,7 @@ from gantrysim.errors import InputError
 
 __all__ = ["Fault", "Run"]
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,10 @@ class Fault:
         kind: "following error", "travel", "overspeed", "oscillation" or "diverged".
         axis: name of the axis that tripped.
         time: time of the servo tick that saw it [s].
-        value: the quantity there [mm, mm/s, N·m, or swings of the torque demand from limit to limit].
-        limit: its bound, in the same unit.
+        value: the quantity there.
+        limit: its bound.
+        unit: of both: that of the axis, mm or deg, and with /s its speed's; N·m of an absurd torque; swings of the
+            torque demand from limit to limit.
     """
 
     kind: str
@@ -37,13 +39,13 @@ class Fault:
     time: float
     value: float
     limit: float
+    unit: str
 
     def __str__(self) -> str:
-        unit = {"overspeed": "mm/s", "diverged": "N·m"}.get(self.kind, "mm")
         if self.kind == "oscillation":
             figures = f": the torque demand has swung {self.value:g} times from limit to limit"
         elif np.isfinite(self.limit):
-            figures = f": {self.value:.4g} {unit}, limit {self.limit:.4g} {unit}"
+            figures = f": {self.value:.4g} {self.unit}, limit {self.limit:.4g} {self.unit}"
         else:
             figures = ""
         return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}"
@@ -56,11 +58,12 @@ class Run:
     Attributes:
         machine: name of the machine.
         axes: names of its axes.
+        units: their units, "mm" or "deg"; u below.
         requested: the requested path, in the work frame.
         period: servo period [s].
         time: (n,) [s].
-        commanded: setpoints, DPOS, (n, axes) [mm].
-        encoder: positions as the controller measured them, MPOS, (n, axes) [mm].
+        commanded: setpoints, DPOS, (n, axes) [u].
+        encoder: positions as the controller measured them, MPOS, (n, axes) [u].
         commanded_tip, encoder_tip: where `commanded` and `encoder` would put the nozzle on a rigid
             machine, in the work frame, (n, 3) [mm].
         nozzle: the nozzle's tip in the work frame, (n, 3) [mm].
@@ -75,6 +78,7 @@ class Run:
 
     machine: str
     axes: tuple[str, ...]
+    units: tuple[str, ...]
     requested: Path
     period: float
     time: Floats
@@ -126,6 +130,7 @@ class Run:
                 machine=str(content.pop("machine")),
                 period=float(content.pop("period")),
                 axes=tuple(str(name) for name in content.pop("axes")),
+                units=tuple(str(unit) for unit in content.pop("units")),
                 requested=Path.build(path["kind"], path["parameters"]),
                 fault=Fault(**fault) if fault else None,
                 **content,

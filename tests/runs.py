@@ -1,12 +1,9 @@
-"""Runs, machines and curves that several test files ask for."""
-
-import math
+"""Runs and machines that several test files ask for."""
 
 import numpy as np
 
-from gantrysim import Servo
-from gantrysim.controllers.arcs import ArcChain
-from gantrysim.controllers.chain import Chain, Coil
+from gantrysim import Machine, Servo, simulate
+from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 
 PERIOD = 1e-3
@@ -23,6 +20,51 @@ def ramp(speed, length=140.0):
     return Setpoints.along(ArcChain((-70.0, 0.0), 0.0, [0.0], [length]), speed, PERIOD)
 
 
+TURNTABLE = """
+<mujoco>
+  <size nuser_jnt="1" nuser_sensor="1"/>
+  <compiler angle="degree" autolimits="true"/>
+  <option timestep="0.0005" integrator="Euler" gravity="0 0 0"/>
+  <worldbody>
+    <body name="table">
+      <joint name="th" range="-400 400" user="6.283185307179586" damping="0.5"/>
+      <geom type="cylinder" size="0.1 0.01" mass="2"/>
+      <body name="work">
+        <joint name="x" type="slide" axis="1 0 0" range="-0.4 0.4" user="1" damping="10"/>
+        <geom size="0.01" mass="1"/>
+      </body>
+    </body>
+    <site name="nozzle" pos="0.2 0 0"/>
+  </worldbody>
+  <actuator>
+    <motor name="th" joint="th" gear="36" ctrlrange="-1 1"/>
+    <motor name="x" joint="x" gear="628" ctrlrange="-1 1"/>
+  </actuator>
+  <sensor>
+    <actuatorpos name="th" actuator="th" user="10000"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def turntable(folder):
+    """A rigid table that turns about the origin, a slide on it that carries the work, a nozzle at (200, 0) mm."""
+    file = folder / "turntable.xml"
+    file.write_text(TURNTABLE)
+    return Machine(file)
+
+
+def turned(speed, ticks=1001):
+    """Setpoints of the table alone, at a constant speed [deg/s]; the path is any."""
+    th = speed * PERIOD * np.arange(ticks)
+    return Setpoints(PERIOD, ("th",), th[:, None], np.ones(ticks, bool), ramp(50.0).requested)
+
+
+def turn(machine, speed, ticks=1001, law=None, **servo):
+    """A run of the table at a constant speed [deg/s]."""
+    return simulate(machine, Servo.derive(machine.axes, PERIOD, **servo), turned(speed, ticks), law=law)
+
+
 def ideal_motors(source):
     """Write plain motors into a rigid machine's file instead of its dcmotors, and return the file."""
     content = source.read_text()
@@ -32,21 +74,3 @@ def ideal_motors(source):
         content = content.replace(dcmotor, f'<motor name="{name}" joint="{name}" gear="628.3185307179587"/>')
     source.write_text(content)
     return source
-
-
-def archimedean(radius, pitch, turns, start=(0.0, 0.0), heading_start=0.5 * np.pi, clockwise=True):
-    """Archimedes' spiral given as the involute is; its centre lies square to the heading."""
-    turn = -1.0 if clockwise else 1.0
-    inward = complex(-math.sin(heading_start), math.cos(heading_start)) * turn
-    centre = complex(*start) + radius * inward
-    point = (centre.real, centre.imag, 0.0)
-    angle = 2 * np.pi * turns
-    path = Chain([Coil(point, (radius, radius - pitch * turns), float(np.angle(-inward)), turn * angle)])
-    path.centre, path.pitch, path.angle, path.a, path.clockwise = (
-        np.array(point),
-        pitch,
-        angle,
-        pitch / 2 / np.pi,
-        clockwise,
-    )
-    return path

@@ -13,6 +13,8 @@ from PIL import Image
 import gantrysim
 from gantrysim import Fault, Job, Run, cli, metrics, report
 
+from runs import turn, turntable
+
 SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
 
 
@@ -240,7 +242,7 @@ def test_a_machine_without_cameras_gets_its_video_all_the_same(gantrysim_command
 
 def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
     run = Job.load("an225", ["diameter=40", "turns=1"]).run()
-    faulted = dataclasses.replace(run, fault=Fault("diverged", "x", 0.1, math.nan, math.inf))
+    faulted = dataclasses.replace(run, fault=Fault("diverged", "x", 0.1, math.nan, math.inf, "mm"))
     job = Job.load("an225")
     written = report.summary(job, job.built_machine, faulted, metrics.figures(faulted))
     assert written["fault"] == {
@@ -249,6 +251,7 @@ def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
         "time": 0.1,
         "value": None,
         "limit": None,
+        "unit": "mm",
         "text": str(faulted.fault),
     }
     json.dumps(written, allow_nan=False)
@@ -262,3 +265,22 @@ def test_what_cannot_be_written_is_one_line(gantrysim_command, tmp_path, monkeyp
     status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "a" / "b", *SHORT)
     assert (status, errors) == (2, "error: No space left on device (run.npz)\n")
     assert not list(tmp_path.iterdir())
+
+
+def test_errors_of_rotary_axes_are_told_in_thousandths_of_a_degree(tmp_path, capsys):
+    machine = turntable(tmp_path)
+    run = turn(machine, 90.0)
+    figures = metrics.figures(run)
+    error = 1e3 * (run.commanded - run.encoder)
+    assert figures.tracking["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
+    job = Job.load("an225")
+    written = report.summary(job, machine, run, figures)
+    assert list(written["tracking_error_um"]) == ["x", "path"]
+    assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
+    assert list(written)[4:6] == ["tracking_error_um", "tracking_error_mdeg"]
+    cli._output.print(*cli._tables(job, run, figures))
+    printed = capsys.readouterr().out
+    rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()
+    assert f"{rms:.1f} mdeg" in printed
+    assert f"{largest:.1f} mdeg" in printed
+    assert printed.count("mdeg") == 2

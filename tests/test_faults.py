@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import mujoco
 import numpy as np
@@ -15,7 +16,11 @@ from gantrysim.engine import _fill
 from gantrysim.native.hook import installed
 from gantrysim.native.row import ROW, ROW_NUMBERS, log_width
 
-from runs import PERIOD, STEP, ideal_motors, plain, ramp
+from runs import PERIOD, STEP, ideal_motors, plain, ramp, turn, turntable
+
+
+def slowly(tick):
+    return [0.05 if tick.measured_velocity[0] < 150 else 0.0, 0.0]
 
 
 @pytest.mark.parametrize("frequency", [100.0, 140.0, 200.0, 400.0, 1000.0])
@@ -82,6 +87,35 @@ def test_a_run_away_axis_trips_on_the_first_limit_it_meets(rigid, limits, kind):
     assert abs(run.fault.value) > run.fault.limit
     if kind == "overspeed":
         assert run.fault.limit == pytest.approx(1.2 * machine.axes[0].speed_limit)
+
+
+@pytest.mark.parametrize(
+    ("limits", "law", "text"),
+    [
+        (
+            {"following_error_limit": 0.5},
+            lambda tick: [0.9, 0.0],
+            r"^following error on axis th .*: -\d\.\d+ deg, limit 0.5 deg$",
+        ),
+        (
+            {"following_error_limit": 1e6},
+            lambda tick: [0.9, 0.0],
+            r"^overspeed on axis th .*: \d+(\.\d)? deg/s, limit 432 deg/s$",
+        ),
+        ({"following_error_limit": 1e6}, slowly, r"^travel on axis th .*: 400\.\d deg, limit 400.1 deg$"),
+        (
+            {"following_error_limit": 1e6},
+            lambda tick: [0.0, 0.9],
+            r"^overspeed on axis x .*: \S+ mm/s, limit \S+ mm/s$",
+        ),
+    ],
+)
+def test_a_fault_of_a_rotary_axis_is_told_in_degrees(tmp_path, limits, law, text):
+    machine = turntable(tmp_path)
+    machine.model.jnt_limited[:] = 0  # no hard stop before the limit switch
+    run = turn(machine, 0.0, ticks=6000, law=law, **limits)
+    assert run.fault is not None
+    assert re.match(text, str(run.fault)), str(run.fault)
 
 
 def test_leaving_the_travel_is_a_fault(rigid):
@@ -185,6 +219,6 @@ def test_a_run_that_ends_in_numbers_that_are_none_keeps_those_before(rigid):
 
 def test_an_absurd_torque_is_told_in_its_own_unit():
     assert (
-        str(Fault("diverged", "x", 0.002, -5e9, 1e9))
+        str(Fault("diverged", "x", 0.002, -5e9, 1e9, "N·m"))
         == "diverged on axis x at t = 0.0020 s: -5e+09 N·m, limit 1e+09 N·m"
     )

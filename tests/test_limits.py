@@ -8,7 +8,7 @@ import pytest
 
 from gantrysim import InputError, Servo, simulate
 
-from runs import PERIOD, plain, ramp
+from runs import PERIOD, plain, ramp, turn, turned, turntable
 
 BAD = {
     "unknown axis": (
@@ -69,3 +69,30 @@ def test_physics_steps_are_at_most_what_the_machine_is_made_for(rigid):
     default = simulate(machine, plain(machine), ramp(50.0))
     same = simulate(machine, plain(machine), ramp(50.0), physics_step=5e-4)
     np.testing.assert_array_equal(default.nozzle, same.nozzle)
+
+
+def test_limits_of_a_rotary_axis_are_told_in_degrees(tmp_path):
+    machine = turntable(tmp_path)
+    with pytest.raises(
+        InputError, match=r"th = 420 deg at t = 4.2 s: must lie in the travel -400 to 400 deg of machine turntable$"
+    ):
+        turn(machine, 100.0, ticks=4201)
+    with pytest.raises(
+        InputError,
+        match=r"speed of th = 361 deg/s at t = .* must be at most 360 deg/s, the limit of machine turntable$",
+    ):
+        turn(machine, 361.0)
+    run = simulate(machine, Servo.derive(machine.axes, PERIOD), turned(359.0))
+    assert run.fault is None
+
+
+def test_an_encoder_of_a_rotary_axis_counts_degrees(tmp_path):
+    run = turn(turntable(tmp_path), 90.0)
+    counts = run.encoder[:, 0] * 1e3  # a thousandth of a degree each: 36 turns of 10 000 counts in 360 deg
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    assert run.encoder[-1, 0] == pytest.approx(90.0, abs=0.1)
+    # the nozzle at (200, 0) in the frame of a work that turns with the table
+    a = np.radians(run.encoder[:, 0])
+    expected = 200 * np.stack([np.cos(a), -np.sin(a), 0 * a], axis=1)
+    np.testing.assert_allclose(run.nozzle, expected, atol=2 * 200 * math.radians(1e-3))
+    np.testing.assert_allclose(run.commanded_tip[:, 0], 200 * np.cos(np.radians(run.commanded[:, 0])), atol=1e-9)

@@ -106,10 +106,25 @@ REPLACEMENTS = {
         "sensor 'x' must be an actuatorpos of",
     ),
     "gear": ('gear="628.3185307179587"', 'gear="-1"', "gear of 'x' = -1: must be greater than 0"),
-    "hinge": (
+    "ball": (
         '<joint name="x" axis="1 0 0"/>',
-        '<joint name="x" type="hinge" axis="1 0 0"/>',
-        "joint 'x' must be a slide",
+        '<joint name="x" type="ball" range="0 0"/>',
+        "joint 'x' must be a slide or a hinge",
+    ),
+    "hinge of a slide's name": (
+        '<joint name="x" axis="1 0 0"/>',
+        '<joint name="x" type="hinge" axis="0 0 1"/>',
+        r"axis 'x' moves the nozzle along \(0, 0, 0\) of body 'work': must be along its x",
+    ),
+    "hinge beside the tip": (
+        '<joint name="x" axis="1 0 0"/>',
+        '<joint name="x" type="hinge" axis="0 0 1" pos="0.05 0 0"/>',
+        "rotary axis 'x' moves the nozzle by 70.71 mm in 90 deg: must turn it about its own tip",
+    ),
+    "hinge that turns a slide": (
+        '<joint name="y" axis="0 1 0"/>',
+        '<joint name="y" type="hinge" axis="0 0 1"/>',
+        "rotary axis 'y' moves the nozzle by 141.4 mm in 90 deg: must turn it about its own tip",
     ),
     "work elsewhere": (
         '<body name="work"/>',
@@ -190,3 +205,40 @@ def test_a_machine_that_stands_askew_in_the_world_has_the_same_work_frame(rigid)
     servo = Servo.derive(machine.axes, resolution=0.0)
     run = simulate(machine, servo, MoveSpiral(60, 1, 10, 100).setpoints(1e-3))
     np.testing.assert_allclose(run.nozzle[:, :2], run.encoder, atol=1e-9)
+
+
+HINGE = """
+      <body name="head">
+        <joint name="r" type="hinge" axis="0 0 1" range="-40 40"/>
+        <geom type="sphere" size="0.01" mass="0.1"/>
+        <site name="nozzle"/>
+      </body>
+"""
+
+
+def test_a_hinge_through_the_tip_turns_the_nozzle_and_leaves_the_tip(rigid):
+    source = rigid().source
+    content = source.read_text().replace('<site name="nozzle"/>', HINGE)
+    content = content.replace("</actuator>", '<motor name="r" joint="r" gear="10"/></actuator>')
+    source.write_text(content)
+    machine = Machine(source)
+    r = machine.axes[2]
+    assert (r.name, r.unit) == ("r", "deg")
+    assert r.travel == pytest.approx((-40.0, 40.0))
+    assert r.speed_limit == pytest.approx(math.degrees(1.0))  # the default class' user value, in rad/s
+    np.testing.assert_allclose(machine.tip([[30.0, -40.0, 123.0]]), [[30.0, -40.0, 0.0]], atol=1e-9)
+    source.write_text(content.replace('gear="10"', 'gear="-10"'))
+    with pytest.raises(InputError, match=r"gear of 'r' = -10: .* 0 \(turns of the motor per turn of the axis\)"):
+        Machine(source)
+
+
+def test_where_a_hinge_turns_the_work_its_frame_is_free(rigid):
+    source = rigid().source
+    turned = '<body name="work" pos="0.1 0 -0.05"><joint name="th" type="hinge"/><geom size="0.1" mass="1"/></body>'
+    content = source.read_text().replace('<body name="work"/>', turned)
+    source.write_text(content)
+    with pytest.raises(InputError, match="with all axes at zero the nozzle is at"):
+        Machine(source)  # nothing drives the hinge: it stands still
+    source.write_text(content.replace("</actuator>", '<motor name="th" joint="th" gear="10"/></actuator>'))
+    tip = Machine(source).tip([[0.0, 0.0, 90.0], [100.0, 50.0, 180.0]])
+    np.testing.assert_allclose(tip, [[0.0, 100.0, 50.0], [0.0, -50.0, 50.0]], atol=1e-9)

@@ -1,5 +1,6 @@
 """Figures of a run whose errors are known, and the spacing of neighbouring turns."""
 
+import dataclasses
 import math
 from itertools import pairwise
 
@@ -43,6 +44,7 @@ def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERI
     return Run(
         machine="none",
         axes=("x", "y"),
+        units=("mm", "mm"),
         requested=path,
         period=PERIOD,
         time=np.arange(rows) * PERIOD,
@@ -251,9 +253,10 @@ def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
     faulted = Run(
         machine="none",
         axes=("x", "y"),
+        units=("mm", "mm"),
         requested=INVOLUTE,
         period=PERIOD,
-        fault=Fault("following error", "x", 1.0, 2.0, 1.0),
+        fault=Fault("following error", "x", 1.0, 2.0, 1.0, "mm"),
         **rows,
     )
     found = figures(faulted)
@@ -374,7 +377,7 @@ def test_path_speed_counts_all_three_directions():
 def test_path_speed_of_a_single_sample_is_zero():
     run = run_along(ArcChain([0, 0], 0, 0, 1))
     rows = {name: value[:1] for name, value in vars(run).items() if isinstance(value, np.ndarray)}
-    single = Run(machine="none", axes=("x", "y"), requested=run.requested, period=PERIOD, **rows)
+    single = dataclasses.replace(run, **rows)
     assert path_speed(single).tolist() == [0]
     assert figures(single).spacing is None
 

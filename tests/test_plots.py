@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 from gantrysim import Job, plots
 from gantrysim.metrics import Analysis
 
+from runs import turn, turntable
+
 matplotlib.use("agg")
 
 
@@ -66,3 +68,24 @@ def test_rare_peaks_are_written_down_and_do_not_set_the_scale(analysis):
     error = 1e3 * np.abs(analysis.run.commanded - analysis.run.encoder)[analysis.ticks]
     assert figure.axes[0].get_ylim()[1] < 0.8 * error.max()
     assert any(text.get_text().startswith("peak ") for text in figure.axes[0].texts)
+
+
+def test_rotary_axes_have_a_panel_of_their_own_in_thousandths_of_a_degree(tmp_path):
+    run = turn(turntable(tmp_path), 90.0)
+    figure = Figure()
+    plots.draw_error(figure, Analysis(run))
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "commanded - encoder [µm]",
+        "commanded - encoder [mdeg]",
+        "left of the requested path [µm]",
+    ]
+    error = 1e3 * (run.commanded - run.encoder)
+    for panel, (a, name) in enumerate(((1, "x"), (0, "th"))):
+        drawn = lines(figure, panel)
+        assert {label for label in drawn if not label.startswith("_")} == {name}
+        np.testing.assert_allclose(drawn[name][:, 1], error[:, a], atol=1e-9)
+    assert np.abs(error[:, 0]).max() > 10  # the start, without an acceleration limit
+    peak = next(text.get_text() for text in figure.axes[1].texts if text.get_text().startswith("peak"))
+    assert " mdeg at 0.0" in peak
+    saved = plots.save_plots(Analysis(run), tmp_path)
+    assert [file.name for file in saved] == ["plan.png", "error.png"]

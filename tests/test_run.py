@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Run, Servo, simulate
-from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.path import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.spirals import Archimedean
 from gantrysim.controllers.trio import MoveSpiral
-from runs import archimedean
+
+from runs import turn, turntable
 
 PATHS = {
     "involute": MoveSpiral(60, 1, 10, 100).requested,
     "arcs": MoveSpiral(60, 1, 10, 100).generated,
-    "chain": archimedean(30, 10, 1.5, clockwise=False),
+    "archimedean": Archimedean(30, 10, 1.5, clockwise=False),
     "line": ArcChain((0, 0), 0.3, [0.0], [50.0]),
 }
 
@@ -69,6 +71,17 @@ def test_arrays_are_read_only(run):
 def test_torque_is_the_motor_constant_times_the_current(run, xy):
     constant = xy.axes[0].motor_constant
     np.testing.assert_allclose(run.torque, constant * run.current, rtol=1e-12, atol=1e-15)
+
+
+def test_units_of_the_axes_and_of_a_fault_survive_the_file(tmp_path):
+    run = turn(turntable(tmp_path), 90.0, following_error_limit=1e-3)
+    assert run.axes == ("th", "x")
+    assert run.units == ("deg", "mm")
+    assert run.fault is not None
+    assert run.fault.unit == "deg"
+    run.save(tmp_path / "run.npz")
+    again = Run.load(tmp_path / "run.npz")
+    assert (again.units, again.fault) == (run.units, run.fault)
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", None])

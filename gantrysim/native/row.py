@@ -12,7 +12,7 @@ __all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "ROW_NUMBERS", "WA
 MAX_AXES = 6
 
 # How far an axis may pass its travel before the limit switch trips, and by how much its speed limit.
-OVERTRAVEL = 0.1  # [mm]
+OVERTRAVEL = 0.1  # [mm or deg]
 OVERSPEED = 1.2
 
 # An unstable loop need not run away: the torque limit can hold it in a limit cycle, whose error looks harmless.
