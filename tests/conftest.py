@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gantrysim import Machine
-from gantrysim.controllers.path import ArcChain
+from gantrysim.controllers.arcs import ArcChain
 
 RIGID = """
 <mujoco model="rigid">
