@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Fault, Machine, Servo, metrics, simulate
-from gantrysim.controllers.path import ArcChain
+from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine import _fill

@@ -10,12 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gantrysim.controllers.path import ArcChain
-from gantrysim.controllers.spirals import Archimedean, Involute
+from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
 from gantrysim.metrics import Analysis, Range, Spread, figures, path_speed, spacing, tracking_error
 from gantrysim.run import Fault, Run
+
+from runs import archimedean
 
 EXACT = 1e-9  # [mm]
 SPACING = 1e-9  # of an involute followed perfectly [mm]
@@ -146,7 +148,7 @@ def test_perfect_follower_of_the_loop_of_one_second_has_the_arcs_spacing():
 def test_spacing_of_archimedes_spiral_is_measured_along_its_own_normal():
     """Against the requested involute its lateral error reaches 2 a."""
     a = 10 / (2 * np.pi)
-    trace = Archimedean(60, 10, 4)
+    trace = archimedean(60, 10, 4)
     s = np.arange(0, trace.length, 0.1)
     found = spacing(INVOLUTE, trace.position(s))
     at = np.linspace(20, 700, 60)
@@ -410,14 +412,14 @@ def test_a_loop_whose_spiral_drifts_by_turns_keeps_its_local_pitch():
     trace = np.pad(spiral.setpoints(PERIOD).position, ((0, 0), (0, 1)))
     found = spacing(INVOLUTE, trace)
     # thickness / (1 + d / (T x)), at the ratio half way between the two turns
-    turned = -np.cumsum(spiral.generated._kappa * spiral.generated._pieces)
+    turned = -np.cumsum(spiral.generated._kappa * spiral.generated._flat)
     ratio = np.interp((found.turn + 0.5) * 2 * np.pi, turned, spiral.ratios)
     assert found.distance == pytest.approx(10 / (1 + 0.02 / (0.1 * ratio)), rel=0.02)
     assert INVOLUTE.follow(trace).distance.max() > 8  # more than the half pitch that the nearest turn would say
 
 
 def test_following_a_trace_agrees_with_projecting_it_where_it_is_near():
-    path = Archimedean(60, 10, 4)
+    path = archimedean(60, 10, 4)
     trace = path.position(np.linspace(0, path.length, 3001)) + np.array([0.3, -0.2, 0.1])
     assert path.follow(trace).s == pytest.approx(path.project(trace).s, abs=1e-9)
 
@@ -445,7 +447,7 @@ def test_a_gap_of_the_dispenser_is_neither_length_nor_spacing():
 
 
 def test_tight_archimedean_spirals_meet_their_next_turn_and_not_themselves():
-    path = Archimedean(40, 10, 3.5)
+    path = archimedean(40, 10, 3.5)
     found = spacing(path, path.position(np.arange(0, path.length, 0.05)))
     assert found.distance.min() > 9
     assert found.distance.max() < 10.2

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Run, Servo, simulate
-from gantrysim.controllers.path import ArcChain
+from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.controllers.spirals import Archimedean
 from gantrysim.controllers.trio import MoveSpiral
 
-from runs import turn, turntable
+from runs import archimedean, turn, turntable
 
 PATHS = {
     "involute": MoveSpiral(60, 1, 10, 100).requested,
     "arcs": MoveSpiral(60, 1, 10, 100).generated,
-    "archimedean": Archimedean(30, 10, 1.5, clockwise=False),
+    "chain": archimedean(30, 10, 1.5, clockwise=False),
     "line": ArcChain((0, 0), 0.3, [0.0], [50.0]),
 }
 
