@@ -1,0 +1,5 @@
+"""Trio Motion BASIC: the "Move Spiral" method of application note AN-225."""
+
+from gantrysim.controllers.trio.spiral import MoveSpiral
+
+__all__ = ["MoveSpiral"]

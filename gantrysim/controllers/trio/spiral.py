@@ -1,0 +1,285 @@
+"""The inward spiral of AN-225: its parameters, the path asked for, and the one that its loop commands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats, Path
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.spirals import Involute
+from gantrysim.controllers.trio.listing import differences
+from gantrysim.controllers.trio.loop import RATIO_BITS, Loop, Passes, RatioTooSmallError
+from gantrysim.controllers.trio.track import track
+from gantrysim.errors import InputError, at_least, finite, point, positive, whole
+
+__all__ = ["MoveSpiral"]
+
+_MAX_PASSES = 2_000_000
+_ROUNDING = 1e-12
+_LITERAL_CIRCLES = 4  # in the published listing's turn counter
+
+
+@dataclass(frozen=True)
+class MoveSpiral:
+    """An inward spiral by the loop method of AN-225.
+
+    Two virtual axes run circles of the outer diameter. CONNECT(x, virtual axis) links each real axis to the
+    movement of its virtual axis, and a program loop lowers the ratio x while it raises the virtual SPEED to
+    V / x, so that the real path speed stays V. Between two passes of the loop the real axes therefore run an
+    arc of radius x R; the arcs meet with one tangent.
+
+    The loop's k-th pass sets x_k = 1 - k change, with change = 2 thickness V T / (pi D^2), before the
+    k-th piece of motion, and waits WA(1000 T x_k) ms. A pass lasts T x_k + d and, at SPEED, turns the virtual circle
+    by V (T x_k + d) / (x_k R). As T and d go to zero the path tends to the involute of a circle of radius
+    thickness / 2 pi, whose normal pitch is exactly `thickness`: that is the requested path.
+
+    The defaults are the method without its controller's limits. With ACCEL and DECEL the virtual axes start and
+    stop as they must, and x, which falls with time, makes the tail curl in while they brake. CONNECT adds
+    ratio times the virtual axis' step at every servo tick, so that the real axes lie on the arcs exactly at the
+    ticks, provided that the ratio changes at ticks: that is what `servo_period` does.
+
+    With a height, MHELICAL adds a third virtual axis that climbs evenly with the circles and drives the real
+    one directly. In mode 1 SPEED belongs to the circle alone; in mode 0 it is the speed in space, so that the circle
+    runs slower, x falls too far by its end and the turns come too close.
+
+    Source: Trio Motion Technology, application note AN-225 (2008), and the Motion BASIC manual for CONNECT,
+    MOVECIRC, MHELICAL, WA.
+
+    Args:
+        diameter: outer diameter D of the virtual circles [mm].
+        turns: number of circles, a whole number.
+        thickness: distance of neighbouring turns [mm].
+        speed: path speed V of the real axes [mm/s].
+        loop_period: time T of one pass of the program loop at x = 1; 0 is the continuous limit [s].
+        interpreter_time: time d that the interpreter itself adds to every pass [s].
+        start: first point (x, y) [mm].
+        clockwise: sense of the turning; the first motion is towards +y, the centre lies at +x where
+            clockwise and at -x where not.
+        height: climbed evenly over all circles, 0 for two axes [mm].
+        mhelical_mode: 0 or 1, what SPEED means where there is a height.
+        acceleration: ACCEL of the virtual axes [mm/s²].
+        deceleration: DECEL of the virtual axes; by default ACCEL [mm/s²].
+        wait_resolution: WA waits whole multiples of it, cut off; 0.001 on the controller, 0 for exact waits [s].
+        ratio_bits: fractional bits of CONNECT's ratio, 16 on the controller; None for an exact ratio.
+        servo_period: SERVO_PERIOD, to whose ticks the program's commands are bound: 0.0005, 0.001 or 0.002 on the
+            controller, 0 for a program that acts between ticks [s].
+        as_published: behave as the published listing does, errors and all: see `differences`.
+
+    Raises:
+        InputError: a value out of its bounds, an inner diameter below zero, or a ratio x that would fall
+            to zero or below before the axes brake for the end.
+    """
+
+    diameter: float
+    turns: int
+    thickness: float
+    speed: float
+    loop_period: float = 0.1
+    interpreter_time: float = 0.0
+    start: tuple[float, float] = (0.0, 0.0)
+    clockwise: bool = True
+    height: float = 0.0
+    mhelical_mode: int = 1
+    acceleration: float = math.inf
+    deceleration: float | None = None
+    wait_resolution: float = 0.0
+    ratio_bits: int | None = None
+    servo_period: float = 0.0
+    as_published: bool = False
+
+    def __post_init__(self) -> None:
+        checked = {
+            "diameter": positive("diameter", self.diameter, "mm"),
+            "turns": whole("turns", self.turns, 1),
+            "thickness": positive("thickness", self.thickness, "mm"),
+            "speed": positive("speed", self.speed, "mm/s"),
+            "loop_period": at_least("loop_period", self.loop_period, 0, "s"),
+            "interpreter_time": at_least("interpreter_time", self.interpreter_time, 0, "s"),
+            "start": point("start", self.start),
+            "height": finite("height", self.height, "mm"),
+            "wait_resolution": at_least("wait_resolution", self.wait_resolution, 0, "s"),
+            "servo_period": at_least("servo_period", self.servo_period, 0, "s"),
+        }
+        for name in ("acceleration", "deceleration"):
+            limit = getattr(self, name)
+            if limit is not None and limit != math.inf:
+                checked[name] = positive(name, limit, "mm/s²")
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        if self.mhelical_mode not in (0, 1):
+            raise InputError(f"mhelical_mode = {self.mhelical_mode}: must be 0 (SPEED in space) or 1 (of the circle)")
+        if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
+            raise InputError(f"ratio_bits = {self.ratio_bits}: must be at most 52, or none for an exact ratio")
+        if self.inner_diameter < -_ROUNDING * self.diameter:
+            raise InputError(
+                f"inner_diameter = {self.inner_diameter:g} mm (diameter {self.diameter:g} - 2 x turns {self.turns} x "
+                f"thickness {self.thickness:g}): must be at least 0 mm; "
+                f"use {_fewer(self.diameter, self.thickness)}thickness below {self.diameter / (2 * self.turns):g} mm"
+            )
+        if self.loop_period == 0:
+            self._check_continuous()
+        else:
+            _ = self.passes  # raises where the ratio would reach zero
+
+    def _check_continuous(self) -> None:
+        needs_a_loop = {
+            "interpreter_time": (self.interpreter_time, 0.0, "s"),
+            "acceleration": (self.acceleration, math.inf, "mm/s²"),
+            "deceleration": (math.inf if self.deceleration is None else self.deceleration, math.inf, "mm/s²"),
+            "wait_resolution": (self.wait_resolution, 0.0, "s"),
+            "servo_period": (self.servo_period, 0.0, "s"),
+        }
+        for name, (value, free, unit) in needs_a_loop.items():
+            if value != free:
+                raise InputError(
+                    f"{name} = {value:g} {unit}: must be {free:g} {unit} where loop_period is 0 s, "
+                    "the limit of a loop that takes no time"
+                )
+        if self.as_published or (self.height and self.mhelical_mode == 0):
+            what = "as_published = true" if self.as_published else "mhelical_mode = 0"
+            raise InputError(f"{what}: must have a loop_period greater than 0 s")
+
+    @property
+    def radius(self) -> float:
+        """Radius R of the virtual circles [mm]."""
+        return 0.5 * self.diameter
+
+    @property
+    def inner_diameter(self) -> float:
+        """Diameter less a thickness on both sides for every turn [mm]."""
+        return self.diameter - 2 * self.turns * self.thickness
+
+    @property
+    def virtual_length(self) -> float:
+        """Length of the virtual circles, pi D turns [mm]."""
+        return math.pi * self.diameter * self.turns
+
+    @property
+    def virtual_time(self) -> float:
+        """Time of the virtual circles at the path speed [s]."""
+        return self.virtual_length / self.speed
+
+    @property
+    def change(self) -> float:
+        """Decrease of the ratio x at each pass of the loop."""
+        return 2 * self.thickness * self.speed * self.loop_period / (math.pi * self.diameter**2)
+
+    @property
+    def circles(self) -> int:
+        """Number of circles that are run."""
+        return _LITERAL_CIRCLES if self.as_published else self.turns
+
+    @cached_property
+    def passes(self) -> Passes:
+        """What the program loop does, pass by pass; there is none in the continuous limit."""
+        # without interpreter time every pass turns the circle by V T / R; with it the passes are fewer
+        bound = max(1, math.ceil(self.virtual_time / self.loop_period - 1e-9))
+        if bound > _MAX_PASSES:
+            raise InputError(
+                f"loop_period = {self.loop_period:g} s: makes {bound:.8g} passes, at most {_MAX_PASSES} are run; "
+                f"use 0 s for the continuous limit or at least {self.virtual_time / _MAX_PASSES:.3g} s"
+            )
+        # SPEED and ACCEL of the circle where they belong to the motion in space
+        share = 1.0
+        if self.mhelical_mode == 0:
+            share = 1 / math.hypot(1.0, self.height / (self.virtual_length))
+        brake = self.acceleration if self.deceleration is None else self.deceleration
+        loop = Loop(
+            length=math.pi * self.diameter * self.circles,
+            speed=self.speed * share,
+            change=self.change,
+            period=self.loop_period,
+            interpreter_time=self.interpreter_time,
+            acceleration=self.acceleration * share,
+            deceleration=brake * share,
+            wait_resolution=self.wait_resolution,
+            ratio_bits=self.ratio_bits,
+            servo_period=self.servo_period,
+            guarded=not self.as_published,
+        )
+        try:
+            return loop.run()
+        except RatioTooSmallError as error:
+            raise InputError(
+                f"ratio x = {error.ratio:.4g} on pass {error.number} of {bound}: "
+                f"must be at least 2^-{RATIO_BITS}, the least that CONNECT can hold; "
+                f"inner_diameter {self.inner_diameter:g} mm is too small for loop_period {self.loop_period:g} s, "
+                "use fewer turns, a smaller thickness or a shorter loop_period"
+            ) from None
+
+    @property
+    def ratios(self) -> Floats:
+        """Ratio x of every pass, (passes,); empty in the continuous limit."""
+        return self.passes.ratio if self.loop_period > 0 else np.zeros(0)
+
+    @cached_property
+    def requested(self) -> Involute:
+        """The continuous limit: the involute with normal pitch `thickness`."""
+        return Involute(self.radius, self.thickness, self.turns, self.start, 0.5 * math.pi, self.clockwise, self.height)
+
+    @cached_property
+    def generated(self) -> Path:
+        """The path that the controller really commands: an arc, or a helix, for every pass of the loop."""
+        if self.loop_period == 0:
+            return self.requested
+        return track((*self.start, 0.0), self.passes, self.radius, self._climb, self.clockwise)
+
+    @property
+    def _climb(self) -> float:
+        """Height per radian of the virtual circles [mm/rad]."""
+        return self.height / (2 * math.pi * self.turns)
+
+    @property
+    def duration(self) -> float:
+        """Time of the motion [s]."""
+        return self._flat.length / self.speed if self.loop_period == 0 else self.passes.law.duration
+
+    @cached_property
+    def _flat(self) -> Involute:
+        """The requested path in the XY plane."""
+        return replace(self.requested, height=0.0)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes that move."""
+        return ("x", "y", "z") if self.height else ("x", "y")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the published listing does otherwise, where it is asked for."""
+        return differences(self) if self.as_published else ()
+
+    def setpoints(self, period: float) -> Setpoints:
+        """Return the commanded positions of the axes x, y and, with a height, z at every servo period [s].
+
+        Raises:
+            InputError: a period that is not the controller's servo_period.
+        """
+        if self.servo_period > 0 and abs(period - self.servo_period) > 1e-12:
+            raise InputError(
+                f"servo_period = {self.servo_period:g} s of the controller: must be that of the servo, {period:g} s; "
+                "or 0 s for a program that is not bound to its ticks"
+            )
+        if self.loop_period == 0:
+            return Setpoints.along(
+                self._flat, self.speed, period, requested=self.requested, axes=self.axes, coordinates=self._climbing
+            )
+        lengths = np.hypot(self.passes.connected * self.radius, self._climb) * np.diff(self.passes.way) / self.radius
+        return Setpoints.along(
+            self.generated, self.passes.connect(lengths), period, requested=self.requested, axes=self.axes
+        )
+
+    def _climbing(self, s: Floats) -> Floats:
+        """The axes at arc lengths of the flat path; SPEED belongs to the circle."""
+        points = self._flat.position(s)
+        points[:, 2] = self._climb * self._flat.phi(s)
+        return points[:, : len(self.axes)]
+
+
+def _fewer(diameter: float, thickness: float) -> str:
+    turns = math.ceil(diameter / (2 * thickness)) - 1
+    return f"turns at most {turns} or " if turns >= 1 else ""
