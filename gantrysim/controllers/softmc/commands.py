@@ -1,0 +1,87 @@
+"""The commands of a program, as values: CIRCLE by angle or through points, and MOVE."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gantrysim.controllers.softmc.errors import SoftMCError
+from gantrysim.controllers.softmc.group import Nodal
+from gantrysim.errors import finite
+
+__all__ = ["PLANES", "Circle", "Command", "Coordinates", "Move"]
+
+Coordinates = tuple[float, ...]  # x, y[, z[, r]]; what is left out at the end stays as it is
+
+PLANES = ("XY", "XZ", "YZ")
+
+
+@dataclass(frozen=True)
+class Circle(Nodal):
+    """An arc by its angle, `Circle(angle, centre)`, or through points, `Circle(via=..., target=...)`.
+
+    Args:
+        angle: swept, counter-clockwise positive; more than 360 makes several turns (Angle) [deg].
+        centre: (CircleCenter) [mm]. Its component outside the plane is the height at the end, to which the axis
+            climbs evenly with the angle; its fourth the orientation at the end [deg]. Both are assumptions.
+        plane: 0 XY, 1 XZ, 2 YZ; positive angles turn the first axis towards the second (CirclePlane).
+        via: a point between here and the target, in any plane (CirclePoint) [mm]; its orientation is not used.
+        target: the end (TargetPoint) [mm], and the orientation there [deg].
+    """
+
+    angle: float | None = None
+    centre: Coordinates | None = None
+    plane: int = 0
+    via: Coordinates | None = None
+    target: Coordinates | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        by_angle, by_points = (self.angle, self.centre), (self.via, self.target)
+        if not (None not in by_angle and by_points == (None, None)) and not (
+            None not in by_points and by_angle == (None, None)
+        ):
+            given = [name for name in ("angle", "centre", "via", "target") if getattr(self, name) is not None]
+            raise SoftMCError(
+                f"circle by {' and '.join(given) or 'nothing'}: must be by angle and centre, or by via and target; "
+                "in text Angle and CircleCenter, or CirclePoint and TargetPoint"
+            )
+        if isinstance(self.plane, bool) or self.plane not in range(len(PLANES)):
+            raise SoftMCError(f"plane = {self.plane!r}: must be 0 (XY), 1 (XZ) or 2 (YZ)")
+        if self.angle is not None:
+            object.__setattr__(self, "angle", finite("angle", self.angle, "deg"))
+            if self.angle == 0:
+                raise SoftMCError("angle = 0 deg: must not be 0 deg; positive is counter-clockwise")
+        elif self.plane:
+            raise SoftMCError(
+                f"plane = {self.plane} ({PLANES[self.plane]}) with a circle through points: must be left out; "
+                "the three points make the plane"
+            )
+        _check_coordinates(self, "centre", "via", "target")
+
+
+@dataclass(frozen=True)
+class Move(Nodal):
+    """A straight line to a point.
+
+    Args:
+        target: the end [mm], and the orientation there [deg].
+    """
+
+    target: Coordinates
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_coordinates(self, "target")
+
+
+Command = Circle | Move
+
+
+def _check_coordinates(command: Command, *names: str) -> None:
+    for name in names:
+        values = getattr(command, name)
+        if values is None:
+            continue
+        if isinstance(values, str) or not hasattr(values, "__iter__"):
+            raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
+        object.__setattr__(command, name, tuple(finite(f"coordinate of {name}", value) for value in values))

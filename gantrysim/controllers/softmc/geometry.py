@@ -1,0 +1,148 @@
+"""From a command and where it begins to the piece of path that it runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from gantrysim.controllers.chain import XY, XZ, YZ, Coil, Frame, Line, Vector
+from gantrysim.controllers.path import Floats
+from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates
+from gantrysim.controllers.softmc.errors import SoftMCError
+
+__all__ = ["AXES", "Way", "way"]
+
+AXES = "xyzr"
+
+_NEAR = 1e-6  # [mm], of points that are taken for one
+_STRAIGHT = 1e-6  # sine of an angle of three points that are taken to lie on a line
+_UPRIGHT = 1e-12  # of a normal that is taken for the z axis
+
+_FRAMES = (XY, XZ, YZ)
+_ORDER = ((0, 1, 2), (0, 2, 1), (1, 2, 0))  # axes of each plane, and the one outside of it
+
+
+@dataclass(frozen=True)
+class Way:
+    """Where a command runs.
+
+    Attributes:
+        piece: of the path; None where only the orientation changes, or nothing.
+        end: x, y, z [mm] and r [deg], (4,).
+    """
+
+    piece: Line | Coil | None
+    end: Floats
+
+
+def way(command: Command, here: Floats, axes: int, absolute: bool) -> Way:
+    """Return the way of a command.
+
+    Args:
+        command: what to run.
+        here: x, y, z [mm] and r [deg] at which it begins, (4,).
+        axes: how many of them there are, 2 to 4.
+        absolute: whether its coordinates are absolute, or from `here`.
+
+    Raises:
+        SoftMCError: no circle, or coordinates of axes that are not there.
+    """
+
+    def place(name: str, values: Coordinates) -> Floats:
+        if not 2 <= len(values) <= axes:
+            numbers = "2" if axes == 2 else f"2 to {axes}"
+            raise SoftMCError(f"{name} of {_numbers(len(values))}: must be {numbers}, of the axes {_names(axes)}")
+        point = here.copy()
+        point[: len(values)] = np.array(values) if absolute else point[: len(values)] + values
+        return point
+
+    if not isinstance(command, Circle):
+        return _line(here, place("target", command.target))
+    if command.via is not None and command.target is not None:
+        return _through(here, place("via", command.via), place("target", command.target))
+    assert command.angle is not None
+    assert command.centre is not None
+    i, j, k = _ORDER[command.plane]
+    label = PLANES[command.plane]
+    if j >= axes:
+        raise SoftMCError(f"plane = {command.plane} ({label}): must be 0 (XY) with the axes {_names(axes)}")
+    centre = place("centre", command.centre)
+    if j >= len(command.centre):
+        raise SoftMCError(
+            f"centre of {_numbers(len(command.centre))} in plane {command.plane} ({label}): "
+            f"must have {AXES[i]} and {AXES[j]}"
+        )
+    return _by_angle(here, centre, command.angle, (i, j, k), _FRAMES[command.plane])
+
+
+def _line(here: Floats, end: Floats) -> Way:
+    if np.linalg.norm(end[:3] - here[:3]) <= _NEAR:
+        return Way(None, np.array([*here[:3], end[3]]))
+    return Way(Line(_vector(here), _vector(end)), end)
+
+
+def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int, int], frame: Frame) -> Way:
+    i, j, k = order
+    out = here[[i, j]] - centre[[i, j]]
+    radius = float(np.hypot(*out))
+    if radius <= _NEAR:
+        raise SoftMCError(
+            f"radius = 0 mm, centre and start are both {AXES[i]} = {here[i]:g}, {AXES[j]} = {here[j]:g}: "
+            "must be greater than 0 mm; move away from the centre first"
+        )
+    turned = math.radians(math.fmod(angle, 360.0))
+    end = centre.copy()
+    end[i] += out[0] * math.cos(turned) - out[1] * math.sin(turned)
+    end[j] += out[0] * math.sin(turned) + out[1] * math.cos(turned)
+    middle = centre.copy()
+    middle[k] = here[k]
+    up = float(np.cross(*frame)[k])  # the plane's normal points along the axis outside of it, or back
+    begin = math.atan2(out[1], out[0])
+    piece = Coil(_vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
+    return Way(piece, end)
+
+
+def _through(here: Floats, via: Floats, end: Floats) -> Way:
+    """Return the arc through three points, about c = h + ((a.a b - b.b a) x n) / 2 n.n, n = a x b.
+
+    Here a and b are the via point and the end, seen from the start h. The arc turns to the left about n.
+    """
+    a, b = via[:3] - here[:3], end[:3] - here[:3]
+    sides = np.sort([np.linalg.norm(a), np.linalg.norm(b), np.linalg.norm(b - a)])
+    three = f"the three points ({_told(here)}), ({_told(via)}) and ({_told(end)})"
+    if sides[0] <= _NEAR:
+        raise SoftMCError(f"{three} coincide: must be distinct; a full circle goes by Angle and CircleCenter")
+    n = np.cross(a, b)
+    size = float(np.linalg.norm(n))
+    if size <= _STRAIGHT * sides[0] * sides[2]:
+        raise SoftMCError(f"{three} lie on one line: must not be collinear; a straight line is a Move")
+    out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)  # from the centre to the start
+    centre, radius = here[:3] - out, float(np.linalg.norm(out))
+    first, normal = out / radius, n / size
+    to_end = b + out
+    angle = math.atan2(to_end @ np.cross(normal, first), to_end @ first) % (2 * math.pi)
+    if normal[2] < -_UPRIGHT:
+        normal, angle = -normal, -angle
+    frame, begin = (_vector(first), _vector(np.cross(normal, first))), 0.0
+    if np.hypot(*normal[:2]) <= _UPRIGHT:
+        frame, begin = XY, math.atan2(out[1], out[0])
+    return Way(Coil(_vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
+
+
+def _vector(point: Floats) -> Vector:
+    return cast(Vector, tuple(point[:3].tolist()))
+
+
+def _told(point: Floats) -> str:
+    return ", ".join(f"{value:g}" for value in point[:3])
+
+
+def _names(axes: int) -> str:
+    return ", ".join(AXES[:axes])
+
+
+def _numbers(count: int) -> str:
+    return f"{count} number{'' if count == 1 else 's'}"

@@ -1,0 +1,116 @@
+"""RECORD: what the controller writes down of a run, every so many servo ticks."""
+
+from __future__ import annotations
+
+import csv
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.errors import unknown, whole
+
+__all__ = ["EXPRESSIONS", "Record", "Recorded"]
+
+EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
+
+
+class Recorded(Protocol):
+    """What a record must know of a run; the arrays have one row per servo tick."""
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units, "mm" or "deg"; u below."""
+
+    @property
+    def period(self) -> float:
+        """Servo period [s]."""
+
+    @property
+    def time(self) -> Floats:
+        """(n,) [s]."""
+
+    @property
+    def commanded(self) -> Floats:
+        """Positions sent, (n, axes) [u]."""
+
+    @property
+    def commanded_tip(self) -> Floats:
+        """Where they would put the nozzle, (n, 3) [mm]."""
+
+    @property
+    def encoder(self) -> Floats:
+        """Positions measured, (n, axes) [u]."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Samples expressions every `gap` servo ticks, from the first tick on.
+
+    The expressions, one column per axis: PCMD the position commanded, PFB the one measured, PE their difference,
+    VCMD and VFB the change of PCMD and PFB since the tick before, over the period; and SETPOINT, the nozzle's
+    place that is commanded, by x, y and z.
+
+    Args:
+        points: samples at most.
+        gap: ticks from one sample to the next.
+        what: expressions, in the order of the columns.
+    """
+
+    points: int
+    gap: int = 1
+    what: tuple[str, ...] = EXPRESSIONS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", whole("points", self.points, 1))
+        object.__setattr__(self, "gap", whole("gap", self.gap, 1))
+        what = (self.what,) if isinstance(self.what, str) else tuple(self.what)
+        for name in what:
+            if str(name).upper() not in EXPRESSIONS:
+                raise unknown("expression", str(name), EXPRESSIONS)
+        object.__setattr__(self, "what", tuple(name.upper() for name in what))
+
+    def of(self, run: Recorded, delay: int = 0) -> dict[str, Floats]:
+        """Return the columns: "time" [s], and one per expression and axis, as "PCMD x".
+
+        Args:
+            run: the record of a run.
+            delay: age of the command that PE compares, in servo periods: the group's `position_error_delay`.
+        """
+        columns = {"time": run.time[: self.points * self.gap : self.gap]}
+        for name in self.what:
+            values = _evaluated(name, run, whole("delay", delay, 0))[: self.points * self.gap : self.gap]
+            for a, axis in enumerate("xyz" if name == "SETPOINT" else run.axes):
+                columns[f"{name} {axis}"] = values[:, a]
+        return columns
+
+    def write(self, run: Recorded, file: str | os.PathLike[str], delay: int = 0) -> None:
+        """Write the columns as CSV, with their units in the first line."""
+        columns = self.of(run, delay)
+        units = {"time": "s", **{f"SETPOINT {axis}": "mm" for axis in "xyz"}}
+        for axis, unit in zip(run.axes, run.units, strict=True):
+            units |= {f"{name} {axis}": unit for name in ("PCMD", "PFB", "PE")}
+            units |= {f"{name} {axis}": f"{unit}/s" for name in ("VCMD", "VFB")}
+        with Path(file).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([f"{name} [{units[name]}]" for name in columns])
+            writer.writerows(np.column_stack(list(columns.values())).tolist())
+
+
+def _evaluated(name: str, run: Recorded, delay: int) -> Floats:
+    if name == "SETPOINT":
+        return run.commanded_tip
+    if name == "PE":
+        sent = np.maximum(np.arange(len(run.commanded)) - delay, 0)
+        return run.commanded[sent] - run.encoder
+    values = run.commanded if name in ("PCMD", "VCMD") else run.encoder
+    if name in ("PCMD", "PFB"):
+        return values
+    return np.diff(values, axis=0, prepend=values[:1]) / run.period
