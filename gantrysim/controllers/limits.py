@@ -53,10 +53,15 @@ class Limited:
 
     @cached_property
     def slowest(self) -> tuple[float, float]:
-        """Smallest speed between the ends, and the way at which it is [mm/s, mm]."""
-        inner = self._v[1:-1] if self._v.size > 2 else self._v
-        k = int(inner.argmin())
-        return float(inner[k]), float(self._s[1:-1][k] if self._v.size > 2 else self._s[k])
+        """Smallest speed after the first rise and before the last fall, and the way at which it is [mm/s, mm]."""
+        change = np.diff(self._v)
+        falling, rising = np.flatnonzero(change < 0), np.flatnonzero(change > 0)
+        first = int(falling[0]) if falling.size else 0
+        last = int(rising[-1]) + 1 if rising.size else self._v.size - 1
+        if first > last:  # a single rise and fall
+            first = last = int(self._v.argmax())
+        k = first + int(self._v[first : last + 1].argmin())
+        return float(self._v[k]), float(self._s[k])
 
     def _locate(self, t: ArrayLike) -> tuple[NDArray[np.intp], Floats, Floats]:
         at = np.clip(np.asarray(t, float), 0.0, self.duration)

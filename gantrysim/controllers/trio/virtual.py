@@ -46,15 +46,18 @@ class Law:
         at = np.clip(np.asarray(t, float), 0.0, self.duration)
         k = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, self.speed.size - 1)
         rest = at - self.time[k]
-        moved: Floats = self.way[k] + rest * (self.speed[k] + 0.5 * self.acceleration[k] * rest)
-        return np.minimum(moved, self.way[k + 1])
+        way: Floats = np.minimum(
+            self.way[k] + rest * (self.speed[k] + 0.5 * self.acceleration[k] * rest), self.way[k + 1]
+        )
+        return way
 
     def velocity(self, t: ArrayLike) -> Floats:
         """Speed at the times t, (n,) [mm/s]."""
         at = np.asarray(t, float)
         k = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, self.speed.size - 1)
-        speed = self.speed[k] + self.acceleration[k] * (at - self.time[k])
-        return np.where((at >= 0) & (at <= self.duration), speed, 0.0)
+        inside = (at >= 0) & (at <= self.duration)
+        speed: Floats = np.where(inside, self.speed[k] + self.acceleration[k] * (at - self.time[k]), 0.0)
+        return speed
 
 
 @dataclass

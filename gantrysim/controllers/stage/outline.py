@@ -1,0 +1,73 @@
+"""The outline of a work piece: a polygon whose corners are rounded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.path import Floats
+from gantrysim.errors import InputError, point
+
+__all__ = ["outline", "polygon"]
+
+_ROUNDING = 1e-9  # [mm]
+
+
+def polygon(corners: Sequence[Sequence[float]]) -> Floats:
+    """Return the corners of a polygon as complex numbers, (m,) [mm].
+
+    Raises:
+        InputError: fewer than three, two at one place, or no area.
+    """
+    if len(corners) < 3:
+        raise InputError(f"outline of {len(corners)} corners: must have at least 3")
+    z = np.array([complex(*point(f"outline corner {k + 1}", corner)) for k, corner in enumerate(corners)])
+    edges = np.roll(z, -1) - z
+    short = np.flatnonzero(np.abs(edges) < _ROUNDING)
+    if short.size:
+        raise InputError(f"outline: corners {short[0] + 1} and {(short[0] + 1) % z.size + 1} are one point")
+    if abs(_area(z)) < _ROUNDING:
+        raise InputError("outline: encloses no area; its corners must not lie on one line")
+    return z
+
+
+def _area(z: Floats) -> float:
+    """Signed area, positive where the corners go counter-clockwise [mm²]."""
+    return float(0.5 * np.sum((np.conj(z) * np.roll(z, -1)).imag))
+
+
+def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
+    """Return the closed path along a polygon's edges, each followed by the arc round the corner at its end.
+
+    It begins where the first edge leaves the corner behind it.
+
+    Args:
+        z: corners in the order of the motion, as complex numbers, (m,) [mm].
+        radius: of the corners [mm].
+
+    Returns:
+        path: edges and arcs in turns, (2 m) pieces.
+        outward: side on which the outside lies, 1 for left and -1 for right.
+
+    Raises:
+        InputError: an edge that is too short for the arcs at its ends.
+    """
+    edges = np.roll(z, -1) - z
+    turn = np.angle(np.roll(edges, -1) / edges)  # at the end of each edge
+    cut = radius * np.tan(0.5 * np.abs(turn))
+    straight = np.abs(edges) - cut - np.roll(cut, 1)
+    k = int(straight.argmin())
+    if straight[k] < -_ROUNDING:
+        most = radius * abs(edges[k]) / (abs(edges[k]) - straight[k])
+        raise InputError(
+            f"corner_radius = {radius:g} mm: must be at most {most:.6g} mm, "
+            f"for which edge {k + 1} of {abs(edges[k]):g} mm has room"
+        )
+    lengths = np.stack([np.maximum(straight, 0.0), radius * np.abs(turn)], axis=1).ravel()
+    curvature = np.stack([np.zeros(z.size), np.sign(turn) / radius], axis=1).ravel()
+    start = z[0] + np.roll(cut, 1)[0] * edges[0] / abs(edges[0])
+    path = ArcChain((start.real, start.imag), math.atan2(edges[0].imag, edges[0].real), curvature, lengths)
+    return path, -math.copysign(1.0, _area(z))
