@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -186,12 +187,14 @@ def path_speed(run: Run) -> Floats:
 
 
 def spacing(path: Path, trace: ArrayLike) -> Spacing:
-    """Return the distance of neighbouring turns of a trace, along the trace's own normal.
+    """Return the distance of neighbouring turns of a trace, along the trace's own normal in the path's plane.
 
-    With s the foot of a point on the requested path and e(s) its lateral error the trace is
-    q(s) = c(s) + e(s) n(s), and its tangent is along (1 - kappa e) t + e' n, with e' taken over a quarter
-    millimetre to both sides. From each point p the normal is followed to where it meets the trace again a
-    turn later: (q(s') - p).tangent = 0, solved by Newton's method. Points with no turn after them are left out.
+    With s the foot of a point on the requested path and e(s) its lateral error the trace is, but for what it is off
+    the plane, q(s) = c(s) + e(s) n(s), and its direction in the plane is along (cos(beta) - kappa e) h + e' n, with
+    h the heading, beta the climb and e' taken over a quarter millimetre to both sides. From each point p the normal is
+    followed to where it meets the trace again a turn later: (q(s') - p).direction = 0, solved by Newton's method.
+    Points with no turn after them are left out. Of a path that turns now left, now right it is the stretch that
+    turns furthest one way.
 
     Args:
         path: the requested path.
@@ -221,23 +224,23 @@ def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
         return ratio
 
     def direction(at: Floats) -> Floats:
-        """The trace's derivative over s, (m, 3)."""
-        ahead = 1 - path.curvature(at) * offset(at)
-        along: Floats = ahead[:, None] * path.tangent(at) + slope(at)[:, None] * path.normal(at)
+        """The trace's derivative over s in the plane, (m, 3)."""
+        normal = path.normal(at)
+        ahead = np.sqrt(np.maximum(1 - path.climb(at) ** 2, 0.0)) - path.curvature(at) * offset(at)
+        along: Floats = ahead[:, None] * np.cross(normal, path.frame(at)[:, 2]) + slope(at)[:, None] * normal
         return along
 
-    heading = path.heading(s)
-    sense = np.sign(heading[-1] - heading[0])
-    turned = np.maximum.accumulate((heading - heading[0]) * sense)  # a spiral's heading is monotonic
-    inner = np.flatnonzero(turned + 2 * np.pi <= turned[-1])
-    if turned[-1] < 2 * np.pi + _LEAST_OVERLAP or not inner.size:
+    heading, (first, last) = _one_way(path.heading(s))
+    s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
+    if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
         return Spacing(np.zeros(0), np.zeros(0), np.zeros(0))
+    inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
     at = s[inner]
     tangent = direction(at)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    normal = np.stack([-tangent[:, 1], tangent[:, 0], np.zeros(inner.size)], axis=1)
+    normal = np.cross(path.frame(at)[:, 2], tangent)
     point = place(at)
-    guess = np.interp(turned[inner] + 2 * np.pi, turned, s)
+    guess = np.interp(heading[inner] + 2 * np.pi, heading, s)
     met_at = guess
     for _ in range(_NEWTON_STEPS):
         # where the two turns' directions differ much the step is kept short
@@ -249,4 +252,20 @@ def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
     after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
     met &= parts[after] == parts[after - 1]
     distance = np.abs(dot(place(met_at) - point, normal))
-    return Spacing(at[met], turned[inner][met] / (2 * np.pi), distance[met])
+    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met])
+
+
+def _one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
+    """Angle turned along the stretch of a heading that turns furthest one way, (k,), and its indices from, to."""
+    change = np.diff(heading)
+    sense = np.sign(change)
+    # a straight stretch goes with the turning before it
+    turning = np.flatnonzero(sense)
+    if not turning.size:
+        return np.zeros(0), (0, 0)
+    sense = sense[turning[np.maximum(np.searchsorted(turning, np.arange(sense.size), side="right") - 1, 0)]]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(sense)) + 1, [sense.size]])
+    turned = [abs(heading[high] - heading[low]) for low, high in pairwise(edges.tolist())]
+    k = int(np.argmax(turned))
+    low, high = edges[k : k + 2].tolist()
+    return np.abs(heading[low : high + 1] - heading[low]), (low, high + 1)
