@@ -88,8 +88,8 @@ def _command(text: str) -> tuple[Command, str | None]:
         if kind != "word":
             raise SoftMCError(f"{found!r}: must be one of the words {', '.join(words)}, with = and a value")
         word = _known("word", found, words)
-        if len(tokens) < 2 or tokens[0][0] != "equals" or tokens[1][0] not in ("number", "point"):
-            raise SoftMCError(f"{word} has no value: must be {word}={_example(word)}")
+        if len(tokens) < 2 or tokens[0][0] != "equals" or tokens[2:3] == [("equals", "=")]:
+            raise SoftMCError(f"{word} has no value: must be {_example(word)}, after an =")
         if words[word] in arguments:
             raise SoftMCError(f"{word}: {words[word]} is given twice, must be once")
         arguments[words[word]] = _value(word, *tokens[1])
