@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ YZ: Frame = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 _SHORTEST = 1e-9  # [mm], of a piece that is kept
+_SHARP = 1e-4  # jump of the unit tangent at a corner
+_SQUARE = 1e-9  # scalar products of a frame's directions
 
 _ROW = np.dtype(
     [
@@ -56,6 +59,9 @@ class Line:
     end: Vector
     frame: Frame = XY
 
+    def __post_init__(self) -> None:
+        _check("line", self.frame, start=self.start, end=self.end)
+
 
 @dataclass(frozen=True)
 class Coil:
@@ -79,6 +85,13 @@ class Coil:
     angle: float
     rise: float = 0.0
     frame: Frame = XY
+
+    def __post_init__(self) -> None:
+        _check("coil", self.frame, **{name: value for name, value in vars(self).items() if name != "frame"})
+        if min(self.radius) < -_SHORTEST:
+            raise InputError(f"coil: radius = {min(self.radius):g} mm: must be at least 0 mm")
+        if not self.angle and (self.rise or self.radius[0] != self.radius[1]):
+            raise InputError("coil: angle = 0 rad: must turn where the radius or the height changes")
 
 
 class Chain(Path):
@@ -129,14 +142,21 @@ class Chain(Path):
         """Arc length at the end of every piece, (m,) [mm]."""
         return self._s[1:]
 
+    @cached_property
+    def _corners(self) -> Floats:
+        joints = self._s[1:-1]
+        jump = self.tangent(joints + _SHORTEST) - self.tangent(joints - _SHORTEST)
+        corners: Floats = joints[np.linalg.norm(jump, axis=1) > _SHARP]
+        return corners
+
     @property
     def turn_spacing(self) -> float | None:
-        """Change of the radius per turn, where every spiral of the chain has the same."""
+        """Change of the radius per turn to a nanometre, where every spiral of the chain has the same."""
         spacing = {
             round(abs((piece.radius[1] - piece.radius[0]) * 2 * np.pi / piece.angle), 6)
             for piece in self.pieces
-            if isinstance(piece, Coil) and piece.radius[1] != piece.radius[0]
-        }
+            if isinstance(piece, Coil)
+        } - {0.0}
         return spacing.pop() if len(spacing) == 1 else None
 
     def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
@@ -171,7 +191,7 @@ class Chain(Path):
         if coil.any():
             row = self._rows[k[coil]]
             swept, rho = self._swept(row, rest[coil])
-            theta[coil] += row["begin"] + row["turn"] * (swept + np.arctan2(rho, row["growth"]))
+            theta[coil] += row["begin"] + row["turn"] * (swept + np.arctan2(np.maximum(rho, 0.0), row["growth"]))
         return theta
 
     def curvature(self, s: ArrayLike) -> Floats:
@@ -207,6 +227,15 @@ def _piece(arguments: Mapping[str, Any]) -> Line | Coil:
     if kind not in kinds:
         raise InputError(f"chain: piece of kind {kind!r}: must be Line or Coil")
     return kinds[kind](**values)
+
+
+def _check(piece: str, frame: Frame, **values: Any) -> None:
+    for name, value in values.items():
+        if not np.isfinite(value).all():
+            raise InputError(f"{piece}: {name} = {value}: must be finite")
+    axes = np.array(frame, float)
+    if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
+        raise InputError(f"{piece}: frame = {frame}: must be two unit vectors at a right angle")
 
 
 def _axes(frame: Frame) -> Floats:

@@ -181,17 +181,41 @@ class Path(ABC):
         squares = np.sum((p_table[candidates] - p[:, None]) ** 2, axis=2)
         return self._foot(p, candidates[np.arange(len(p)), squares.argmin(axis=1)])
 
+    @cached_property
+    def _corners(self) -> Floats:
+        """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
+        return np.zeros(0)
+
     def _foot(self, p: Floats, nearest: NDArray[np.intp]) -> Projection:
         """Project points, given the nearest entries of the table.
 
-        The foot lies between the neighbours of that entry, and is found there by Newton's method on
-        g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s), and by bisection where Newton's step would
-        leave the interval: at the path's ends, where the curvature jumps, near a centre of curvature.
+        The foot lies between the neighbours of that entry; near a corner it may lie on either side, and is looked
+        for on both.
         """
-        s_table = self._table[0]
-        s = s_table[nearest]
-        low = s_table[np.maximum(nearest - 1, 0)]
-        high = s_table[np.minimum(nearest + 1, s_table.size - 1)]
+        s_table, corners = self._table[0], self._corners
+        s = self._between(p, s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)])
+        if corners.size:
+            edges = np.concatenate([[0.0], corners, [self.length]])
+            k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), s)
+            reach = _AROUND * s_table[1]
+            near = np.flatnonzero(np.abs(edges[k] - s) <= reach)
+            at, before, after = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1]
+            for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
+                other = self._between(p[near], low, high)
+                old, new = (np.linalg.norm(self.position(foot) - p[near], axis=1) for foot in (s[near], other))
+                s[near] = np.where(new < old, other, s[near])
+        offset = p - self.position(s)
+        return Projection(s, offset, dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
+
+    def _between(self, p: Floats, low: Floats, high: Floats) -> Floats:
+        """Arc lengths of the feet of points between two arc lengths, (n,) [mm].
+
+        By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s), and by bisection where
+        Newton's step would leave the interval: at the path's ends, where the curvature jumps, near a centre of
+        curvature.
+        """
+        low, high = low.copy(), high.copy()
+        s = 0.5 * (low + high)
         active = np.arange(len(p))
         for _ in range(_STEPS):
             at = s[active]
@@ -208,8 +232,7 @@ class Path(ABC):
             active = active[np.abs(moved - at) > _TOLERANCE]
             if not active.size:
                 break
-        offset = p - self.position(s)
-        return Projection(s, offset, dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
+        return s
 
 
 def _points(points: ArrayLike) -> Floats:

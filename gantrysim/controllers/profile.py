@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.controllers.path import Floats
-from gantrysim.errors import at_least, positive
+from gantrysim.errors import InputError, at_least, positive
 
 __all__ = ["Constant", "Jerk", "PointToPoint", "Profile", "Ramp", "Shape", "Sine"]
 
@@ -96,6 +96,11 @@ class Ramp:
     rise: float = 0.0
     peak: float = 1.0
 
+    def __post_init__(self) -> None:
+        if at_least("rise", self.rise, 0) > 0.5:
+            raise InputError(f"rise = {self.rise:g}: must be at most 0.5")
+        positive("peak", self.peak)
+
     def time(self, speed: float, acceleration: float) -> float:
         return speed / (acceleration * self.peak * (1 - self.rise))
 
@@ -144,7 +149,7 @@ class Jerk:
     def _ramp(self, speed: float, acceleration: float) -> Ramp:
         reached = min(acceleration, math.sqrt(speed * self.jerk))
         rise = reached / self.jerk
-        return Ramp(rise / (speed / reached + rise), reached / acceleration)
+        return Ramp(min(rise / (speed / reached + rise), 0.5), reached / acceleration)
 
     def time(self, speed: float, acceleration: float) -> float:
         return self._ramp(speed, acceleration).time(speed, acceleration) if speed > 0 else 0.0

@@ -47,9 +47,9 @@ def _together(*values: ArrayLike) -> list[Floats]:
 
 
 def _antiderivative(rho: Floats, c: Floats) -> Floats:
-    safe = np.where(c > 0, c, 1.0)
-    inverse = np.where(c > 0, np.arcsinh(rho / safe), 0.0)
-    value: Floats = 0.5 * (rho * np.hypot(rho, c) + c**2 * inverse)
+    square = c**2
+    safe = np.where(square > 0, np.abs(c), 1.0)
+    value: Floats = 0.5 * (rho * np.hypot(rho, c) + square * np.arcsinh(rho / safe))
     return value
 
 
