@@ -82,12 +82,23 @@ def run(
                 no_video = f"no video: {error}"
         written = sorted(item.name for item in scratch.iterdir())
     _output.print(*_tables(loaded, record, analysis.figures), sep="\n")
+    for note in loaded.notes:
+        _output.print(escape(f"note: {note}"), soft_wrap=True, highlight=False)
     if no_video:
         _messages.print(escape(no_video), soft_wrap=True, highlight=False)
     _output.print(escape(f"written to {folder}/: {', '.join(written)}"), soft_wrap=True, highlight=False)
     if record.fault is not None:
         _messages.print(f"[bold red]fault[/]: {escape(str(record.fault))}", soft_wrap=True, highlight=False)
         raise typer.Exit(_FAULT)
+
+
+@app.command()
+def info() -> None:
+    """List the built-in machines and jobs, and the servo's settings with the gains that follow from them."""
+    from gantrysim import info
+
+    for table in (info.machines_table(), info.jobs_table(), info.settings_table(), info.gains_table()):
+        _output.print(table)
 
 
 @contextmanager

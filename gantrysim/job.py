@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, fields
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -13,25 +13,24 @@ from typing import Annotated, Any
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
-from pydantic.dataclasses import dataclass as validated
 
 from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine import simulate
 from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.machine import Machine, builtin_models
+from gantrysim.programs import Controller, arguments, build, keys
 from gantrysim.run import Run
 
-__all__ = ["Job", "builtin_jobs"]
+__all__ = ["Job", "ServoSettings", "builtin_jobs", "job_text"]
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
-PROGRAMS = {"trio.MoveSpiral": MoveSpiral}
-
-_validated = {name: validated(config=_STRICT)(program) for name, program in PROGRAMS.items()}
-
 PerAxis = float | list[float] | None
+
+
+def _setting(default: Any, description: str) -> Any:
+    return Field(default=default, description=description)
 
 
 class ServoSettings(BaseModel):
@@ -39,21 +38,23 @@ class ServoSettings(BaseModel):
 
     model_config = _STRICT
 
-    period: float = 1e-3
-    frequency: float | None = None
-    damping: float = 1.0
-    feedforward: float = 1.0
-    integral_time: float = float("inf")
-    following_error_limit: float = FOLLOWING_ERROR_LIMIT
-    delay: float = 0.0
-    kp: PerAxis = None
-    ki: PerAxis = None
-    kd: PerAxis = None
-    velocity_ff: PerAxis = None
-    acceleration_ff: PerAxis = None
-    output_velocity: PerAxis = None
-    torque_limit: PerAxis = None
-    resolution: PerAxis = None
+    period: float = _setting(1e-3, "servo period [s]")
+    frequency: float | None = _setting(
+        None, "natural frequency of the loop, by default what the lags leave room for [Hz]"
+    )
+    damping: float = _setting(1.0, "damping ratio of the loop")
+    feedforward: float = _setting(1.0, "share of the computed velocity and acceleration feed-forward")
+    integral_time: float = _setting(math.inf, "kp / ki; inf for no integral term [s]")
+    following_error_limit: float = _setting(FOLLOWING_ERROR_LIMIT, "error at which the drives are disabled [mm or deg]")
+    delay: float = _setting(0.0, "from the encoder's sample to the torque demand [s]")
+    kp: PerAxis = _setting(None, "instead of the derived one, a number or a list of one per axis; so are those below")
+    ki: PerAxis = _setting(None, "[N·m/(mm·s)]")
+    kd: PerAxis = _setting(None, "[N·m·s/mm]")
+    velocity_ff: PerAxis = _setting(None, "[N·m·s/mm]")
+    acceleration_ff: PerAxis = _setting(None, "[N·m·s²/mm]")
+    output_velocity: PerAxis = _setting(None, "damping by the measured velocity where negative, 0 [N·m·s/mm]")
+    torque_limit: PerAxis = _setting(None, "of the demand, the drive's own [N·m]")
+    resolution: PerAxis = _setting(None, "of the encoder, the machine's own; 0 for an exact one [mm or deg]")
 
 
 class Dispenser(BaseModel):
@@ -98,11 +99,9 @@ class Job(BaseModel):
     @field_validator("program")
     @classmethod
     def _known_program(cls, value: dict[str, Any]) -> dict[str, Any]:
-        arguments = dict(value)
-        name = arguments.pop("controller", None)
-        if not isinstance(name, str) or name not in PROGRAMS:
-            raise unknown("controller", str(name), PROGRAMS)
-        return {"controller": name, **asdict(_validated[name](**arguments))}
+        values = dict(value)
+        name = str(values.pop("controller", None))
+        return {"controller": name, **arguments(build(name, values))}
 
     @classmethod
     def load(cls, job: str | os.PathLike[str], overrides: Iterable[str] = (), machine: str | None = None) -> Job:
@@ -138,13 +137,18 @@ class Job(BaseModel):
 
     def toml(self) -> str:
         """Return the job as TOML, with every default spelt out."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True))
+        return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
 
     @cached_property
-    def controller(self) -> MoveSpiral:
+    def controller(self) -> Controller:
         """The motion controller with its program."""
-        arguments = {key: value for key, value in self.program.items() if key != "controller"}
-        return PROGRAMS[self.program["controller"]](**arguments)
+        values = {key: value for key, value in self.program.items() if key != "controller"}
+        return build(self.program["controller"], values)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the controller has to say of the program."""
+        return self.controller.notes
 
     @cached_property
     def built_machine(self) -> Machine:
@@ -179,9 +183,14 @@ def builtin_jobs() -> list[str]:
     return sorted(Path(item.name).stem for item in files("gantrysim.jobs").iterdir() if item.name.endswith(".toml"))
 
 
+def job_text(name: str) -> str:
+    """Return the TOML of a built-in job."""
+    return (files("gantrysim.jobs") / f"{name}.toml").read_text(encoding="utf-8")
+
+
 def _read(job: str) -> tuple[str, Path]:
     if job in builtin_jobs():
-        return (files("gantrysim.jobs") / f"{job}.toml").read_text(encoding="utf-8"), Path()
+        return job_text(job), Path()
     path = Path(job).expanduser()
     try:
         return path.read_text(encoding="utf-8"), path.parent
@@ -200,13 +209,9 @@ def _absolute(machine: str, folder: Path) -> str:
 
 def _known_keys(content: dict[str, Any]) -> list[str]:
     sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "dispenser": Dispenser, "simulation": Simulation}
-    keys = ["name", "machine"]
-    keys += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
-    keys.append("program.controller")
-    program = PROGRAMS.get(str(content.get("program", {}).get("controller")))
-    if program is not None:
-        keys += [f"program.{field.name}" for field in fields(program)]
-    return keys
+    known = ["name", "machine", "program.controller"]
+    known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
+    return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
 
 
 def _override(content: dict[str, Any], override: str) -> None:
@@ -228,8 +233,13 @@ def _override(content: dict[str, Any], override: str) -> None:
         value = text.strip()
     if key == "machine" and isinstance(value, str):
         value = _absolute(value, Path())
-    section, _, leaf = key.rpartition(".")
-    (content.setdefault(section, {}) if section else content)[leaf] = value
+    *sections, leaf = key.split(".")
+    table = content
+    for section in sections:
+        table = table.setdefault(section, {})
+        if not isinstance(table, dict):
+            raise InputError(f"--set {override}: {section} is no table in this job")
+    table[leaf] = value
 
 
 def _one_line(error: ValidationError) -> str:

@@ -15,16 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import gantrysim
+from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job import Job
 from gantrysim.machine import Machine
 from gantrysim.metrics import Figures, Range, Spread
 from gantrysim.run import Run
 
-__all__ = ["JOB", "PLOTS", "RUN", "SUMMARY", "VIDEO", "output_folder", "summary", "versions", "write_run"]
+__all__ = ["JOB", "PLOTS", "RECORD", "RUN", "SUMMARY", "VIDEO", "output_folder", "summary", "versions", "write_run"]
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
-_FILES = (JOB, RUN, SUMMARY, VIDEO, *(f"{PLOTS}/{name}.png" for name in ("plan", "error", "spacing")))
+RECORD = "record.csv"  # what the controller itself writes down, where its program asks for it
+_FILES = (JOB, RUN, SUMMARY, VIDEO, RECORD, *(f"{PLOTS}/{name}.png" for name in ("plan", "error", "spacing")))
 
 _THOUSANDTHS = 1e3
 
@@ -68,11 +70,13 @@ def output_folder(folder: Path) -> Iterator[Path]:
 
 
 def write_run(folder: Path, job: Job, machine: Machine, run: Run, figures: Figures) -> None:
-    """Write the job, the record and the summary into a folder."""
+    """Write the job, the record, the summary, and what the controller has recorded into a folder."""
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
     run.save(folder / RUN)
     content = json.dumps(summary(job, machine, run, figures), indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
+    if isinstance(job.controller, softmc.Program) and job.controller.record is not None:
+        job.controller.record.write(run, folder / RECORD, job.controller.group.position_error_delay)
 
 
 def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str, Any]:
@@ -82,7 +86,8 @@ def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str,
     neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that of
     the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
     the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
-    the work frame when the run ends; fault is null where the run went through.
+    the work frame when the run ends; notes are what the controller had to say of its program; fault is null where the
+    run went through.
     """
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
     for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
@@ -101,6 +106,7 @@ def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str,
         "path_length_mm": figures.path_length,
         "duration_s": figures.duration,
         "end_point_mm": list(figures.end_point),
+        "notes": list(job.notes),
         "fault": _fault(run),
         "versions": versions(machine),
     }

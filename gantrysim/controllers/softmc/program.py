@@ -98,6 +98,11 @@ class Program:
         """Names of the axes."""
         return tuple(AXES[: len(self.start)])
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing: the controller caps and slows without a word."""
+        return ()
+
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
         """The commands as they are run."""

@@ -1,0 +1,96 @@
+"""What comes along: tables of the built-in machines, the jobs, and the servo's settings and gains."""
+
+from __future__ import annotations
+
+import math
+
+from rich.markup import escape
+from rich.table import Table
+
+from gantrysim.axis import Axis
+from gantrysim.controllers.servo import Servo
+from gantrysim.job import Job, ServoSettings, builtin_jobs, job_text
+from gantrysim.machine import Machine, builtin_models
+
+__all__ = ["gains_table", "jobs_table", "machines_table", "settings_table"]
+
+
+def machines_table() -> Table:
+    """The built-in machines, an axis to a row."""
+    table = Table(title="machines", title_justify="left")
+    for name, justify in (
+        ("machine", "left"),
+        ("axis", "left"),
+        ("travel", "right"),
+        ("speed", "right"),
+        ("acceleration", "right"),
+        ("encoder", "right"),
+    ):
+        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    for name in builtin_models():
+        for first, axis in enumerate(Machine(name).axes):
+            table.add_row(
+                "" if first else name,
+                axis.name,
+                f"{axis.travel[0]:g} to {axis.travel[1]:g} {axis.unit}",
+                f"{axis.speed_limit:g} {axis.unit}/s",
+                f"{_acceleration(axis):.3g} {axis.unit}/s²",
+                f"{1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}",
+            )
+        table.add_section()
+    table.caption = "acceleration: of the peak torque against inertia and Coulomb friction, at rest"
+    return table
+
+
+def _acceleration(axis: Axis) -> float:
+    return (axis.peak_torque - axis.coulomb) / axis.inertia
+
+
+def jobs_table() -> Table:
+    """The built-in jobs."""
+    table = Table(title="jobs", title_justify="left")
+    for name in ("job", "machine", "controller", "what"):
+        table.add_column(name, no_wrap=name != "what")
+    for name in builtin_jobs():
+        job = Job.load(name)
+        comment = [line.removeprefix("#").strip() for line in job_text(name).splitlines() if line.startswith("#")]
+        table.add_row(name, job.machine, str(job.program["controller"]), escape(" ".join(comment)))
+    return table
+
+
+def settings_table() -> Table:
+    """The servo's settings with their defaults."""
+    table = Table(title="servo settings, as in --set servo.damping=0.7", title_justify="left")
+    table.add_column("setting", no_wrap=True)
+    table.add_column("default", no_wrap=True)
+    table.add_column("what")
+    for name, field in ServoSettings.model_fields.items():
+        default = "derived" if field.default is None else f"{field.default:g}"
+        table.add_row(name, default, escape(field.description or ""))
+    return table
+
+
+def gains_table(period: float = ServoSettings().period) -> Table:
+    """The gains that follow for every machine at a servo period [s]."""
+    table = Table(title=f"gains that follow at a period of {1e3 * period:g} ms; u is mm or deg", title_justify="left")
+    table.add_column("machine", no_wrap=True)
+    table.add_column("axis", no_wrap=True)
+    columns = {
+        "frequency [Hz]": None,
+        "kp [N·m/u]": "kp",
+        "kd [N·m·s/u]": "kd",
+        "velocity_ff [N·m·s/u]": "velocity_ff",
+        "acceleration_ff [N·m·s²/u]": "acceleration_ff",
+        "torque_limit [N·m]": "torque_limit",
+    }
+    for column in columns:
+        table.add_column(escape(column), justify="right")
+    for name in builtin_models():
+        axes = Machine(name).axes
+        servo = Servo.derive(axes, period)
+        for a, axis in enumerate(axes):
+            frequency = math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi)
+            gains = [f"{getattr(servo, gain)[a]:.3g}" for gain in columns.values() if gain]
+            table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
+        table.add_section()
+    return table
