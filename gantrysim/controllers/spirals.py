@@ -57,19 +57,18 @@ def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: Ar
     """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad]."""
     radius, growth, slow, way, end = _together(r, b, c, s, most)
     rate = np.hypot(radius, slow)
-    # exact where c is 0 or b is 0
     guess = 2 * way / np.maximum(rate + np.sqrt(np.maximum(rate**2 + 2 * growth * way, 0.0)), 1e-300)
     angle: Floats = np.clip(guess, 0.0, end)
-    active = np.arange(way.size)
+    active = np.flatnonzero(growth * slow)  # where either is 0 the guess is exact
     for _ in range(_NEWTON_STEPS):
+        if not active.size:
+            break
         at, r0, g, c0 = (value[active] for value in (angle, radius, growth, slow))
         excess = arc_length(r0, g, c0, at) - way[active]
         rate = np.hypot(r0 + g * at, c0)
         moved = np.clip(at - np.divide(excess, rate, out=np.zeros_like(excess), where=rate > 0), 0.0, end[active])
         angle[active] = moved
         active = active[np.abs(moved - at) > _NEWTON_TOLERANCE * (1 + moved)]
-        if not active.size:
-            break
     return angle
 
 
