@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import mujoco
 import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import PlainLaw, Servo
-from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
 from gantrysim.errors import GantryError, InputError, at_least
 from gantrysim.machine import Machine
 from gantrysim.native.hook import installed, installed_law
-from gantrysim.native.row import ADDRESSES, FAULTS, GAINS, ROW, ROW_NUMBERS, log_width
+from gantrysim.native.row import (
+    ADDRESSES,
+    FAULTS,
+    GAINS,
+    OVERSPEED,
+    POSITION_ERROR,
+    POSITION_ERROR_AT_REST,
+    ROW,
+    ROW_NUMBERS,
+    SETTLING,
+    log_width,
+)
 from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
 
@@ -51,7 +61,8 @@ def simulate(
         progress: called now and then with the share of the job that is done, 0 to 1.
 
     Returns:
-        The record. A drive that trips ends it there: see `Run.fault`.
+        The record; it is longer than the setpoints by the ticks that the stream waits at their gates. A drive that
+        trips ends it there: see `Run.fault`.
 
     Raises:
         InputError: setpoints that the machine cannot follow: an unknown axis, a position outside the travel,
@@ -69,26 +80,43 @@ def simulate(
     data.qpos[:] = machine.to_qpos(position[0])
 
     n, axes = position.shape
-    log = np.full((n, log_width(axes)), np.nan)
+    log = np.empty((_most_ticks(setpoints), log_width(axes)))
     row = data.userdata[:ROW_NUMBERS].view(ROW)
     _fill(row, machine, servo, position, log, substeps)
-    steps = (n - 1) * substeps + 1
+    _supervise(row, machine, setpoints)
     with installed() if law is None else installed_law(data, law):
         # a few calls instead of one cost nothing, and let Ctrl-C and a fault end the job
-        for done, until in pairwise(np.linspace(0, steps, min(steps, _CALLS) + 1).astype(int).tolist()):
-            mujoco.mj_step(model, data, until - done)
-            if progress is not None:
-                progress(until / steps)
-            if row[0]["fault"]:
+        most = max((n - 1) * substeps // _CALLS, 1) + 1
+        while row[0]["index"] < n and not row[0]["fault"]:
+            begun = int(row[0]["steps"])
+            # to the last setpoint, if the stream waits at no gate
+            rest = (int(row[0]["tick"] - row[0]["index"]) + n - 1) * substeps + 1 - begun
+            mujoco.mj_step(model, data, min(rest, most))
+            if row[0]["steps"] == begun:
                 break
+            if progress is not None:
+                progress(float(row[0]["index"]) / n)
 
-    fault = _fault(machine, servo, row[0])
+    fault = _fault(machine, servo, row[0], setpoints.supervision.settle_timeout)
     kept = int(row[0]["tick"])
-    if kept < n and fault is None:
+    if row[0]["index"] < n and fault is None:
         raise GantryError(f"the servo of machine {machine.name} ran for {kept} of {n} ticks: MuJoCo did not call it")
     if fault is not None and not np.isfinite(log[kept - 1, : axes + 3]).all():
         kept -= 1  # the tick that saw the divergence has no position to record
-    return _record(machine, setpoints, position[:kept], log[:kept], flow, fault)
+    return _record(machine, setpoints, position, log[:kept], flow, fault)
+
+
+def _most_ticks(setpoints: Setpoints) -> int:
+    """Return the number of servo ticks if the stream waits at every gate as long as it may."""
+    most = len(setpoints.position) + setpoints.gates.size * ticks(
+        setpoints.supervision.settle_timeout, setpoints.period
+    )
+    if most > MAX_TICKS:
+        raise InputError(
+            f"settle_timeout = {setpoints.supervision.settle_timeout:g} s at each of {setpoints.gates.size} gates: "
+            f"makes {most:.3g} ticks, at most {MAX_TICKS:g}"
+        )
+    return most
 
 
 def _physics_step(machine: Machine, wanted: float | None) -> float:
@@ -166,22 +194,44 @@ def _fill(
     row["magic"] = magic()
 
 
-def _fault(machine: Machine, servo: Servo, row: np.void) -> Fault | None:
+def _supervise(row: np.ndarray[tuple[int], np.dtype[np.void]], machine: Machine, setpoints: Setpoints) -> None:
+    """Write what the controller watches besides its servo into a simulation's row."""
+    supervision, gates = setpoints.supervision, setpoints.gates
+    row["supervised"] = supervision.position_error < np.inf or gates.size > 0
+    row["position_error"], row["position_error_delay"] = supervision.position_error, supervision.position_error_delay
+    row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
+    row["settle_ticks"] = ticks(supervision.settle_time, setpoints.period)
+    row["timeout_ticks"] = ticks(supervision.settle_timeout, setpoints.period)
+    for a, axis in enumerate(machine.axes):
+        row["linear"][0, a] = axis.unit == "mm"
+        if axis.unit == "mm":
+            row["speed_limit"][0, a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)
+
+
+def _fault(machine: Machine, servo: Servo, row: np.void, timeout: float) -> Fault | None:
     if not row["fault"]:
         return None
-    kind, axis = FAULTS[int(row["fault"])], machine.axes[int(row["fault_axis"])]
+    code, axis = int(row["fault"]), machine.axes[int(row["fault_axis"])]
+    kind = FAULTS[code]
     value, limit = float(row["fault_value"]), float(row["fault_limit"])
     unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
     if kind == "diverged" and np.isfinite(limit):
         unit = "N·m"  # of the demand; else it is the following error, which has no limit
-    return Fault(kind, axis.name, float(row["fault_tick"] * servo.period), value, limit, unit)
+    reaction = {
+        POSITION_ERROR: "the motion stops",
+        POSITION_ERROR_AT_REST: "the drives are disabled",
+        SETTLING: f"not settled after {timeout:g} s",
+    }.get(code, "")
+    return Fault(kind, axis.name, float(row["fault_tick"] * servo.period), value, limit, unit, reaction)
 
 
 def _record(
     machine: Machine, setpoints: Setpoints, position: Floats, log: Floats, flow: float, fault: Fault | None
 ) -> Run:
-    n, axes = position.shape
-    encoder, nozzle, demand, current, motor_speed = np.split(log, np.cumsum([axes, 3, axes, axes]), axis=1)
+    n, axes = len(log), position.shape[1]
+    encoder, nozzle, demand, current, motor_speed, index = np.split(log, np.cumsum([axes, 3, axes, axes, axes]), axis=1)
+    sent = index[:, 0].astype(np.intp)
+    commanded, dispense = position[sent], setpoints.dispense[sent]
     constant = np.array([axis.motor_constant for axis in machine.axes])
     resistance = np.array([axis.resistance for axis in machine.axes])
     bus = np.array([axis.bus_voltage for axis in machine.axes])
@@ -198,8 +248,8 @@ def _record(
         requested=setpoints.requested,
         period=setpoints.period,
         time=np.arange(n, dtype=np.float64) * setpoints.period,
-        commanded=position,
-        commanded_tip=machine.tip(position),
+        commanded=commanded,
+        commanded_tip=machine.tip(commanded),
         encoder=encoder,
         encoder_tip=machine.tip(encoder),
         nozzle=nozzle,
@@ -207,7 +257,7 @@ def _record(
         torque=torque,
         current=current,
         voltage=voltage,
-        flow=np.where(setpoints.dispense[:n], flow, 0.0),
-        dispense=setpoints.dispense[:n],
+        flow=np.where(dispense, flow, 0.0),
+        dispense=dispense,
         fault=fault,
     )

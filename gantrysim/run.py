@@ -25,13 +25,14 @@ class Fault:
     """Why a run ended before its setpoints did.
 
     Attributes:
-        kind: "following error", "travel", "overspeed", "oscillation" or "diverged".
+        kind: "following error", "travel", "overspeed", "oscillation", "diverged", "position error" or "settling".
         axis: name of the axis that tripped.
         time: time of the servo tick that saw it [s].
         value: the quantity there.
         limit: its bound.
         unit: of both: that of the axis, mm or deg, and with /s its speed's; N·m of an absurd torque; swings of the
             torque demand from limit to limit.
+        reaction: what the controller does, where it makes a difference.
     """
 
     kind: str
@@ -40,6 +41,7 @@ class Fault:
     value: float
     limit: float
     unit: str
+    reaction: str = ""
 
     def __str__(self) -> str:
         if self.kind == "oscillation":
@@ -48,7 +50,8 @@ class Fault:
             figures = f": {self.value:.4g} {self.unit}, limit {self.limit:.4g} {self.unit}"
         else:
             figures = ""
-        return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}"
+        reaction = f"; {self.reaction}" if self.reaction else ""
+        return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}{reaction}"
 
 
 @dataclass(frozen=True, eq=False)

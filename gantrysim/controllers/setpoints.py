@@ -4,18 +4,50 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.controllers.profile import Constant, Profile
-from gantrysim.errors import InputError, at_least, positive
+from gantrysim.errors import InputError, at_least, positive, whole
 
-__all__ = ["MAX_TICKS", "Setpoints", "ticks"]
+__all__ = ["MAX_TICKS", "Setpoints", "Supervision", "ticks"]
 
 MAX_TICKS = 50_000_000
+
+
+@dataclass(frozen=True)
+class Supervision:
+    """What the controller watches while it sends setpoints; a limit of inf is none.
+
+    The position error is the root of the sum of the squares of the linear axes' errors, each between the measured
+    position and the command that was sent `position_error_delay` ticks before, which allows for the time that
+    commands and measurements take on their way.
+
+    Attributes:
+        position_error: largest position error of the group [mm].
+        position_error_delay: in servo periods.
+        settle_error: largest error of every axis that has settled [mm or deg].
+        settle_time: for which the error must stay so [s].
+        settle_timeout: time after which a wait for settling is a fault [s].
+        velocity_limit: largest speed of a linear axis [mm/s].
+    """
+
+    position_error: float = math.inf
+    position_error_delay: int = 0
+    settle_error: float = math.inf
+    settle_time: float = 0.0
+    settle_timeout: float = 1.0
+    velocity_limit: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name, unit in (("position_error", "mm"), ("settle_error", "mm"), ("velocity_limit", "mm/s")):
+            if getattr(self, name) != math.inf:
+                positive(name, getattr(self, name), unit)
+        whole("position_error_delay", self.position_error_delay, 0)
+        at_least("settle_timeout", self.settle_timeout, at_least("settle_time", self.settle_time, 0, "s"), "s")
 
 
 @dataclass(frozen=True)
@@ -28,6 +60,9 @@ class Setpoints:
         position: commanded positions at the times k * period, (n, axes) [mm or deg]; read-only.
         dispense: dispenser command, True while glue is asked for, (n,); read-only.
         requested: the requested path as exact geometry.
+        supervision: what is watched besides the servo.
+        gates: indices of setpoints, ascending, at which the stream stands still until all axes have settled there,
+            (m,); read-only.
     """
 
     period: float
@@ -35,6 +70,8 @@ class Setpoints:
     position: Floats
     dispense: NDArray[np.bool_]
     requested: Path
+    supervision: Supervision = Supervision()
+    gates: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
         positive("period", self.period, "s")
@@ -47,19 +84,21 @@ class Setpoints:
         bad = np.flatnonzero(~np.isfinite(position).all(axis=1))
         if bad.size:
             raise InputError(f"setpoint {bad[0]} = {position[bad[0]].tolist()}: must be finite")
-        for array in (position, dispense):
+        gates = np.array(self.gates, np.int64)
+        if gates.ndim != 1 or np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0):
+            raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
+        for name, array in (("position", position), ("dispense", dispense), ("gates", gates)):
             array.flags.writeable = False
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "dispense", dispense)
+            object.__setattr__(self, name, array)
 
     @property
     def time(self) -> Floats:
-        """Times of the setpoints, (n,) [s]."""
+        """Times of the setpoints, without the waits at gates, (n,) [s]."""
         return np.arange(len(self.position), dtype=np.float64) * self.period
 
     @property
     def duration(self) -> float:
-        """Time of the last setpoint [s]."""
+        """Time of the last setpoint, without the waits at gates [s]."""
         return (len(self.position) - 1) * self.period
 
     def hold(self, duration: float) -> Setpoints:

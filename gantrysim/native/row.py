@@ -23,8 +23,19 @@ OSCILLATION_TIME = 0.1  # [s]
 # MuJoCo switches a control of more than 1e10 off, with a warning and no more.
 LARGEST_TORQUE = 1e9  # [N·m]
 
-FAULTS = ("none", "following error", "travel", "overspeed", "diverged", "oscillation")
+FAULTS = (
+    "none",
+    "following error",
+    "travel",
+    "overspeed",
+    "diverged",
+    "oscillation",
+    "position error",
+    "position error",
+    "settling",
+)
 FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = range(1, 6)
+POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
 
 # MuJoCo's own warnings, every one of which says that the numbers are no good any more
 WARNINGS = int(mujoco.mjtWarning.mjNWARNING)
@@ -39,8 +50,9 @@ _WHOLE = [
     "delay",  # physics steps from the sample to the output
     "steps",  # physics steps begun
     "tick",  # servo ticks begun
+    "index",  # of the setpoint that the next tick sends
     "setpoints",  # address of (ticks, axes) positions
-    "log",  # address of (ticks, log_width) numbers
+    "log",  # address of log_width numbers per tick
     "ctrl_at",  # byte offsets of mjData's fields
     "act_at",
     "length_at",
@@ -51,6 +63,15 @@ _WHOLE = [
     "warning_at",  # of mjWarningStat[WARNINGS]
     "nozzle",  # site
     "work",  # body
+    "supervised",  # whether there is a limit of the position error or a gate
+    "position_error_delay",  # servo ticks
+    "gates",  # address of the indices of setpoints at which the stream waits
+    "gate_count",
+    "gate",  # those that are passed
+    "settle_ticks",
+    "timeout_ticks",
+    "within",  # ticks in a row within the settle error at this gate
+    "waited",  # ticks at this gate
     "fault",  # index into FAULTS
     "fault_axis",
     "fault_tick",
@@ -65,6 +86,7 @@ _AXIS_PARAMETERS = [
     "low",
     "high",
     "speed_limit",
+    "linear",  # 1 where the axis counts for the group's position error, 0 where not
 ]
 _AXIS_STATE = [
     "commanded",
@@ -84,7 +106,7 @@ _AXIS_STATE = [
 ]
 ROW = np.dtype(
     [(name, np.int64) for name in _WHOLE]
-    + [("period", np.float64), ("fault_value", np.float64), ("fault_limit", np.float64)]
+    + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
 )
@@ -93,8 +115,8 @@ ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata
 
 
 def log_width(axes: int) -> int:
-    """Numbers per tick in the log: encoder, nozzle (3), torque demand, motor current, motor speed."""
-    return 3 + 4 * axes
+    """Numbers per tick in the log: encoder, nozzle (3), torque demand, motor current, motor speed, setpoint's index."""
+    return 4 + 4 * axes
 
 
 _OFFSETS = offsets()  # verified at import: an error here is better than a wrong address later

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 from numba import types
-from numba.extending import intrinsic
 
 from gantrysim.controllers import servo
+from gantrysim.native import pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
+from gantrysim.native.pointers import field, floats, jit, row_at, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -30,11 +31,11 @@ from gantrysim.native.row import (
     OVERSPEED,
     OVERSPEEDING,
     OVERTRAVEL,
-    ROW,
     ROW_NUMBERS,
     TRAVEL,
     WARNINGS,
 )
+from gantrysim.native.supervision import trip, waits, watch_position_error
 
 __all__ = ["Compiled", "compiled", "magic"]
 
@@ -42,73 +43,22 @@ __all__ = ["Compiled", "compiled", "magic"]
 @cache
 def magic() -> int:
     """Return a number that stands for layout and code, so that no cached code outlives a change of either."""
-    source = "".join(inspect.getsource(module) for module in (sys.modules[__name__], row_layout, servo))
+    source = "".join(
+        inspect.getsource(module) for module in (sys.modules[__name__], pointers, supervision, row_layout, servo)
+    )
     return zlib.crc32(source.encode())
 
 
-@intrinsic
-def _integers(context: Any, address: Any) -> Any:
-    return _typed_pointer(types.int64)
+_law = jit(servo.law)
 
 
-@intrinsic
-def _whole(context: Any, address: Any) -> Any:
-    return _typed_pointer(types.int32)
-
-
-@intrinsic
-def _floats(context: Any, address: Any) -> Any:
-    return _typed_pointer(types.float64)
-
-
-@intrinsic
-def _rows(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(ROW))
-
-
-def _typed_pointer(target: types.Type) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
-
-    return types.CPointer(target)(types.int64), codegen
-
-
-_jit = numba.njit(error_model="numpy")
-_law = _jit(servo.law)
-
-
-@_jit
-def _field(struct, offset):
-    return numba.carray(_integers(struct + offset), (1,))[0]
-
-
-@_jit
-def _vector(struct, offset, size):
-    return numba.carray(_floats(_field(struct, offset)), (size,))
-
-
-@_jit
-def _row(address):
-    return numba.carray(_rows(address), (1,))[0]
-
-
-@_jit
-def _trip(row, fault, axis, value, limit):
-    if row.fault == 0:
-        row.fault = fault
-        row.fault_axis = axis
-        row.fault_tick = row.tick
-        row.fault_value = value
-        row.fault_limit = limit
-
-
-@_jit
+@jit
 def _warned(address):
-    statistics = numba.carray(_whole(address), (2 * WARNINGS,))
+    statistics = numba.carray(whole(address), (2 * WARNINGS,))
     return statistics[WARNING_NUMBER // 4 :: WARNING_SIZE // 4].max() > 0
 
 
-@_jit
+@jit
 def _furthest(row):
     """The axis with the largest following error, or the first whose error is no number."""
     worst = 0
@@ -120,18 +70,19 @@ def _furthest(row):
     return worst
 
 
-@_jit
+@jit
 def _sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; say whether it does."""
-    row = _row(userdata)
-    if row.fault != 0 or row.tick >= row.ticks or row.steps % row.substeps != 0:
+    row = row_at(userdata)
+    if row.fault != 0 or row.index >= row.ticks or row.steps % row.substeps != 0:
         return False
     n = row.axes
-    width = 3 + 4 * n
-    setpoint = numba.carray(_floats(row.setpoints + 8 * n * row.tick), (n,))
-    log = numba.carray(_floats(row.log + 8 * width * row.tick), (width,))
-    length = _vector(data, row.length_at, row.output[:n].max() + 1)
-    velocity = _vector(data, row.velocity_at, row.output[:n].max() + 1)
+    width = 4 + 4 * n
+    setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
+    log = numba.carray(floats(row.log + 8 * width * row.tick), (width,))
+    length = vector(data, row.length_at, row.output[:n].max() + 1)
+    velocity = vector(data, row.velocity_at, row.output[:n].max() + 1)
+    log[width - 1] = row.index
     lost = _warned(data + row.warning_at)
     for a in range(n):
         position = length[row.output[a]] * row.scale[a]
@@ -154,19 +105,23 @@ def _sample(data, userdata):
         if lost:
             continue
         if abs(error) > row.following_error_limit[a]:
-            _trip(row, FOLLOWING_ERROR, a, error, row.following_error_limit[a])
+            trip(row, FOLLOWING_ERROR, a, error, row.following_error_limit[a])
         elif abs(speed) > OVERSPEED * row.speed_limit[a]:
-            _trip(row, OVERSPEEDING, a, speed, OVERSPEED * row.speed_limit[a])
+            trip(row, OVERSPEEDING, a, speed, OVERSPEED * row.speed_limit[a])
         elif position < row.low[a] - OVERTRAVEL:
-            _trip(row, TRAVEL, a, position, row.low[a] - OVERTRAVEL)
+            trip(row, TRAVEL, a, position, row.low[a] - OVERTRAVEL)
         elif position > row.high[a] + OVERTRAVEL:
-            _trip(row, TRAVEL, a, position, row.high[a] + OVERTRAVEL)
+            trip(row, TRAVEL, a, position, row.high[a] + OVERTRAVEL)
     if lost:
         worst = _furthest(row)
-        _trip(row, DIVERGED, worst, row.error[worst], np.inf)
-    tip = _vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
-    origin = _vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
-    frame = _vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
+        trip(row, DIVERGED, worst, row.error[worst], np.inf)
+    if row.supervised != 0:
+        watch_position_error(row, width)
+    if row.supervised == 0 or not waits(row):
+        row.index += 1
+    tip = vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
+    origin = vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
+    frame = vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
     for i in range(3):
         log[n + i] = 1e3 * (
             frame[i] * (tip[0] - origin[0]) + frame[3 + i] * (tip[1] - origin[1]) + frame[6 + i] * (tip[2] - origin[2])
@@ -174,7 +129,7 @@ def _sample(data, userdata):
     return True
 
 
-@_jit
+@jit
 def _apply_law(row):
     for a in range(row.axes):
         error_sum = row.error_sum[a] + row.error[a] * row.period
@@ -198,18 +153,18 @@ def _apply_law(row):
             row.error_sum[a] = error_sum
 
 
-@_jit
+@jit
 def _command(data, userdata):
     """Clamp and schedule the torques that the law has put into the row, and log them."""
-    row = _row(userdata)
+    row = row_at(userdata)
     n = row.axes
-    log = numba.carray(_floats(row.log + 8 * (3 + 4 * n) * row.tick), (3 + 4 * n,))
-    currents = _vector(data, row.act_at, row.current[:n].max() + 1)
+    log = numba.carray(floats(row.log + 8 * (4 + 4 * n) * row.tick), (4 + 4 * n,))
+    currents = vector(data, row.act_at, row.current[:n].max() + 1)
     for a in range(n):
         limit = row.torque_limit[a]
         torque = min(max(row.torque[a], -limit), limit)
         if not abs(torque) < LARGEST_TORQUE:
-            _trip(row, DIVERGED, a, torque, LARGEST_TORQUE)
+            trip(row, DIVERGED, a, torque, LARGEST_TORQUE)
         if torque != row.torque[a]:
             _watch_oscillation(row, a, np.sign(torque))
         if row.delay == row.substeps:
@@ -223,7 +178,7 @@ def _command(data, userdata):
     row.tick += 1
 
 
-@_jit
+@jit
 def _watch_oscillation(row, axis, side):
     since = (row.tick - row.clamp_tick[axis]) * row.period
     if since > OSCILLATION_TIME:
@@ -233,16 +188,16 @@ def _watch_oscillation(row, axis, side):
     row.clamp_side[axis] = side
     row.clamp_tick[axis] = row.tick
     if row.swings[axis] >= OSCILLATION_SWINGS:
-        _trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
+        trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
-@_jit
+@jit
 def _output(data, userdata):
     """Put out the torque demands that are due at this step."""
-    row = _row(userdata)
+    row = row_at(userdata)
     n = row.axes
     due = row.steps % row.substeps == row.delay
-    ctrl = _vector(data, row.ctrl_at, row.control[:n].max() + 1)
+    ctrl = vector(data, row.ctrl_at, row.control[:n].max() + 1)
     for a in range(n):
         if due:
             row.held[a] = row.pending[a]
@@ -250,12 +205,12 @@ def _output(data, userdata):
     row.steps += 1
 
 
-@_jit
+@jit
 def _step(model, data, nuserdata_at, userdata_at, row_size, key):
-    if _field(model, nuserdata_at) < row_size:
+    if field(model, nuserdata_at) < row_size:
         return
-    userdata = _field(data, userdata_at)
-    row = _row(userdata)
+    userdata = field(data, userdata_at)
+    row = row_at(userdata)
     if row.magic != key:
         return
     if _sample(data, userdata):
@@ -289,16 +244,16 @@ def compiled() -> Compiled:
 
     @numba.njit(types.boolean(types.int64, types.int64), cache=True, error_model="numpy")
     def sample(data, userdata):
-        return _row(userdata).magic == key and _sample(data, userdata)
+        return row_at(userdata).magic == key and _sample(data, userdata)
 
     @numba.njit(types.void(types.int64, types.int64), cache=True, error_model="numpy")
     def command(data, userdata):
-        if _row(userdata).magic == key:
+        if row_at(userdata).magic == key:
             _command(data, userdata)
 
     @numba.njit(types.void(types.int64, types.int64), cache=True, error_model="numpy")
     def output(data, userdata):
-        if _row(userdata).magic == key:
+        if row_at(userdata).magic == key:
             _output(data, userdata)
 
     return Compiled(callback.ctypes, sample, command, output)

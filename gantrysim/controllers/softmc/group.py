@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
+from gantrysim.controllers.setpoints import Supervision
 from gantrysim.errors import InputError, at_least, finite, positive, unknown, whole
 
 __all__ = ["PROFILE_TYPES", "Group", "Nodal", "ProfileType"]
@@ -116,8 +117,22 @@ class Group:
             ("smooth", _checked_smooth(self.smooth)),
             ("position_error_delay", whole("position_error_delay", self.position_error_delay, 0)),
             ("settle_time", at_least("settle_time", self.settle_time, 0, "s")),
+            ("settle_timeout", positive("settle_timeout", self.settle_timeout, "s")),
         ):
             object.__setattr__(self, name, number)
+        _ = self.supervision  # raises where its values do not fit together
+
+    @property
+    def supervision(self) -> Supervision:
+        """What the controller watches while the group moves."""
+        return Supervision(
+            self.position_error,
+            self.position_error_delay,
+            self.settle_error,
+            self.settle_time,
+            self.settle_timeout,
+            self.velocity_safety_limit,
+        )
 
     def overridden(self, command: Nodal) -> Group:
         """Return the group with what the command overrides."""
@@ -143,7 +158,6 @@ _BOUNDS = {
     "vmax": "mm/s",
     "position_error": "mm",
     "settle_error": "mm",
-    "settle_timeout": "s",
     "velocity_safety_limit": "mm/s",
 }
 

@@ -55,9 +55,10 @@ class Program:
     """A program of CIRCLE and MOVE commands for one group of axes x, y[, z[, r]].
 
     Every command runs from rest to rest, as its final velocity is 0; the next one starts at the first servo tick
-    at which it has ended. The way of the linear axes is run with the group's path speed and ramps, and the
-    orientation r turns in proportion to it, which on a circle is in proportion to the angle; where r would exceed
-    its limits the path slows. A command that moves r alone turns it in place.
+    at which it has ended, and where the group has a `settle_error` has settled too. The way of the linear axes is
+    run with the group's path speed and ramps, and the orientation r turns in proportion to it, which on a circle is
+    in proportion to the angle; where r would exceed its limits the path slows. A command that moves r alone turns
+    it in place.
 
     In text one line is one command:
 
@@ -151,8 +152,18 @@ class Program:
             position[last - n + 1 : last] = leg.coordinates(np.arange(1, n, dtype=np.float64) * period)
             position[last] = leg.way.end
         dispense = np.repeat([leg.dispense for leg in self.legs], counts)
+        dispense = np.append(dispense, dispense[-1])
+        ends = np.unique(np.cumsum(counts))
+        gates = ends[(ends > 0) & (self.group.settle_error < np.inf)]
+        dispense[gates] = dispense[gates - 1]  # while a command settles its glue is on or off as before
         return Setpoints(
-            period, self.axes, position[:, : len(self.start)], np.append(dispense, dispense[-1]), self.requested
+            period,
+            self.axes,
+            position[:, : len(self.start)],
+            dispense,
+            self.requested,
+            self.group.supervision,
+            gates,
         )
 
 

@@ -1,0 +1,69 @@
+"""What a motion controller watches besides its servo: the group's position error, and whether a move has settled."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from gantrysim.native.pointers import floats, integers, jit
+from gantrysim.native.row import POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
+
+__all__ = ["trip", "waits", "watch_position_error"]
+
+
+@jit
+def trip(row, fault, axis, value, limit):
+    """Put a fault into the row, unless one is there."""
+    if row.fault == 0:
+        row.fault = fault
+        row.fault_axis = axis
+        row.fault_tick = row.tick
+        row.fault_value = value
+        row.fault_limit = limit
+
+
+@jit
+def watch_position_error(row, width):
+    """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago.
+
+    Every tick's row of the log ends with the index of the setpoint that was sent.
+    """
+    n = row.axes
+    before = max(row.tick - row.position_error_delay, 0)
+    sent = np.int64(numba.carray(floats(row.log + 8 * (width * before + width - 1)), (1,))[0])
+    command = numba.carray(floats(row.setpoints + 8 * n * sent), (n,))
+    moving = False
+    worst, largest, square = 0, -1.0, 0.0
+    for a in range(n):
+        moving = moving or row.demand_velocity[a] != 0.0
+        error = row.linear[a] * abs(command[a] - row.measured[a])
+        square += error * error
+        if error > largest:
+            worst, largest = a, error
+    distance = np.sqrt(square)
+    if distance > row.position_error:
+        trip(row, POSITION_ERROR if moving else POSITION_ERROR_AT_REST, worst, distance, row.position_error)
+
+
+@jit
+def waits(row):
+    """Say whether the stream stands still at the setpoint of this tick, for the axes to settle there."""
+    if row.gate >= row.gate_count or numba.carray(integers(row.gates + 8 * row.gate), (1,))[0] != row.index:
+        return False
+    worst, within = 0, True
+    for a in range(row.axes):
+        within = within and abs(row.error[a]) <= row.settle_error
+        if abs(row.error[a]) > abs(row.error[worst]):
+            worst = a
+    row.within = row.within + 1 if within else 0
+    if row.within > row.settle_ticks:
+        row.gate += 1
+        row.within = 0
+        row.waited = 0
+        return False
+    if row.waited >= row.timeout_ticks:
+        trip(row, SETTLING, worst, row.error[worst], row.settle_error)
+    row.waited += 1
+    return True
