@@ -110,7 +110,7 @@ class Job(BaseModel):
         Args:
             job: name or path.
             overrides: "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its
-                last part alone where that is unique.
+                last parts alone where they are unique.
             machine: a machine to take instead of the job's.
 
         Raises:
@@ -221,7 +221,7 @@ def _override(content: dict[str, Any], override: str) -> None:
         raise InputError(f"--set {override}: must be key=value")
     known = _known_keys(content)
     if key not in known:
-        matches = [name for name in known if name.rpartition(".")[2] == key]
+        matches = [name for name in known if name.endswith(f".{key}")]
         if len(matches) > 1:
             raise InputError(f"--set {override}: {key!r} is ambiguous: {', '.join(matches)}")
         if not matches:
