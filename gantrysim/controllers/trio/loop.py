@@ -11,7 +11,18 @@ from numpy.typing import ArrayLike
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.trio.virtual import Law, VirtualAxis
 
-__all__ = ["LEAST_RATIO", "RATIO_BITS", "Connected", "Loop", "Passes", "RatioTooSmallError"]
+__all__ = [
+    "LEAST_RATIO",
+    "MAX_PASSES",
+    "RATIO_BITS",
+    "Connected",
+    "EndlessError",
+    "Loop",
+    "Passes",
+    "RatioTooSmallError",
+]
+
+MAX_PASSES = 2_000_000
 
 RATIO_BITS = 16  # fractional bits of CONNECT's ratio
 LEAST_RATIO = 2.0**-RATIO_BITS
@@ -24,6 +35,14 @@ class RatioTooSmallError(Exception):
     def __init__(self, number: int, ratio: float) -> None:
         super().__init__(number, ratio)
         self.number, self.ratio = number, ratio
+
+
+class EndlessError(Exception):
+    """The virtual axes are not at the end of their circles after MAX_PASSES passes."""
+
+    def __init__(self, ratio: float, time: float) -> None:
+        super().__init__(ratio, time)
+        self.ratio, self.time = ratio, time
 
 
 @dataclass(frozen=True)
@@ -105,7 +124,7 @@ class Loop:
         ratio_bits: fractional bits of the ratio, None for an exact one.
         servo_period: commands take effect at the next multiple of it; 0 has them do so at once [s].
         guarded: x stays above zero: it is held where the last braking lasts beyond that. The published listing
-            has no such guard.
+            has no such guard. Where it does not wait a pass takes one servo_period, wait_resolution or period.
     """
 
     length: float
@@ -125,6 +144,7 @@ class Loop:
 
         Raises:
             RatioTooSmallError: x would fall below 2^-16 before the axes brake for the end.
+            EndlessError: the end is not reached within MAX_PASSES passes.
         """
         axis = VirtualAxis(self.length, self.acceleration, self.deceleration)
         ratio: list[float] = []
@@ -141,6 +161,8 @@ class Loop:
                 halted = not self.guarded
                 axis.advance(math.inf, self.speed / abs(ratio[-1]))
                 break
+            if len(ratio) == MAX_PASSES:
+                raise EndlessError(ratio[-1], axis.time)
             ratio.append(x)
             time.append(axis.time)
             way.append(axis.way)

@@ -12,13 +12,12 @@ from gantrysim.controllers.path import Floats, Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio.listing import differences
-from gantrysim.controllers.trio.loop import RATIO_BITS, Loop, Passes, RatioTooSmallError
+from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.track import track
 from gantrysim.errors import InputError, at_least, finite, point, positive, whole
 
 __all__ = ["MoveSpiral"]
 
-_MAX_PASSES = 2_000_000
 _ROUNDING = 1e-12
 _LITERAL_CIRCLES = 4  # in the published listing's turn counter
 
@@ -44,7 +43,7 @@ class MoveSpiral:
 
     With a height, MHELICAL adds a third virtual axis that climbs evenly with the circles and drives the real
     one directly. In mode 1 SPEED belongs to the circle alone; in mode 0 it is the speed in space, so that the circle
-    runs slower, x falls too far by its end and the turns come too close.
+    runs slower, x falls too far by its end and the turns come too far apart.
 
     Source: Trio Motion Technology, application note AN-225 (2008), and the Motion BASIC manual for CONNECT,
     MOVECIRC, MHELICAL, WA.
@@ -133,12 +132,12 @@ class MoveSpiral:
             "wait_resolution": (self.wait_resolution, 0.0, "s"),
             "servo_period": (self.servo_period, 0.0, "s"),
         }
+        limit = "where loop_period is 0 s, the limit of a loop that takes no time"
         for name, (value, free, unit) in needs_a_loop.items():
             if value != free:
-                raise InputError(
-                    f"{name} = {value:g} {unit}: must be {free:g} {unit} where loop_period is 0 s, "
-                    "the limit of a loop that takes no time"
-                )
+                raise InputError(f"{name} = {value:g} {unit}: must be {free:g} {unit} {limit}")
+        if self.ratio_bits is not None:
+            raise InputError(f"ratio_bits = {self.ratio_bits}: must be none {limit}")
         if self.as_published or (self.height and self.mhelical_mode == 0):
             what = "as_published = true" if self.as_published else "mhelical_mode = 0"
             raise InputError(f"{what}: must have a loop_period greater than 0 s")
@@ -177,16 +176,14 @@ class MoveSpiral:
     def passes(self) -> Passes:
         """What the program loop does, pass by pass; there is none in the continuous limit."""
         # without interpreter time every pass turns the circle by V T / R; with it the passes are fewer
-        bound = max(1, math.ceil(self.virtual_time / self.loop_period - 1e-9))
-        if bound > _MAX_PASSES:
+        due = self.virtual_time / self.loop_period - 1e-9
+        if due > MAX_PASSES:
             raise InputError(
-                f"loop_period = {self.loop_period:g} s: makes {bound:.8g} passes, at most {_MAX_PASSES} are run; "
-                f"use 0 s for the continuous limit or at least {self.virtual_time / _MAX_PASSES:.3g} s"
+                f"loop_period = {self.loop_period:g} s: makes {due:.8g} passes, at most {MAX_PASSES} are run; "
+                f"use 0 s for the continuous limit or at least {self.virtual_time / MAX_PASSES:.3g} s"
             )
         # SPEED and ACCEL of the circle where they belong to the motion in space
-        share = 1.0
-        if self.mhelical_mode == 0:
-            share = 1 / math.hypot(1.0, self.height / (self.virtual_length))
+        share = 1 / math.hypot(1.0, self.height / self.virtual_length) if self.mhelical_mode == 0 else 1.0
         brake = self.acceleration if self.deceleration is None else self.deceleration
         loop = Loop(
             length=math.pi * self.diameter * self.circles,
@@ -204,12 +201,29 @@ class MoveSpiral:
         try:
             return loop.run()
         except RatioTooSmallError as error:
+            remedy = self._remedy(late=error.number > due + 1)
             raise InputError(
-                f"ratio x = {error.ratio:.4g} on pass {error.number} of {bound}: "
-                f"must be at least 2^-{RATIO_BITS}, the least that CONNECT can hold; "
+                f"ratio x = {error.ratio:.4g} on pass {error.number} of {max(1, math.ceil(due))}: "
+                f"must be at least 2^-{RATIO_BITS}, the least that CONNECT can hold; {remedy}"
+            ) from None
+        except EndlessError as error:
+            raise InputError(
+                f"ratio x = {error.ratio:.4g} at {error.time:.4g} s: the circles must end within {MAX_PASSES} passes; "
+                "use a smaller thickness or a greater acceleration"
+            ) from None
+
+    def _remedy(self, late: bool) -> str:
+        if not late:
+            return (
                 f"inner_diameter {self.inner_diameter:g} mm is too small for loop_period {self.loop_period:g} s, "
                 "use fewer turns, a smaller thickness or a shorter loop_period"
-            ) from None
+            )
+        remedies = {
+            "a greater acceleration, ": math.isfinite(self.acceleration),
+            "a loop_period longer against wait_resolution, ": self.wait_resolution > 0,
+            "mhelical_mode 1, ": self.height != 0 and self.mhelical_mode == 0,
+        }
+        return f"the virtual axes are late, use {''.join(filter(remedies.get, remedies))}fewer turns or a smaller thickness"
 
     @property
     def ratios(self) -> Floats:
