@@ -184,7 +184,6 @@ class MoveSpiral:
             )
         # SPEED and ACCEL of the circle where they belong to the motion in space
         share = 1 / math.hypot(1.0, self.height / self.virtual_length) if self.mhelical_mode == 0 else 1.0
-        brake = self.acceleration if self.deceleration is None else self.deceleration
         loop = Loop(
             length=math.pi * self.diameter * self.circles,
             speed=self.speed * share,
@@ -192,7 +191,7 @@ class MoveSpiral:
             period=self.loop_period,
             interpreter_time=self.interpreter_time,
             acceleration=self.acceleration * share,
-            deceleration=brake * share,
+            deceleration=share * (self.acceleration if self.deceleration is None else self.deceleration),
             wait_resolution=self.wait_resolution,
             ratio_bits=self.ratio_bits,
             servo_period=self.servo_period,
@@ -223,7 +222,8 @@ class MoveSpiral:
             "a loop_period longer against wait_resolution, ": self.wait_resolution > 0,
             "mhelical_mode 1, ": self.height != 0 and self.mhelical_mode == 0,
         }
-        return f"the virtual axes are late, use {''.join(filter(remedies.get, remedies))}fewer turns or a smaller thickness"
+        helpful = "".join(remedy for remedy, helps in remedies.items() if helps)
+        return f"the virtual axes are late, use {helpful}fewer turns or a smaller thickness"
 
     @property
     def ratios(self) -> Floats:
