@@ -1,11 +1,12 @@
 """Machines and paths that several tests share."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from gantrysim import Machine
+from gantrysim import Machine, cli
 from gantrysim.controllers.arcs import ArcChain
 
 RIGID = """
@@ -81,3 +82,20 @@ def circle() -> Callable[..., ArcChain]:
         return ArcChain((radius, 0.0), 1.5707963267948966, [1 / radius], [6.283185307179586 * radius * turns])
 
     return build
+
+
+@pytest.fixture
+def gantrysim_command(monkeypatch, capsys):
+    """Run the command in this process: exit status, standard output, standard error."""
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            status = stop.code or 0
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return command

@@ -12,27 +12,11 @@ from PIL import Image
 
 import gantrysim
 from gantrysim import Fault, Job, Run, cli, metrics, report
+from gantrysim.job import builtin_jobs
 
 from runs import turn, turntable
 
 SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
-
-
-@pytest.fixture
-def gantrysim_command(monkeypatch, capsys):
-    """Run the command in this process: exit status, standard output, standard error."""
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            status = stop.code or 0
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return command
 
 
 def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
@@ -61,6 +45,7 @@ def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantr
         "path_length_mm",
         "duration_s",
         "end_point_mm",
+        "notes",
         "fault",
         "versions",
     ]
@@ -134,7 +119,10 @@ BAD = {
     "inner diameter below zero": (["--set", "turns=9"], "inner_diameter = -60 mm"),
     "NaN": (["--set", "speed=nan"], "speed = nan mm/s: must be finite"),
     "zero turns": (["--set", "turns=0"], "turns = 0: must be at least 1"),
-    "speed above the limit": (["--set", "speed=3000"], "must be at most 1000 mm/s, the limit of machine xy"),
+    "speed above the limit": (
+        ["--set", "speed=3000", "--set", "acceleration=inf"],
+        "must be at most 1000 mm/s, the limit of machine xy",
+    ),
     "path outside the travel": (["--set", "start=[100.0, 0.0]"], "must lie in the travel -150 to 150 mm of machine xy"),
     "unknown model": (["--model", "yx"], "unknown model 'yx': did you mean xy"),
     "unknown key": (["--set", "thicknes=3"], "unknown key 'thicknes': did you mean program.thickness"),
@@ -156,7 +144,10 @@ def test_bad_input_is_one_line_and_exit_status_2_and_writes_nothing(gantrysim_co
 
 def test_bad_job_and_bad_mjcf_and_bad_folder(gantrysim_command, tmp_path, rigid):
     status, _, errors = gantrysim_command("run", "an226")
-    assert (status, errors) == (2, "error: unknown job 'an226': did you mean an225? known: an225\n")
+    assert (status, errors) == (
+        2,
+        f"error: unknown job 'an226': did you mean an225? known: {', '.join(builtin_jobs())}\n",
+    )
     source = rigid().source
     source.write_text(source.read_text().replace('name="nozzle"', 'name="tip"'))
     status, _, errors = gantrysim_command("run", "an225", "--model", source, "--out", tmp_path / "out")
@@ -252,6 +243,7 @@ def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
         "value": None,
         "limit": None,
         "unit": "mm",
+        "reaction": "",
         "text": str(faulted.fault),
     }
     json.dumps(written, allow_nan=False)

@@ -82,7 +82,7 @@ BAD = {
     "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
     "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
     "no speed that is": (["speed=1e300"], "ratio x = .* on pass 1 of 1: must be at least"),
-    "tiny period": (["servo.period=1e-9"], "10.0197 s in periods of 1e-09 s: makes 1e.10 ticks, at most 5e.07"),
+    "tiny period": (["servo.period=1e-9"], "10.1527 s in periods of 1e-09 s: makes 1.02e.10 ticks, at most 5e.07"),
     "endless settling": (["settle=1e9"], "1e.09 s in periods of 0.001 s: makes 1e.12 ticks"),
     "said once": (["kp=abc"], "^job an225: servo.kp = 'abc': input should be a valid number[^;]*$"),
     "machine": (["machine=xyq"], "unknown model 'xyq': did you mean xy"),
