@@ -191,13 +191,13 @@ def _view(model: mujoco.MjModel, camera: str | None) -> mujoco.MjvCamera:
 
 
 def _gap(machine: Machine) -> float:
-    """Height of the nozzle above the work with all axes at zero: a ray from the tip down the work's z [mm]."""
+    """Height of the nozzle above the work where its z is 0: a ray from the work's origin down its z [mm]."""
     data = mujoco.MjData(machine.model)
     mujoco.mj_forward(machine.model, data)
     body = int(machine.model.site_bodyid[machine.nozzle])
     geom = np.full(1, -1, np.int32)
     down = -data.xmat[machine.work].reshape(3, 3)[:, 2]
-    distance = mujoco.mj_ray(machine.model, data, data.site_xpos[machine.nozzle], down, None, 1, body, geom, None)
+    distance = mujoco.mj_ray(machine.model, data, data.xpos[machine.work], down, None, 1, body, geom, None)
     on_work = geom[0] >= 0 and machine.model.geom_bodyid[geom[0]] == machine.work
     return 1e3 * distance if on_work else _DEFAULT_GAP
 
