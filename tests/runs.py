@@ -68,6 +68,25 @@ def turn(machine, speed, ticks=1001, law=None, **servo):
     return simulate(machine, Servo.derive(machine.axes, PERIOD, **servo), turned(speed, ticks), law=law)
 
 
+def smooth(duration):
+    """A way from 0 to 1 without a jump in acceleration, at every servo tick."""
+    u = np.arange(round(duration / PERIOD) + 1) * PERIOD / duration
+    return u - np.sin(2 * np.pi * u) / (2 * np.pi)
+
+
+def round_the_piece(duration):
+    """Setpoints of the stage once clockwise round an ellipse of 100 x 60 mm, its normal kept towards the column.
+
+    S = -[R(-TH) K - u] with the needle at K = (-200, 0), TH = 180 deg - angle(n).
+    """
+    phi = np.pi - 2 * np.pi * smooth(duration)
+    u = np.stack([50 * np.cos(phi), 30 * np.sin(phi)], axis=1)
+    th = np.pi - np.unwrap(np.arctan2(np.sin(phi) / 30, np.cos(phi) / 50))
+    slides = u - -200 * np.stack([np.cos(th), -np.sin(th)], axis=1)
+    position = np.column_stack([np.degrees(th), slides])
+    return Setpoints(PERIOD, ("th", "x", "y"), position, np.ones(len(th), bool), ramp(50.0).requested), u
+
+
 def ideal_motors(source):
     """Write plain motors into a rigid machine's file instead of its dcmotors, and return the file."""
     content = source.read_text()
