@@ -108,7 +108,7 @@ def brute(path, point, rough=20_001):
     return min(fine.fun, distance(0.0))
 
 
-@given(coils(), st.floats(0, 1))
+@given(coils(), st.floats(1e-6, 1))
 @settings(max_examples=200, deadline=None)
 def test_coil_is_its_definition_at_the_integral_of_its_speed(coil, share):
     path = Chain([coil])

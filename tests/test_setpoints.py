@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.profile import Constant, Jerk, PointToPoint, Sine
 from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.controllers.spirals import Involute
 from gantrysim.errors import InputError
@@ -134,3 +135,49 @@ def test_negative_hold_is_named():
 def test_setpoints_out_of_bounds_are_named(changed, said):
     with pytest.raises(InputError, match=said):
         made(**changed)
+
+
+def test_setpoints_along_a_profile_are_its_way_at_every_period():
+    profile = PointToPoint(10, 5, 40)  # 0.125 s up over 0.3125 mm, 1.875 s along, as much down: 2.125 s
+    setpoints = Setpoints.along(LINE, profile, 0.1)
+    assert len(setpoints.position) == 1 + 22
+    t = setpoints.time
+    t[-1] = profile.duration
+    ramps = np.where(t < 0.125, 20 * t**2, np.where(t > 2, 10 - 20 * (2.125 - t) ** 2, 0.3125 + 5 * (t - 0.125)))
+    assert setpoints.position == pytest.approx(ramps[:, None] * [0.8, 0.6], abs=POSITION)
+    assert setpoints.position[-1] == pytest.approx([8, 6], abs=1e-14)
+    assert setpoints.dispense.all()
+
+
+@pytest.mark.parametrize(
+    "profile", [PointToPoint(10, 30, 200, shape=Sine()), PointToPoint(10, 30, 200, 900, Jerk(5e3))]
+)
+def test_setpoints_of_a_profile_keep_its_speed_and_acceleration(profile):
+    period = 1e-3
+    s = Setpoints.along(LINE, profile, period).position @ [0.8, 0.6]
+    assert np.diff(s).max() / period <= profile.speed * (1 + 1e-9)
+    inner = np.diff(s[:-1], 2) / period**2  # the last setpoint is at the end, a part of a period early
+    assert inner.max() <= profile.acceleration * (1 + 1e-9)
+    assert inner.min() >= -(profile.deceleration or profile.acceleration) * (1 + 1e-9)
+
+
+def test_a_constant_profile_is_the_constant_speed():
+    by_profile, by_speed = Setpoints.along(LINE, Constant(10, 4), 0.6), Setpoints.along(LINE, 4, 0.6)
+    assert np.array_equal(by_profile.position, by_speed.position)
+
+
+def test_coordinates_make_the_axes_of_the_way():
+    asked = []
+
+    def coordinates(s):
+        asked.append(s)
+        return np.stack([np.degrees(s / 5), 40 - s, s**2], axis=1)
+
+    setpoints = Setpoints.along(LINE, 4, 0.6, axes=("th", "x", "y"), coordinates=coordinates)
+    s = np.array([0, 2.4, 4.8, 7.2, 9.6, 10])
+    assert asked[0] == pytest.approx(s, abs=POSITION)
+    assert setpoints.position == pytest.approx(np.stack([np.degrees(s / 5), 40 - s, s**2], axis=1), abs=1e-7)
+    assert setpoints.axes == ("th", "x", "y")
+    assert setpoints.requested is LINE
+    with pytest.raises(InputError, match=r"setpoints of shape \(6, 3\): must be \(n, 2\)"):
+        Setpoints.along(LINE, 4, 0.6, coordinates=coordinates)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from gantrysim.controllers.spirals import Involute
+from gantrysim.controllers.spirals import Involute, arc_length, swept_angle
 from gantrysim.errors import InputError
 
 from runs import archimedean
@@ -244,3 +244,120 @@ def test_more_turns_than_the_radius_holds_are_named_with_the_sum():
     with pytest.raises(InputError, match=bound):
         Involute(60, 10, 7)
     assert Involute(60, 10, 6).length > 0
+
+
+# The length of ds = sqrt((r + b phi)^2 + c^2) d(phi)
+
+LENGTH = 1e-12  # of an arc length, relative
+
+powers = st.floats(-12, 3).map(lambda x: 10**x)
+nothing_or_more = st.one_of(st.just(0.0), powers)
+signed = st.one_of(st.just(0.0), powers, powers.map(lambda x: -x))
+angles = st.floats(-6, math.log10(900)).map(lambda x: 10**x)
+
+
+def integral(r, b, c, angle):
+    """The length by quadrature over pieces that double on the way from where the radius is smallest.
+
+    There the speed is c; it changes over c / b, which one rule over the whole angle would miss.
+    """
+    centre = min(max(-r / b, 0.0), angle) if b else 0.0
+    first = min(max(abs(c / b), 1e-12 * angle), angle) if b else angle
+    reach = first * 2.0 ** np.arange(60)
+    edges = np.unique(np.clip([0, angle, centre, *(centre + reach), *(centre - reach)], 0, angle))
+    node, weight = np.polynomial.legendre.leggauss(40)
+    low, high = edges[:-1, None], edges[1:, None]
+    phi = 0.5 * (high + low) + 0.5 * (high - low) * node
+    return float((0.5 * (high - low) * weight * np.hypot(r + b * phi, c)).sum())
+
+
+@given(r=nothing_or_more, b=signed, c=nothing_or_more, angle=angles)
+@settings(max_examples=500, deadline=None)
+def test_arc_length_is_the_integral_of_the_speed_over_all_magnitudes(r, b, c, angle):
+    assert arc_length(r, b, c, angle)[0] == pytest.approx(integral(r, b, c, angle), rel=LENGTH, abs=1e-300)
+
+
+@given(r=st.floats(0, 200), b=st.floats(-5, 5), c=st.floats(0.01, 20), angle=st.floats(1e-6, 30))
+@settings(max_examples=100, deadline=None)
+def test_arc_length_is_that_of_quadpack_and_only_the_square_of_c_counts(r, b, c, angle):
+    points = [-r / b] if b and 0 < -r / b < angle else None
+    expected = quad(lambda phi: math.hypot(r + b * phi, c), 0, angle, epsabs=0, epsrel=1e-12, limit=500, points=points)[
+        0
+    ]
+    assert arc_length(r, b, c, angle)[0] == pytest.approx(expected, rel=1e-10, abs=1e-300)
+    assert arc_length(r, b, -c, angle)[0] == arc_length(r, b, c, angle)[0]
+
+
+@pytest.mark.parametrize("c", [0.0, 5e-324, 1e-310, 1e-200, 1e-160, 1e-20])
+@pytest.mark.parametrize(("r", "b", "expected"), [(3, 1, 8), (3, -1, 4), (0, 1, 2), (2, -1, 2), (4, 0, 8)])
+def test_arc_length_of_a_vanishing_c_is_that_of_the_radius_alone(r, b, c, expected):
+    assert arc_length(r, b, c, 2.0)[0] == pytest.approx(expected, rel=LENGTH)
+    assert swept_angle(r, b, c, expected, 2.0)[0] == pytest.approx(2.0, rel=1e-7)
+
+
+@given(r=nothing_or_more, b=signed, c=nothing_or_more, angle=angles, share=st.floats(0, 1))
+@settings(max_examples=500, deadline=None)
+def test_swept_angle_is_the_inverse_of_the_arc_length(r, b, c, angle, share):
+    b = max(b, -r / angle)  # as far as to the very centre
+    s = arc_length(r, b, c, share * angle)[0]
+    phi = swept_angle(r, b, c, s, angle)[0]
+    assert 0 <= phi <= angle
+    whole = arc_length(r, b, c, angle)[0]
+    assert arc_length(r, b, c, phi)[0] == pytest.approx(s, abs=LENGTH * whole)
+    if r > 0 and b >= 0:  # the speed does not vanish, so the angle is as good
+        assert phi == pytest.approx(share * angle, rel=LENGTH, abs=1e-14)
+
+
+def test_arc_length_and_swept_angle_broadcast():
+    r, angle = np.array([1.0, 2.0, 3.0]), np.linspace(0.1, 40, 3)
+    one_by_one = [float(arc_length(r[k], -0.01, 0.5, angle[k])[0]) for k in range(3)]
+    together = arc_length(r, -0.01, 0.5, angle)
+    assert together == pytest.approx(one_by_one, rel=1e-14)
+    assert swept_angle(r, -0.01, 0.5, together, 50.0) == pytest.approx(angle, rel=LENGTH)
+    # beyond the ends it stays there
+    assert swept_angle(10, -0.1, 0.5, [-1, 1e9], 20.0).tolist() == [0, 20]
+
+
+# The involute that climbs
+
+
+@given(spirals(), st.floats(-80, 80), st.floats(1e-6, 1))
+@settings(max_examples=100, deadline=None)
+def test_an_involute_with_a_height_lies_over_the_flat_one_and_climbs_evenly_with_the_angle(spiral, height, share):
+    radius, pitch, turns = spiral[:3]
+    path, flat = Involute(*spiral, height=height), Involute(*spiral)
+    a, climb = pitch / (2 * math.pi), height / (2 * math.pi * turns)
+    phi = share * 2 * math.pi * turns
+
+    def way(angle):
+        return quad(lambda x: math.hypot(radius - a * x, climb), 0, angle, epsabs=0, epsrel=1e-13)[0]
+
+    s = way(phi)
+    assert path.length == pytest.approx(way(2 * math.pi * turns), rel=LENGTH)
+    assert path.phi(s)[0] == pytest.approx(phi, abs=1e-10)
+    below = flat.position(radius * phi - 0.5 * a * phi**2)[0]
+    assert path.position(s)[0] == pytest.approx([*below[:2], climb * phi], abs=POSITION)
+    assert path.climb(s)[0] == pytest.approx(climb / math.hypot(radius - a * phi, climb), abs=UNIT)
+    sense = -1 if spiral[5] else 1
+    assert path.heading(s)[0] == pytest.approx(spiral[4] + sense * phi, abs=1e-10)
+    assert path.curvature(s)[0] == pytest.approx(sense / math.hypot(radius - a * phi, climb), rel=1e-9)
+    assert path.position(path.length)[0, 2] == pytest.approx(height, abs=POSITION)
+
+
+@given(spirals(), st.floats(-80, 80), st.floats(0, 1))
+@settings(max_examples=50, deadline=None)
+def test_tangent_of_an_involute_that_climbs_is_the_derivative_of_position(spiral, height, fraction):
+    path = Involute(*spiral, height=height)
+    low = fraction * path.length
+    high = min(low + 0.5 / np.abs(path.curvature([0, path.length])).max(), path.length)
+    position, heading = path.position([low, high]), path.heading([low, high])
+    assert position[1] - position[0] == pytest.approx(gauss(path.tangent, low, high), abs=QUADRATURE * path.length)
+    assert heading[1] - heading[0] == pytest.approx(gauss(path.curvature, low, high), abs=QUADRATURE * path.length)
+
+
+def test_height_is_part_of_the_parameters_and_must_be_finite():
+    path = Involute(60, 10, 4, height=12)
+    assert type(path)(**path.parameters()) == path
+    for height in (math.nan, math.inf):
+        with pytest.raises(InputError, match=rf"^height = {height} mm: must be finite$"):
+            Involute(60, 10, 4, height=height)

@@ -54,12 +54,12 @@ class Limited:
     @cached_property
     def slowest(self) -> tuple[float, float]:
         """Smallest speed after the first rise and before the last fall, and the way at which it is [mm/s, mm]."""
-        change = np.diff(self._v)
+        change, peak = np.diff(self._v), int(self._v.argmax())
         falling, rising = np.flatnonzero(change < 0), np.flatnonzero(change > 0)
-        first = int(falling[0]) if falling.size else 0
-        last = int(rising[-1]) + 1 if rising.size else self._v.size - 1
+        first = int(falling[0]) if falling.size else peak
+        last = int(rising[-1]) + 1 if rising.size else peak
         if first > last:  # a single rise and fall
-            first = last = int(self._v.argmax())
+            first = last = peak
         k = first + int(self._v[first : last + 1].argmin())
         return float(self._v[k]), float(self._s[k])
 
@@ -85,7 +85,8 @@ class Limited:
         low, high = self._v[k], self._v[k + 1]
         rest = max(s - self._s[k], 0.0)
         step = self._s[k + 1] - self._s[k]
-        at = np.sqrt(max(low**2 + (high**2 - low**2) * rest / step, 0.0)) if step > 0 else high
+        share = min(rest / step, 1.0) if step > 0 else 1.0
+        at = np.sqrt((1 - share) * low**2 + share * high**2)
         return float(self._t[k] + (2 * rest / (low + at) if rest > 0 else 0.0))
 
 

@@ -107,14 +107,14 @@ class Ramp:
     def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
         r = self.rise
         y = np.minimum(x, 1 - x)
-        low = y**2 / (2 * r * (1 - r)) if r > 0 else y
+        low = np.minimum(y, r) ** 2 / (2 * r * (1 - r)) if r > 0 else y
         half = np.where(y < r, low, (y - 0.5 * r) / (1 - r))
         return np.where(x <= 0.5, half, 1 - half)
 
     def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
         r = self.rise
         y = np.minimum(x, 1 - x)
-        low = y**3 / (6 * r * (1 - r)) if r > 0 else y
+        low = np.minimum(y, r) ** 3 / (6 * r * (1 - r)) if r > 0 else y
         half = np.where(y < r, low, (0.5 * (y - 0.5 * r) ** 2 + r**2 / 24) / (1 - r))
         return np.where(x <= 0.5, half, x - 0.5 + half)
 

@@ -54,7 +54,10 @@ def _antiderivative(rho: Floats, c: Floats) -> Floats:
 
 
 def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
-    """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad]."""
+    """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
+
+    Up to there the radius r + b phi is at least 0.
+    """
     radius, growth, slow, way, end = _together(r, b, c, s, most)
     rate = np.hypot(radius, slow)
     guess = 2 * way / np.maximum(rate + np.sqrt(np.maximum(rate**2 + 2 * growth * way, 0.0)), 1e-300)
