@@ -60,10 +60,24 @@ class Bead:
         edges = np.concatenate([[-ds], place]) + 0.5 * ds
         laid = np.diff(np.interp(edges, ascending, volume))
         laid[[0, -1]] *= 2  # the first and the last ring stand for half a length
-        area = np.maximum(laid / ds, 0.0)
+        area = self._spread(np.maximum(laid / ds, 0.0), ds)
         height = np.minimum(np.sqrt(2 * area / np.pi), self.gap)
         width = np.divide(4 * area, np.pi * height, out=np.zeros_like(area), where=height > 0)
         return place, points, width, height
+
+    def _spread(self, area: Floats, ds: float) -> Floats:
+        """Where more than usual is laid, at a stop or in a slow corner, let it spread as far as the bead is wide."""
+        from scipy.ndimage import uniform_filter1d  # slow to import, and needed by pictures alone
+
+        if not area.any():
+            return area
+        usual = float(np.median(area[area > 0]))
+        width = 4 * usual / (np.pi * min(np.sqrt(2 * usual / np.pi), self.gap))
+        reach = 2 * int(np.ceil(0.5 * width / ds)) + 1
+        excess = np.maximum(area - usual, 0.0)
+        for _ in range(2):
+            excess = uniform_filter1d(excess, reach, mode="mirror")  # which keeps the volume at the ends
+        return np.minimum(area, usual) + excess
 
     @cached_property
     def _sections(self) -> tuple[Singles, Singles]:
