@@ -1,0 +1,67 @@
+"""The bead on a work that moves."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from gantrysim import Machine, Servo, simulate
+from gantrysim.render import Renderer, _gap
+
+from runs import round_the_piece
+
+SIZE = (640, 480)
+CAMERA = "nozzle"  # stands still, as the needle does
+
+
+@pytest.fixture(scope="module")
+def stage():
+    return Machine("stage")
+
+
+@pytest.fixture(scope="module")
+def run(stage):
+    return simulate(stage, Servo.derive(stage.axes), round_the_piece(6.0)[0], flow=40.0)
+
+
+def pixels(renderer, points):
+    """Columns and rows at which points of the work frame [mm] appear, (n, 2)."""
+    data, model, camera = renderer.data, renderer.model, renderer.view.fixedcamid
+    work = model.body("work").id
+    world = data.xpos[work] + 1e-3 * points @ data.xmat[work].reshape(3, 3).T
+    seen = (world - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
+    focal = 0.5 * SIZE[1] / np.tan(0.5 * np.radians(model.cam_fovy[camera]))
+    return np.stack(
+        [0.5 * SIZE[0] + focal * seen[:, 0] / -seen[:, 2], 0.5 * SIZE[1] - focal * seen[:, 1] / -seen[:, 2]], 1
+    )
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_the_bead_lies_where_it_was_laid_on_the_work_that_has_moved_on(stage, run, share):
+    tick = int(share * (len(run.time) - 1))
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.nozzle, axis=0), axis=1))])
+    each = np.searchsorted(length, np.arange(0, length[-1]))  # the ticks of every millimetre
+    with Renderer(stage, run, CAMERA, SIZE) as renderer:
+        picture = renderer.frame(tick).astype(int)
+        places = pixels(renderer, run.nozzle[each] - [0, 0, 0.2])  # in the upper half of the bead
+    red, green, blue = np.moveaxis(picture, 2, 0)
+    glue = (red > 1.35 * green) & (green > 1.35 * blue) & (red > 60)  # in the shadow, too
+    inside = (np.abs(places - np.divide(SIZE, 2)) < np.divide(SIZE, 2) - 12).all(axis=1)
+    behind = np.linalg.norm(run.nozzle[each] - run.nozzle[tick], axis=1) < 6  # the needle stands before it
+    laid = each < tick
+    column, row = np.round(places[inside & ~behind & laid]).astype(int).T
+    assert len(row) > 20
+    assert glue[row, column].mean() > 0.9
+    ahead = (
+        inside & ~laid & (np.linalg.norm(run.nozzle[each, None] - run.nozzle[None, :tick:10], axis=2).min(axis=1) > 5)
+    )
+    column, row = np.round(places[ahead]).astype(int).T
+    assert not glue[row, column].any()
+
+
+def test_the_gap_of_the_stage_is_measured_though_its_needle_is_beside_the_work_at_zero(stage, tmp_path):
+    assert _gap(stage) == pytest.approx(0.5, abs=1e-6)
+    shutil.copytree(stage.source.parent, tmp_path / "models")
+    piece = tmp_path / "models" / "parts" / "piece_asset.xml"
+    piece.write_text(piece.read_text().replace(" -0.0005", " -0.0013"))
+    assert _gap(Machine(tmp_path / "models" / "stage.xml")) == pytest.approx(1.3, abs=1e-6)
