@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gantrysim import Job, plots
+from gantrysim import Servo, plots, simulate
+from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.metrics import Analysis
 
 from runs import turn, turntable
@@ -14,8 +15,9 @@ matplotlib.use("agg")
 
 
 @pytest.fixture(scope="module")
-def analysis():
-    return Analysis(Job.load("an225", ["diameter=60", "turns=2", "loop_period=0.05"]).run())
+def analysis(xy):
+    setpoints = MoveSpiral(60, 2, 10, 100, loop_period=0.05).setpoints(1e-3).hold(0.25)
+    return Analysis(simulate(xy, Servo.derive(xy.axes), setpoints, flow=200.0))
 
 
 def lines(figure, axes=0):
