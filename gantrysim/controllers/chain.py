@@ -182,6 +182,16 @@ class Chain(Path):
             points[coil] += np.einsum("ij,ijk->ik", local, row["frame"])
         return points
 
+    def progress(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
+        """Piece at arc lengths, (n,), and the share of its angle, or of a line's length, that is behind, (n,)."""
+        k, rest = self._locate(s)
+        share: Floats = rest / np.diff(self._s)[k]
+        coil = self._rows["coil"][k]
+        if coil.any():
+            row = self._rows[k[coil]]
+            share[coil] = self._swept(row, rest[coil])[0] / row["angle"]
+        return k, share
+
     def heading(self, s: ArrayLike) -> Floats:
         return self._heading_of(*self._locate(s))
 

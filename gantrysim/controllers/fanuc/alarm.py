@@ -1,0 +1,42 @@
+"""The controller's alarms: number, title, block, and what is wrong in words."""
+
+from __future__ import annotations
+
+from gantrysim.errors import InputError
+
+__all__ = ["TITLES", "Alarm"]
+
+TITLES = {
+    3: "TOO MANY DIGITS",
+    4: "ADDRESS NOT FOUND",
+    5: "NO DATA AFTER ADDRESS",
+    6: "ILLEGAL USE OF NEGATIVE SIGN",
+    7: "ILLEGAL USE OF DECIMAL POINT",
+    9: "ILLEGAL ADDRESS INPUT",
+    10: "IMPROPER G-CODE",
+    11: "NO FEEDRATE COMMANDED",
+    20: "OVER TOLERANCE OF RADIUS",
+    21: "ILLEGAL PLANE AXIS COMMANDED",
+    22: "NO CIRCLE RADIUS",
+    34: "NO CIRC ALLOWED IN ST-UP/EXT BLK",
+    41: "INTERFERENCE IN CUTTER COMPENSATION",
+    5122: "ILLEGAL COMMAND IN SPIRAL",
+    5123: "OVER TOLERANCE OF END POINT",
+    5124: "CAN NOT COMMAND SPIRAL",
+}
+
+
+class Alarm(InputError):  # noqa: N818 - the controller's own word
+    """A program that the controller refuses; nothing moves.
+
+    Attributes:
+        number: of the alarm.
+        title: the controller's own text for it.
+        block: name of the block, as "N10" or "block 3".
+        line: of the program's text, from 1; 0 where the program is no text.
+    """
+
+    def __init__(self, number: int, block: str, line: int, detail: str) -> None:
+        self.number, self.title, self.block, self.line = number, TITLES[number], block, line
+        where = f"{block} (line {line})" if line else block
+        super().__init__(f"alarm {number:03} {self.title} in {where}: {detail}")

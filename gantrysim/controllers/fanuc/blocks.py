@@ -1,0 +1,163 @@
+"""The blocks of a program as values: what the text is read into, and what Python programs are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from gantrysim.controllers.chain import XY, YZ, ZX, Frame
+from gantrysim.errors import InputError, at_least, finite, positive
+
+__all__ = ["PLANES", "Arc", "Block", "Dwell", "Line", "Motion", "Plane", "Rapid", "Spiral"]
+
+End = tuple[float | None, ...]
+Plane = Literal["xy", "zx", "yz"]
+
+# the plane's axes and the one square to it, as indices of x, y, z
+PLANES: dict[Plane, tuple[int, int, int]] = {"xy": (0, 1, 2), "zx": (2, 0, 1), "yz": (1, 2, 0)}
+FRAMES: dict[Plane, Frame] = {"xy": XY, "zx": ZX, "yz": YZ}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """What all motions have.
+
+    Args:
+        end: absolute x, y[, z] of the end; None, or left out, where an axis stays [mm].
+        rotary: angle of the rotary axis at the end; None where it stays [deg].
+        compensation: cutter compensation, to the left of the path where positive, as G41, to the right where
+            negative, as G42 [mm].
+        plane: "xy" (G17), "zx" (G18) or "yz" (G19).
+        exact_stop: whether to stop at the end, as G61.
+        dispense: whether glue is laid; by default in all but rapid moves.
+    """
+
+    end: End = ()
+    rotary: float | None = None
+    compensation: float = 0.0
+    plane: Plane = "xy"
+    exact_stop: bool = False
+    dispense: bool | None = None
+
+    def __post_init__(self) -> None:
+        end = tuple(self.end)
+        if len(end) > 3:
+            raise InputError(f"end of {len(end)} numbers: must be at most three, x, y, z")
+        end += (None,) * (3 - len(end))
+        for name, value in zip("xyz", end, strict=True):
+            if value is not None:
+                finite(f"end {name}", value, "mm")
+        object.__setattr__(self, "end", end)
+        if self.rotary is not None:
+            finite("rotary", self.rotary, "deg")
+        finite("compensation", self.compensation, "mm")
+        if self.plane not in PLANES:
+            raise InputError(f"plane = {self.plane!r}: must be one of {', '.join(PLANES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rapid(Motion):
+    """A straight move at the rapid feed, G00, without glue."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line(Motion):
+    """A straight move, G01.
+
+    Args:
+        feed: F; None for that of the block before [mm/min; deg/min where the rotary axis moves alone].
+    """
+
+    feed: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_feed(self.feed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arc(Motion):
+    """A circular arc, or a helix where the axis square to the plane moves, G02 and G03.
+
+    Args:
+        centre: from the start to the centre along the plane's first and second axis [mm].
+        radius: R instead of the centre; negative for the arc of more than half a circle [mm].
+        clockwise: G02, seen against the plane's normal.
+        feed: F [mm/min].
+    """
+
+    centre: tuple[float, float] | None = None
+    radius: float | None = None
+    clockwise: bool = True
+    feed: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_feed(self.feed)
+        _check_centre(self.centre)
+        if self.radius is not None:
+            finite("radius", self.radius, "mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spiral(Motion):
+    """Spiral interpolation, or conical where the axis square to the plane moves, G02 and G03.
+
+    The number of turns follows from the change of the radius per turn, else from the height per turn, else from
+    `turns`; the first of these that is given wins.
+
+    Args:
+        centre: from the start to the centre along the plane's first and second axis [mm].
+        clockwise: G02, seen against the plane's normal.
+        change: Q, signed change of the radius per turn [mm].
+        height_per_turn: K in the XY plane, J in ZX, I in YZ [mm].
+        turns: L, a part of a turn counted as a whole one.
+        feed: F [mm/min].
+    """
+
+    centre: tuple[float, float] = (0.0, 0.0)
+    clockwise: bool = True
+    change: float | None = None
+    height_per_turn: float | None = None
+    turns: float | None = None
+    feed: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_feed(self.feed)
+        _check_centre(self.centre)
+        for name, unit in (("change", "mm"), ("height_per_turn", "mm"), ("turns", "")):
+            if getattr(self, name) is not None:
+                finite(name, getattr(self, name), unit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dwell:
+    """A stop, G04.
+
+    Args:
+        time: [s].
+        dispense: whether glue is laid meanwhile.
+    """
+
+    time: float
+    dispense: bool = False
+
+    def __post_init__(self) -> None:
+        at_least("time of the dwell", self.time, 0, "s")
+
+
+Block = Rapid | Line | Arc | Spiral | Dwell
+
+
+def _check_feed(feed: float | None) -> None:
+    if feed is not None:
+        positive("feed", feed, "mm/min")
+
+
+def _check_centre(centre: tuple[float, float] | None) -> None:
+    if centre is not None:
+        if len(centre) != 2:
+            raise InputError(f"centre of {len(centre)} numbers: must be two, along the plane's axes")
+        for value in centre:
+            finite("centre", value, "mm")

@@ -1,0 +1,94 @@
+"""The motions of a program as they are run: a piece of path each, with its feed and what happens beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gantrysim.controllers.chain import Coil, Line, Vector
+from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
+from gantrysim.controllers.fanuc.geometry import piece_of
+from gantrysim.controllers.fanuc.text import Sourced
+
+__all__ = ["Leg", "legs_of"]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One motion.
+
+    Attributes:
+        source: the block.
+        start: where it begins [mm].
+        piece: its path, None where only the rotary axis moves, or nothing.
+        rotary: angle of the rotary axis at its start and end [deg].
+        feed: path speed asked for, or of the rotary axis alone [mm/s, deg/s].
+        compensation: cutter compensation, to the left where positive [mm].
+        exact_stop: whether to stop at its end.
+        spiral: whether it is a spiral or a cone, which stops before and after.
+        dispense: whether glue is laid.
+        dwell: time of a stop [s].
+        rapid: whether it is run at the rapid feed.
+    """
+
+    source: Sourced
+    start: Vector
+    piece: Line | Coil | None
+    rotary: tuple[float, float]
+    feed: float
+    compensation: float = 0.0
+    exact_stop: bool = False
+    spiral: bool = False
+    dispense: bool = False
+    dwell: float = 0.0
+    rapid: bool = False
+
+
+def legs_of(
+    blocks: tuple[Sourced, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float
+) -> list[Leg]:
+    """Return the motions of blocks, one behind the other.
+
+    Args:
+        blocks: of the program.
+        start: position at which it begins [mm].
+        rapid: feed of rapid moves [mm/min].
+        end_tolerance: of a spiral's end point [mm].
+        arc_tolerance: of an arc's radius at its end [mm].
+
+    Raises:
+        Alarm: a block that cannot be run from where the one before ends.
+    """
+    legs = []
+    here, angle, feed = start, 0.0, None
+    for sourced in blocks:
+        block = sourced.block
+        if isinstance(block, Dwell):
+            legs.append(Leg(sourced, here, None, (angle, angle), 0.0, dispense=block.dispense, dwell=block.time))
+            continue
+        if isinstance(block, Rapid):
+            speed: float | None = rapid
+        else:
+            speed = feed = block.feed if block.feed is not None else feed
+        if speed is None:
+            raise sourced.fail(11, "a motion at feed must come with F, in it or before it")
+        piece = piece_of(block, here, end_tolerance, arc_tolerance, sourced.fail)
+        still = isinstance(piece, Line) and piece.start == piece.end
+        turned = angle if block.rotary is None else block.rotary
+        glue = block.dispense if block.dispense is not None else not isinstance(block, Rapid)
+        legs.append(
+            Leg(
+                source=sourced,
+                start=here,
+                piece=None if still else piece,
+                rotary=(angle, turned),
+                feed=speed / 60,
+                compensation=block.compensation,
+                exact_stop=block.exact_stop,
+                spiral=isinstance(block, Spiral),
+                rapid=isinstance(block, Rapid),
+                dispense=glue and not still,
+            )
+        )
+        x, y, z = (there if there is not None else now for there, now in zip(block.end, here, strict=True))
+        here, angle = (x, y, z), turned
+    return legs

@@ -1,0 +1,252 @@
+"""A program of blocks: text or values in, setpoints out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.controllers.chain import Chain, Vector
+from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
+from gantrysim.controllers.fanuc.compensation import compensated
+from gantrysim.controllers.fanuc.legs import Leg, legs_of
+from gantrysim.controllers.fanuc.speed import Clamp, Feeding, Planner
+from gantrysim.controllers.fanuc.text import Sourced, read
+from gantrysim.controllers.path import Floats
+from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.errors import InputError, at_least, finite, positive
+
+__all__ = ["Program"]
+
+_WORDS = "ABC"
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A part of the program in time: a stretch of path, the rotary axis alone, or a stop.
+
+    Attributes:
+        duration: [s].
+        place: of x, y, z and the rotary axis at times since it began, (n,) to (n, 4).
+        dispense: whether glue is laid at these times, (n,) to (n,).
+    """
+
+    duration: float
+    place: Callable[[Floats], Floats]
+    dispense: Callable[[Floats], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
+
+    In text a program is a file of blocks, as in `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; the words taken are G00
+    to G04, G17 to G21, G40 to G42, G54, G61, G64, G90, G91, G94, M02, M03, M05, M30 and X Y Z I J K Q L R F D C.
+    Glue is laid in all motions at feed; where a program has M03 or M05 these switch it.
+
+    F is the speed along the path, constant. Where the acceleration is limited the motion stops before and after a
+    spiral, at corners, at G61, and between rapid moves and those at feed. With a `blend_time` it does not: half of
+    the acceleration is for the pieces, a corner is passed at such a speed that a moving average of that time over the
+    commanded positions turns its jump of velocity into the other half, and rounds the corner. (High-precision
+    contour control; how the acceleration is shared is an assumption.)
+
+    Source: FANUC operator's manuals B-63534EN, B-63944EN, A-78962EN.
+
+    Args:
+        program: text, or blocks.
+        start: position at which it begins [mm].
+        rapid: feed of G00 [mm/min].
+        acceleration: of every axis [mm/s²].
+        end_point_tolerance: of a spiral's radius and height at its end, parameter 3471 [mm].
+        radius_tolerance: of an arc's radius at its end, parameter 3410 [mm].
+        clamp: of the feed by an arc's radius, parameters 1730 to 1732; none by default.
+        feed_in_space: whether F counts the height of a helix or cone too; an assumption that it does not.
+        blend_time: of the moving average, 0 for none [s].
+        dry_run: feed that replaces F, none by default [mm/min].
+        dry_run_from: time at which dry run is switched on [s].
+        dry_run_until: time at which it is switched off [s].
+        offsets: cutter compensation by the number D, as {"1": 3.0} [mm].
+        rotary_axis: the machine's axis that the rotary word drives.
+        rotary_word: A, B or C.
+        block_skip: whether blocks that begin with a slash are left out.
+
+    Raises:
+        Alarm: a block that the controller refuses, with number, title, block and line. Nothing moves then.
+        InputError: a parameter out of its bounds.
+    """
+
+    program: str | tuple[Block, ...]
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rapid: float = 12000.0
+    acceleration: float = math.inf
+    end_point_tolerance: float = 0.01
+    radius_tolerance: float = 0.01
+    clamp: Clamp | None = None
+    feed_in_space: bool = False
+    blend_time: float = 0.0
+    dry_run: float | None = None
+    dry_run_from: float = 0.0
+    dry_run_until: float = math.inf
+    offsets: dict[str, float] = field(default_factory=dict)
+    rotary_axis: str = "r"
+    rotary_word: str = "C"
+    block_skip: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.program, str):
+            object.__setattr__(self, "program", tuple(self.program))
+        start = tuple(self.start)
+        if len(start) not in (2, 3):
+            raise InputError(f"start of {len(start)} numbers: must be x, y[, z]")
+        start = tuple(finite(f"start {name}", value, "mm") for name, value in zip("xyz", start, strict=False))
+        object.__setattr__(self, "start", (*start, 0.0)[:3])
+        positive("rapid", self.rapid, "mm/min")
+        if self.acceleration != math.inf:
+            positive("acceleration", self.acceleration, "mm/s²")
+        at_least("end_point_tolerance", self.end_point_tolerance, 0, "mm")
+        at_least("radius_tolerance", self.radius_tolerance, 0, "mm")
+        at_least("blend_time", self.blend_time, 0, "s")
+        if self.dry_run is not None:
+            positive("dry_run", self.dry_run, "mm/min")
+        at_least("dry_run_from", self.dry_run_from, 0, "s")
+        if not self.dry_run_until >= self.dry_run_from:
+            raise InputError(
+                f"dry_run_until = {self.dry_run_until:g} s: must be at least dry_run_from, {self.dry_run_from:g} s"
+            )
+        for number, offset in self.offsets.items():
+            finite(f"offset {number}", offset, "mm")
+        if self.rotary_word not in _WORDS or len(self.rotary_word) != 1:
+            raise InputError(f"rotary_word = {self.rotary_word!r}: must be one of {', '.join(_WORDS)}")
+        if not any(leg.piece for leg in self.legs):
+            raise InputError("program: moves none of x, y, z; it must have a block that does")
+
+    @cached_property
+    def legs(self) -> tuple[Leg, ...]:
+        """The motions as they are run."""
+        if isinstance(self.program, str):
+            blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip)
+        else:
+            blocks = tuple(Sourced(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
+        legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
+        return tuple(compensated(legs))
+
+    @cached_property
+    def requested(self) -> Chain:
+        """The path of all blocks, compensation included."""
+        return Chain(leg.piece for leg in self.legs if leg.piece is not None)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes: x, y, with z and the rotary one where the program moves them."""
+        heights = [self.start[2], *self.requested.position(np.append(0.0, self.requested.ends))[:, 2]]
+        planes = {leg.source.block.plane for leg in self.legs if not isinstance(leg.source.block, Dwell)}
+        z = ("z",) if np.ptp(heights) > 0 or planes != {"xy"} else ()
+        turns = any(leg.rotary[0] != leg.rotary[1] for leg in self.legs)
+        return ("x", "y", *z, *((self.rotary_axis,) if turns else ()))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing: what the controller would say of a program is an alarm."""
+        return ()
+
+    @cached_property
+    def _stages(self) -> tuple[_Stage, ...]:
+        clamped = self.clamp
+        feeding = Feeding(
+            self.acceleration,
+            clamped,
+            self.feed_in_space,
+            self.blend_time if math.isfinite(self.acceleration) else 0.0,
+            self.dry_run,
+            self.dry_run_from,
+            self.dry_run_until,
+        )
+        stages: list[_Stage] = []
+        here: Vector = self.start
+        begun = 0.0
+        for moving, group in groupby(self.legs, key=lambda leg: leg.piece is not None):
+            legs = list(group)
+            made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here) for leg in legs]
+            stages += made
+            begun += sum(stage.duration for stage in made)
+            x, y, z, _ = stages[-1].place(np.array([stages[-1].duration]))[0].tolist()
+            here = (x, y, z)
+        return tuple(stages)
+
+    @property
+    def duration(self) -> float:
+        """Time of the motion [s]."""
+        return sum(stage.duration for stage in self._stages) + self.blend_time
+
+    def setpoints(self, period: float) -> Setpoints:
+        """Return the commanded positions of the axes at every servo period [s]."""
+        positive("period", period, "s")
+        begun = np.concatenate([[0.0], np.cumsum([stage.duration for stage in self._stages])])
+        n = ticks(float(begun[-1]), period)
+        time = np.arange(n + 1) * period
+        time[-1] = begun[-1]
+        place = np.empty((n + 1, 4))
+        dispense = np.zeros(n + 1, bool)
+        which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._stages) - 1)
+        for k, stage in enumerate(self._stages):
+            chosen = which == k
+            place[chosen] = stage.place(time[chosen] - begun[k])
+            dispense[chosen] = stage.dispense(time[chosen] - begun[k])
+        if self.blend_time > 0:
+            place, dispense = _averaged(place, dispense, max(round(self.blend_time / period), 1))
+        columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
+        position = place[:, [columns[name] for name in self.axes]]
+        return Setpoints(period, self.axes, position, dispense, self.requested)
+
+
+def _block(item: object, k: int) -> Block:
+    if not isinstance(item, Rapid | Line | Arc | Spiral | Dwell):
+        raise InputError(f"block {k} = {item!r}: must be a Rapid, Line, Arc, Spiral or Dwell")
+    return item
+
+
+def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Stage:
+    chain = Chain(leg.piece for leg in legs if leg.piece is not None)
+    law = Planner(legs, chain, feeding).law(begun)
+    rotary = np.array([leg.rotary for leg in legs])
+    glue = np.array([leg.dispense for leg in legs])
+
+    def place(t: Floats) -> Floats:
+        s = law.position(t)
+        k, share = chain.progress(s)
+        angle = rotary[k, 0] + share * (rotary[k, 1] - rotary[k, 0])
+        return np.column_stack([chain.position(s), angle])
+
+    def dispense(t: Floats) -> NDArray[np.bool_]:
+        laid: NDArray[np.bool_] = glue[chain.progress(law.position(t))[0]]
+        return laid
+
+    return _Stage(law.duration, place, dispense)
+
+
+def _in_place(leg: Leg, here: Vector) -> _Stage:
+    """A stop, or the rotary axis alone at its feed."""
+    first, last = leg.rotary
+    duration = leg.dwell if first == last else abs(last - first) / leg.feed
+
+    def place(t: Floats) -> Floats:
+        angle = first + (last - first) * (t / duration if duration > 0 else np.ones(t.shape))
+        return np.column_stack([np.tile(here, (t.size, 1)), angle])
+
+    return _Stage(duration, place, lambda t: np.full(t.shape, leg.dispense))
+
+
+def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """Moving average over `window` ticks, so many ticks longer; the dispenser goes with its middle."""
+    padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
+    origin = padded[0].copy()
+    summed = np.cumsum(padded - origin, axis=0)
+    mean = origin + (summed[window:] - summed[:-window]) / window
+    late = np.zeros(len(mean), bool)
+    late[window // 2 : window // 2 + len(dispense)] = dispense
+    return mean, late

@@ -1,0 +1,234 @@
+"""The path speed of a stretch of motions: feed, clamp by radius, stops or blending at corners, dry run."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.controllers.chain import Chain, Coil
+from gantrysim.controllers.fanuc.legs import Leg
+from gantrysim.controllers.limits import Limited, fastest, nodes
+from gantrysim.controllers.path import Floats
+from gantrysim.errors import InputError
+
+__all__ = ["Clamp", "Feeding", "Planner", "Spliced"]
+
+_STEP = 0.25  # of the way between places where the limits are looked at [mm]
+_TANGENT = 1e-4  # corner that is none [rad]
+_REACH = 1e-3  # of the differences that stand for a second derivative [mm]
+_BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
+_PER_MINUTE = 60.0
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Feed clamp by the radius of an arc: at most sqrt(r / radius) feed, but not below the floor (1731, 1730, 1732).
+
+    Args:
+        radius: Rp [mm].
+        feed: Vp [mm/min].
+        floor: [mm/min].
+    """
+
+    radius: float
+    feed: float
+    floor: float
+
+    def limit(self, r: ArrayLike) -> Floats:
+        """Return the largest feed at radii, (n,) [mm/min]."""
+        limit: Floats = np.maximum(self.feed * np.sqrt(np.asarray(r, float) / self.radius), self.floor)
+        return limit
+
+
+@dataclass(frozen=True)
+class Feeding:
+    """How the controller sets the path speed.
+
+    Args:
+        acceleration: of every axis [mm/s²].
+        clamp: of the feed by the radius, or None.
+        in_space: whether F counts the height of a helix or a cone.
+        blend_time: of the moving average that rounds corners, 0 to stop at them [s].
+        dry_run: feed that replaces F, or None [mm/min].
+        dry_from: time from which it does [s].
+        dry_until: time until which it does [s].
+    """
+
+    acceleration: float
+    clamp: Clamp | None
+    in_space: bool
+    blend_time: float
+    dry_run: float | None
+    dry_from: float
+    dry_until: float
+
+
+class Spliced:
+    """Laws that take over from one another.
+
+    Args:
+        laws: one or more, each of the way from the start of the path.
+        times: at which each begins [s].
+    """
+
+    def __init__(self, laws: list[Limited], times: list[float]) -> None:
+        self._laws, self._times = laws, np.array(times)
+
+    @property
+    def length(self) -> float:
+        """Way in all [mm]."""
+        return self._laws[-1].length
+
+    @property
+    def duration(self) -> float:
+        """Time in all [s]."""
+        return float(self._times[-1] + self._laws[-1].duration)
+
+    def _each(self, t: ArrayLike, name: str) -> Floats:
+        at = np.asarray(t, float)
+        k = np.clip(np.searchsorted(self._times, at, side="right") - 1, 0, len(self._laws) - 1)
+        values = np.empty(at.shape)
+        for index, law in enumerate(self._laws):
+            chosen = k == index
+            values[chosen] = getattr(law, name)(at[chosen] - self._times[index])
+        return values
+
+    def position(self, t: ArrayLike) -> Floats:
+        """Way at the times t, (n,) [mm]."""
+        return self._each(t, "position")
+
+    def velocity(self, t: ArrayLike) -> Floats:
+        """Speed at the times t, (n,) [mm/s]."""
+        return self._each(t, "velocity")
+
+
+class Planner:
+    """Plans the speed along a stretch of motions without a stop between them that is not of its own making.
+
+    Args:
+        legs: motions, each with a path.
+        chain: of their paths.
+        feeding: how the speed is set.
+    """
+
+    def __init__(self, legs: list[Leg], chain: Chain, feeding: Feeding) -> None:
+        self._legs, self._chain, self._feeding = legs, chain, feeding
+        self._nodes = nodes(chain.ends, _STEP)
+
+    def law(self, begun: float) -> Spliced:
+        """Return the law of a stretch that begins at a time of the program [s]."""
+        feeding = self._feeding
+        if feeding.dry_run is None:
+            return Spliced([self._plan(False)], [0.0])
+        dry = feeding.dry_from <= begun < feeding.dry_until
+        laws, times = [self._plan(dry)], [0.0]
+        for switch, after in ((feeding.dry_from - begun, True), (feeding.dry_until - begun, False)):
+            here = switch - times[-1]
+            if 0 < here < laws[-1].duration and math.isfinite(switch):
+                s, v = float(laws[-1].position(here)), float(laws[-1].velocity(here))
+                laws.append(self._plan(after, s, v))
+                times.append(switch)
+        return Spliced(laws, times)
+
+    def _plan(self, dry: bool, begin: float = 0.0, speed: float = 0.0) -> Limited:
+        """Plan from a place on, where the speed is given, with or without dry run."""
+        s, piece = self._nodes
+        if begin > 0:
+            ahead = s > begin + 1e-9
+            s, piece = np.concatenate([[begin], s[ahead]]), np.concatenate([piece[ahead][:1], piece[ahead]])
+        top = self._feed(s, piece, dry)
+        a = self._feeding.acceleration
+        if math.isinf(a):
+            return fastest(s, top, np.ones((s.size, 1)), np.zeros((s.size, 1)), [math.inf], [a])
+        top = self._at_corners(s, top)
+        rate, bend = self._derivatives(s, piece)
+        limits = np.full(3, a if self._feeding.blend_time == 0 else 0.5 * a)
+        free = np.full(3, math.inf)
+        if begin == 0:
+            return fastest(s, top, rate, bend, free, limits)
+        # down to a lower feed as fast as the axes allow, and so no faster where the path bends
+        for share in _BRAKING:
+            coming = np.sqrt(np.maximum(speed**2 - 2 * share * limits[0] * (s - begin), 0.0))
+            with suppress(InputError):
+                return fastest(s, np.maximum(top, coming), rate, bend, free, limits, begin=speed)
+        raise InputError(f"dry run switched at {begin:.6g} mm of the path: no deceleration within the limits")
+
+    def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
+        """Largest path speed at the nodes [mm/s]."""
+        legs, feeding = self._legs, self._feeding
+        at_feed = np.array([not leg.rapid for leg in legs])
+        asked = np.array([leg.feed for leg in legs])
+        if dry and feeding.dry_run is not None:
+            asked = np.where(at_feed, feeding.dry_run / _PER_MINUTE, asked)
+        feed: Floats = asked[piece]
+        round_piece = np.array([isinstance(leg.piece, Coil) for leg in legs])[piece]
+        if feeding.clamp is not None and round_piece.any():
+            limit = feeding.clamp.limit(self._radius(s[round_piece], piece[round_piece])) / _PER_MINUTE
+            feed[round_piece] = np.minimum(feed[round_piece], limit)
+        if not feeding.in_space and round_piece.any():
+            inner = self._within(s, piece)[round_piece]
+            feed[round_piece] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
+        return feed
+
+    def _within(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
+        """The nodes, moved off the ends of their pieces."""
+        ends = np.concatenate([[0.0], self._chain.ends])
+        nudge = 1e-9 * self._chain.length
+        inner: Floats = np.clip(s, ends[piece] + nudge, ends[piece + 1] - nudge)
+        return inner
+
+    def _radius(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
+        centre = np.array([getattr(leg.piece, "centre", (0.0, 0.0, 0.0)) for leg in self._legs])[piece]
+        arm = self._chain.position(s) - centre
+        plane = self._chain.frame(self._within(s, piece))[:, :2]
+        radius: Floats = np.linalg.norm(np.einsum("ijk,ik->ij", plane, arm), axis=1)
+        return radius
+
+    def _corners(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Ways at which motions meet, how much the tangent jumps there, and whether it is a stop."""
+        ends = self._chain.ends[:-1]
+        nudge = 1e-9 * self._chain.length
+        jump = np.linalg.norm(self._chain.tangent(ends + nudge) - self._chain.tangent(ends - nudge), axis=1)
+        legs = self._legs
+        asked = np.array([legs[k].exact_stop for k in range(len(legs) - 1)], bool)
+        if self._feeding.blend_time > 0:
+            return ends, jump, asked
+        other = np.array(
+            [legs[k].spiral or legs[k + 1].spiral or legs[k].rapid != legs[k + 1].rapid for k in range(len(legs) - 1)],
+            bool,
+        )
+        return ends, jump, asked | other | (jump > _TANGENT)
+
+    def _at_corners(self, s: Floats, top: Floats) -> Floats:
+        if len(self._legs) < 2:
+            return top
+        ends, jump, stops = self._corners()
+        limit = np.where(stops, 0.0, math.inf)
+        tau = self._feeding.blend_time
+        if tau > 0:
+            reach = float(top.max()) * tau
+            summed = np.concatenate([[0.0], np.cumsum(jump)])
+            last, first = np.searchsorted(ends, ends + reach, side="right"), np.searchsorted(ends, ends - reach)
+            near = summed[last] - summed[first]  # all jumps that fall into one window
+            half = 0.5 * self._feeding.acceleration * tau
+            share = np.divide(half, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
+            limit = np.minimum(limit, share)
+        capped = top.copy()
+        k = np.searchsorted(s, ends)  # the first of the two nodes there
+        for node in (k, k + 1):
+            inside = (node < s.size) & (np.abs(s[np.minimum(node, s.size - 1)] - ends) < 1e-9)
+            capped[node[inside]] = np.minimum(capped[node[inside]], limit[inside])
+        return capped
+
+    def _derivatives(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """First and second derivatives of x, y and z over the way, from within each piece, (m, 3)."""
+        ends = np.concatenate([[0.0], self._chain.ends])
+        low = np.maximum(s - _REACH, ends[piece] + 1e-9)
+        high = np.minimum(s + _REACH, ends[piece + 1] - 1e-9)
+        reach = np.maximum(high - low, 1e-12)[:, None]
+        bend: Floats = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
+        return self._chain.tangent(self._within(s, piece)), bend
