@@ -83,6 +83,16 @@ def test_circle_by_points():
     assert end_of(program)[:2] == pytest.approx((-100, 0))
 
 
+@pytest.mark.parametrize(("via", "degrees"), [((0, 100), 180), ((0, -100), -180)])
+def test_a_circle_by_points_in_the_xy_plane_turns_as_seen_from_above(via, degrees):
+    path = Program([Circle(via=via, target=(-100, 0))], start=(100, 0)).requested
+    turned = path.heading(path.length)[0] - path.heading(0)[0]
+    assert math.degrees(turned) == pytest.approx(degrees)
+    tilted = Program([Circle(via=(*via, 10), target=(-100, 0, 20))], start=(100, 0, 0)).requested
+    assert np.sign(tilted.pieces[0].angle) == np.sign(degrees)
+    assert np.cross(*tilted.pieces[0].frame)[2] > 0
+
+
 def test_quarter_circle_about_20_10():
     program = Program("Circle Angle=90 CircleCenter={20,10}")
     assert program.requested.pieces[0].radius[0] == pytest.approx(22.3607, abs=5e-5)

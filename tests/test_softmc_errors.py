@@ -116,6 +116,12 @@ def test_a_line_that_cannot_be_run_is_told_with_its_number_and_text(line, said):
     assert str(caught.value) == f'line 3 "{line}": {said}'
 
 
+def test_a_line_without_a_group_does_not_make_it_another():
+    assert len(Program("Move G1 {1, 1}\nMove {2, 2}\nmove g1 {3, 3}\nMOVE {4, 4}").legs) == 4
+    with pytest.raises(SoftMCError, match=r'^line 3 "Move G2 \{3, 3\}": group G2: must be G1, as in the lines before'):
+        Program("Move G1 {1, 1}\nMove {2, 2}\nMove G2 {3, 3}")
+
+
 @pytest.mark.parametrize(
     ("commands", "start", "said"),
     [

@@ -66,6 +66,7 @@ def trapezoidal(rise, peak):
         ({"profile": "trapezoidal acceleration", "jerk": 1e4}, trapezoidal(0.5, math.sqrt(2e6)), math.sqrt(0.08)),
         ({"profile": "smooth", "smooth": 0}, lambda x: 2000 + 0 * x, 0.1),
         ({"profile": "smooth", "smooth": 25}, trapezoidal(1 / 3, 2000), 0.15),
+        ({"profile": "smooth", "smooth": 48}, trapezoidal(1 - 1 / 1.96, 2000), 0.196),
         ({"profile": "smooth", "smooth": 50}, trapezoidal(0.5, 2000), 0.2),
         ({"profile": "smooth", "smooth": 75}, trapezoidal(0.5, 1600), 0.25),
         ({"profile": "smooth", "smooth": 100}, trapezoidal(0.5, 4000 / 3), 0.3),

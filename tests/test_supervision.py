@@ -170,12 +170,13 @@ def test_the_velocity_limit_disables_the_drive(rigid):
 
 
 @pytest.mark.parametrize("law", [None, "plain"])
-@pytest.mark.parametrize(("error", "time"), [(0.5, 0.0), (0.02, 0.0), (0.02, 0.0415), (0.5, 0.1)])
+@pytest.mark.parametrize(("error", "time"), [(0.5, 0.0), (0.02, 0.0), (0.02, 0.0415), (5.0, 0.1)])
 def test_the_next_command_starts_when_the_axes_have_settled(rigid, error, time, law):
     machine = rigid()
     servo = lazy(machine)
     law = None if law is None else in_python(servo)
-    program = Program(TEXT, dataclasses.replace(GROUP, settle_error=error, settle_time=time))
+    # each wait is shorter than the timeout, all of them together may be longer
+    program = Program(TEXT, dataclasses.replace(GROUP, settle_error=error, settle_time=time, settle_timeout=0.16))
     setpoints = program.setpoints(PERIOD)
     run = simulate(machine, servo, setpoints.hold(0.05), flow=2.0, law=law)
     assert run.fault is None
@@ -188,7 +189,9 @@ def test_the_next_command_starts_when_the_axes_have_settled(rigid, error, time, 
         sent = np.concatenate([sent, np.full(last - row + 1, gate)])
         first = gate + 1
     held = setpoints.hold(0.05)
-    assert sent.size == len(run.time) > len(held.position) + (0 if error > 0.02 else 3 * 50)
+    assert sent.size == len(run.time)
+    waited = sent.size - len(held.position)
+    assert waited == 3 * 100 if error == 5.0 else waited > (150 if error == 0.02 else 0)
     np.testing.assert_array_equal(run.commanded, held.position[sent])
     np.testing.assert_array_equal(run.dispense, held.dispense[sent])
     np.testing.assert_array_equal(run.flow, 2.0 * held.dispense[sent])
@@ -211,6 +214,15 @@ def test_glue_is_on_or_off_while_a_command_settles_as_before():
     assert setpoints.dispense[second + 1 :].all()
     assert last == len(setpoints.position) - 1
     np.testing.assert_array_equal(setpoints.position[setpoints.gates], [[30, 10], [0, 40], [0, 0]])
+
+
+def test_a_command_that_moves_nothing_is_no_gate_at_the_start():
+    program = Program("Move {0, 0}\nMove {5, 0} Dispense=0", dataclasses.replace(GROUP, settle_error=0.1))
+    setpoints = program.setpoints(PERIOD)
+    assert setpoints.gates.tolist() == [len(setpoints.position) - 1]
+    assert not setpoints.dispense.any()
+    on = Program("Move {0, 0} Dispense=0\nMove {5, 0}\nMove {6, 0} Dispense=0", program.group).setpoints(PERIOD)
+    assert on.dispense[0]
 
 
 @pytest.mark.parametrize("law", [None, "plain"])
