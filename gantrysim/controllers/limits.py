@@ -90,19 +90,19 @@ class Limited:
         return float(self._t[k] + (2 * rest / (low + at) if rest > 0 else 0.0))
 
 
-def nodes(ends: ArrayLike, step: float) -> tuple[Floats, NDArray[np.intp]]:
+def nodes(ends: ArrayLike, step: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
     """Return nodes along a path of pieces, with both ends of every piece, and the piece of each node.
 
     Args:
         ends: arc length at the end of every piece, (p,) [mm].
-        step: longest distance of two nodes [mm].
+        step: longest distance of two nodes, one for all or (p,) [mm].
 
     Returns:
         s: (m,), twice the same where two pieces meet [mm].
         piece: (m,).
     """
     edges = np.concatenate([[0.0], np.atleast_1d(np.asarray(ends, float))])
-    count = np.maximum(np.ceil(np.diff(edges) / step), _FEWEST).astype(np.intp) + 1
+    count = np.maximum(np.ceil(np.diff(edges) / np.asarray(step, float)), _FEWEST).astype(np.intp) + 1
     piece = np.repeat(np.arange(count.size), count)
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
     share = (np.arange(piece.size) - first[piece]) / (count[piece] - 1)

@@ -32,13 +32,11 @@ class _Stage:
 
     Attributes:
         duration: [s].
-        place: of x, y, z and the rotary axis at times since it began, (n,) to (n, 4).
-        dispense: whether glue is laid at these times, (n,) to (n,).
+        at: x, y, z and the rotary axis, (n, 4), and whether glue is laid, (n,), at times since it began, (n,).
     """
 
     duration: float
-    place: Callable[[Floats], Floats]
-    dispense: Callable[[Floats], NDArray[np.bool_]]
+    at: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,7 @@ class Program:
             made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here) for leg in legs]
             stages += made
             begun += sum(stage.duration for stage in made)
-            x, y, z, _ = stages[-1].place(np.array([stages[-1].duration]))[0].tolist()
+            x, y, z, _ = stages[-1].at(np.array([stages[-1].duration]))[0][0].tolist()
             here = (x, y, z)
         return tuple(stages)
 
@@ -195,8 +193,7 @@ class Program:
         which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._stages) - 1)
         for k, stage in enumerate(self._stages):
             chosen = which == k
-            place[chosen] = stage.place(time[chosen] - begun[k])
-            dispense[chosen] = stage.dispense(time[chosen] - begun[k])
+            place[chosen], dispense[chosen] = stage.at(time[chosen] - begun[k])
         if self.blend_time > 0:
             place, dispense = _averaged(place, dispense, max(round(self.blend_time / period), 1))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
@@ -216,17 +213,15 @@ def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Stage:
     rotary = np.array([leg.rotary for leg in legs])
     glue = np.array([leg.dispense for leg in legs])
 
-    def place(t: Floats) -> Floats:
+    def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         s = law.position(t)
-        k, share = chain.progress(s)
-        angle = rotary[k, 0] + share * (rotary[k, 1] - rotary[k, 0])
-        return np.column_stack([chain.position(s), angle])
+        k = np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
+        angle = rotary[k, 0]
+        if np.ptp(rotary):
+            angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
+        return np.column_stack([chain.position(s), angle]), glue[k]
 
-    def dispense(t: Floats) -> NDArray[np.bool_]:
-        laid: NDArray[np.bool_] = glue[chain.progress(law.position(t))[0]]
-        return laid
-
-    return _Stage(law.duration, place, dispense)
+    return _Stage(law.duration, at)
 
 
 def _in_place(leg: Leg, here: Vector) -> _Stage:
@@ -234,11 +229,11 @@ def _in_place(leg: Leg, here: Vector) -> _Stage:
     first, last = leg.rotary
     duration = leg.dwell if first == last else abs(last - first) / leg.feed
 
-    def place(t: Floats) -> Floats:
+    def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         angle = first + (last - first) * (t / duration if duration > 0 else np.ones(t.shape))
-        return np.column_stack([np.tile(here, (t.size, 1)), angle])
+        return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
 
-    return _Stage(duration, place, lambda t: np.full(t.shape, leg.dispense))
+    return _Stage(duration, at)
 
 
 def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:

@@ -17,7 +17,8 @@ from gantrysim.errors import InputError
 
 __all__ = ["Clamp", "Feeding", "Planner", "Spliced"]
 
-_STEP = 0.25  # of the way between places where the limits are looked at [mm]
+_STEP = (0.02, 2.0)  # of the way between places where the limits are looked at [mm]
+_TURN = 0.03  # at most, from one to the next [rad]
 _TANGENT = 1e-4  # corner that is none [rad]
 _REACH = 1e-3  # of the differences that stand for a second derivative [mm]
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
@@ -117,7 +118,7 @@ class Planner:
 
     def __init__(self, legs: list[Leg], chain: Chain, feeding: Feeding) -> None:
         self._legs, self._chain, self._feeding = legs, chain, feeding
-        self._nodes = nodes(chain.ends, _STEP)
+        self._nodes = nodes(chain.ends, [_step(leg) for leg in legs])
 
     def law(self, begun: float) -> Spliced:
         """Return the law of a stretch that begins at a time of the program [s]."""
@@ -232,3 +233,9 @@ class Planner:
         reach = np.maximum(high - low, 1e-12)[:, None]
         bend: Floats = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
         return self._chain.tangent(self._within(s, piece)), bend
+
+
+def _step(leg: Leg) -> float:
+    """Distance of the nodes on a motion [mm]."""
+    smallest = min(leg.piece.radius) if isinstance(leg.piece, Coil) else math.inf
+    return float(np.clip(_TURN * smallest, *_STEP))
