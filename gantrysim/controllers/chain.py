@@ -115,6 +115,7 @@ class Chain(Path):
             raise InputError("chain: has no piece of any length")
         self._s = np.concatenate([[0.0], np.cumsum(lengths[lengths > _SHORTEST])])
         self._rows = np.array([_row(piece) for piece in self.pieces], _ROW)
+        self._last: tuple[NDArray[np.intp], Floats, tuple[Rows, Floats, Floats]] | None = None
         self._join_headings()
 
     def _join_headings(self) -> None:
@@ -164,19 +165,21 @@ class Chain(Path):
         k = np.clip(np.searchsorted(self._s, at, side="right") - 1, 0, len(self.pieces) - 1)
         return k, at - self._s[k]
 
-    def _swept(self, row: Rows, rest: Floats) -> tuple[Floats, Floats]:
-        """Angle swept of coils, and the radius there."""
-        speed = np.hypot(row["growth"], row["rise"])
-        swept = swept_angle(row["radius"], row["growth"], speed, rest, row["angle"])
-        return swept, row["radius"] + row["growth"] * swept
+    def _swept(self, k: NDArray[np.intp], rest: Floats) -> tuple[Rows, Floats, Floats]:
+        """Rows of coils, angles swept and radii there; position, heading and climb ask for the same ones in turn."""
+        if self._last is None or not (np.array_equal(self._last[0], k) and np.array_equal(self._last[1], rest)):
+            row = self._rows[k]
+            speed = np.hypot(row["growth"], row["rise"])
+            swept = swept_angle(row["radius"], row["growth"], speed, rest, row["angle"])
+            self._last = k, rest, (row, swept, row["radius"] + row["growth"] * swept)
+        return self._last[2]
 
     def position(self, s: ArrayLike) -> Floats:
         k, rest = self._locate(s)
         points: Floats = self._rows["origin"][k] + rest[:, None] * self._rows["way"][k]
         coil = self._rows["coil"][k]
         if coil.any():
-            row = self._rows[k[coil]]
-            swept, rho = self._swept(row, rest[coil])
+            row, swept, rho = self._swept(k[coil], rest[coil])
             psi = row["begin"] + row["turn"] * swept
             local = np.stack([rho * np.cos(psi), rho * np.sin(psi), row["rise"] * swept], axis=1)
             points[coil] += np.einsum("ij,ijk->ik", local, row["frame"])
@@ -188,8 +191,8 @@ class Chain(Path):
         share: Floats = rest / np.diff(self._s)[k]
         coil = self._rows["coil"][k]
         if coil.any():
-            row = self._rows[k[coil]]
-            share[coil] = self._swept(row, rest[coil])[0] / row["angle"]
+            row, swept, _ = self._swept(k[coil], rest[coil])
+            share[coil] = swept / row["angle"]
         return k, share
 
     def heading(self, s: ArrayLike) -> Floats:
@@ -199,8 +202,7 @@ class Chain(Path):
         theta: Floats = self._rows["heading"][k]
         coil = self._rows["coil"][k]
         if coil.any():
-            row = self._rows[k[coil]]
-            swept, rho = self._swept(row, rest[coil])
+            row, swept, rho = self._swept(k[coil], rest[coil])
             theta[coil] += row["begin"] + row["turn"] * (swept + np.arctan2(np.maximum(rho, 0.0), row["growth"]))
         return theta
 
@@ -209,8 +211,8 @@ class Chain(Path):
         kappa = np.zeros(k.size)
         coil = self._rows["coil"][k]
         if coil.any():
-            row = self._rows[k[coil]]
-            flat = self._swept(row, rest[coil])[1] ** 2 + row["growth"] ** 2
+            row, _, rho = self._swept(k[coil], rest[coil])
+            flat = rho**2 + row["growth"] ** 2
             turning = row["turn"] * (flat + row["growth"] ** 2)
             kappa[coil] = turning / np.maximum(flat * np.sqrt(flat + row["rise"] ** 2), _SHORTEST**3)
         return kappa
@@ -220,8 +222,7 @@ class Chain(Path):
         sine: Floats = np.einsum("ij,ij->i", self._rows["frame"][k, 2], self._rows["way"][k])
         coil = self._rows["coil"][k]
         if coil.any():
-            row = self._rows[k[coil]]
-            rho = self._swept(row, rest[coil])[1]
+            row, _, rho = self._swept(k[coil], rest[coil])
             sine[coil] = row["rise"] / np.maximum(np.hypot(np.hypot(rho, row["growth"]), row["rise"]), _SHORTEST)
         return sine
 

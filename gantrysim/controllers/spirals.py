@@ -18,7 +18,7 @@ from gantrysim.errors import InputError, finite, point, positive
 __all__ = ["Involute", "arc_length", "swept_angle"]
 
 _NEWTON_STEPS = 60
-_NEWTON_TOLERANCE = 1e-14  # relative
+_LAST_STEP = 1e-10  # relative; the error that is left is of the order of its square
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _EVEN = 0.3  # change of the radius, in parts of sqrt(rho^2 + c^2), below which the quadrature is exact to rounding
 
@@ -71,7 +71,7 @@ def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: Ar
         rate = np.hypot(r0 + g * at, c0)
         moved = np.clip(at - np.divide(excess, rate, out=np.zeros_like(excess), where=rate > 0), 0.0, end[active])
         angle[active] = moved
-        active = active[np.abs(moved - at) > _NEWTON_TOLERANCE * (1 + moved)]
+        active = active[np.abs(moved - at) > _LAST_STEP * (1 + moved)]
     return angle
 
 
