@@ -9,7 +9,7 @@ from typing import Any, Protocol, get_args, get_type_hints
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
-from gantrysim.controllers import softmc, stage, trio
+from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.path import Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import unknown
@@ -42,6 +42,7 @@ class Controller(Protocol):
 
 PROGRAMS: dict[str, type[Any]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
+    "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
     "stage.OutlineTrace": stage.OutlineTrace,
 }
