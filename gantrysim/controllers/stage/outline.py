@@ -14,6 +14,7 @@ from gantrysim.errors import InputError, point
 __all__ = ["outline", "polygon"]
 
 _ROUNDING = 1e-9  # [mm]
+_STRAIGHT = 1e-6  # [rad]
 
 
 def polygon(corners: Sequence[Sequence[float]]) -> Floats:
@@ -30,7 +31,7 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
     if short.size:
         raise InputError(f"outline: corners {short[0] + 1} and {(short[0] + 1) % z.size + 1} are one point")
     if abs(_area(z)) < _ROUNDING:
-        raise InputError("outline: encloses no area; its corners must not lie on one line")
+        raise InputError("outline: encloses no area; its corners must not lie on one line, nor its edges cross")
     return z
 
 
@@ -53,17 +54,22 @@ def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
         outward: side on which the outside lies, 1 for left and -1 for right.
 
     Raises:
-        InputError: an edge that is too short for the arcs at its ends.
+        InputError: edges that double back or cross, or one that is too short for the arcs at its ends.
     """
     edges = np.roll(z, -1) - z
     turn = np.angle(np.roll(edges, -1) / edges)  # at the end of each edge
+    back = np.flatnonzero(np.abs(turn) > math.pi - _STRAIGHT)
+    if back.size:
+        raise InputError(f"outline: doubles back at corner {(back[0] + 1) % z.size + 1}")
+    if abs(abs(turn.sum()) - 2 * math.pi) > _STRAIGHT:
+        raise InputError(f"outline: turns by {math.degrees(turn.sum()):.0f} deg in all: must not cross itself")
     cut = radius * np.tan(0.5 * np.abs(turn))
     straight = np.abs(edges) - cut - np.roll(cut, 1)
-    k = int(straight.argmin())
-    if straight[k] < -_ROUNDING:
-        most = radius * abs(edges[k]) / (abs(edges[k]) - straight[k])
+    if straight.min() < -_ROUNDING:
+        room = radius * np.abs(edges) / (cut + np.roll(cut, 1))
+        k = int(room.argmin())
         raise InputError(
-            f"corner_radius = {radius:g} mm: must be at most {most:.6g} mm, "
+            f"corner_radius = {radius:g} mm: must be at most {room[k]:.6g} mm, "
             f"for which edge {k + 1} of {abs(edges[k]):g} mm has room"
         )
     lengths = np.stack([np.maximum(straight, 0.0), radius * np.abs(turn)], axis=1).ravel()

@@ -6,6 +6,7 @@ import cmath
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +32,7 @@ _AXES = ("th", "x", "y")
 _UNITS = ("deg", "mm", "mm")
 _STEP = 0.05  # of the way between places where the limits are looked at [mm]
 _NUDGE = 1e-9  # [mm], into a piece from its ends
+_ZOOMS = 4  # each by 50
 _JUMP = 1e-5  # of an axis' rate, that is none
 
 
@@ -228,13 +230,14 @@ class OutlineTrace:
                 f"{100 * (1 - ideal / self.duration):.0f} % of the mean speed lost, {place}"
             )
         if self.blend > 0:
-            s = np.linspace(0.0, self.requested.length, 20001)
+            s = np.concatenate([self.turning.s, np.linspace(0.0, self.requested.length, 20001)])
             off = self.turning.value(s) - Turning(self.turning.s, self.turning.angle).value(s)
             said.append(f"blend: the normal at the needle is off by up to {np.degrees(np.abs(off).max()):.2f} deg")
         if self.corner_pieces:
-            reach = abs(self._table.needle - self._table.centre - self.corner_radius * _unit(self.normal))
-            step = np.abs(np.diff(self.turning.angle)).max() / self.corner_pieces
-            sag = reach * (1 - math.cos(0.5 * step))
+            step = np.diff(self.turning.angle)
+            inward = self.corner_radius * self._outline[1] * np.sign(step) * _unit(self.normal)
+            reach = np.abs(self._table.needle - self._table.centre - inward)
+            sag = (reach * (1 - np.cos(0.5 * step / self.corner_pieces))).max()
             said.append(f"corners: {self.corner_pieces} linear pieces each are off the arc by up to {sag:.4g} mm")
         return tuple(said)
 
@@ -243,18 +246,28 @@ class OutlineTrace:
         return Setpoints.along(self.requested, self.law, period, axes=_AXES, coordinates=self.coordinates)
 
     def _check_travel(self) -> None:
-        s, piece = nodes(self.turning.s[1:], 1.0)
-        at = self.coordinates(s)
-        for column, (low, high) in ((1, self.travel_x), (2, self.travel_y)):
-            for k in (int(at[:, column].argmin()), int(at[:, column].argmax())):
-                if not low <= at[k, column] <= high:
-                    x, y = self.needle
-                    raise InputError(
-                        f"outline piece {piece[k] + 1} of {piece[-1] + 1}, at {s[k]:.4g} mm: needle ({x:g}, {y:g}) mm "
-                        f"needs stage {_AXES[column]} = {at[k, column]:.6g} mm at th = {at[k, 0]:.4g} deg: "
-                        f"must lie in {low:g} to {high:g} mm; "
-                        "move the needle, the work centre or the centre of rotation"
-                    )
+        edges = self.turning.s
+        for piece, (begin, end) in enumerate(pairwise(edges)):
+            for column, (low, high) in ((1, self.travel_x), (2, self.travel_y)):
+                for side, limit in ((-1, low), (1, high)):
+                    s = begin if math.isinf(limit) else self._furthest(column, side, begin, end)
+                    th, *stage = self.coordinates(s)[0]
+                    if side * (stage[column - 1] - limit) > _NUDGE:
+                        x, y = self.needle
+                        raise InputError(
+                            f"outline piece {piece + 1} of {edges.size - 1}, at {s:.4g} mm: "
+                            f"needle ({x:g}, {y:g}) mm needs stage {_AXES[column]} = {stage[column - 1]:.6g} mm "
+                            f"at th = {th:.4g} deg: must lie in {low:g} to {high:g} mm; "
+                            "move the needle, the work centre or the centre of rotation"
+                        )
+
+    def _furthest(self, column: int, side: int, begin: float, end: float) -> float:
+        """Place within a piece of the outline where an axis stands furthest to one side [mm]."""
+        for _ in range(_ZOOMS):
+            s = np.linspace(begin, end, 101)
+            k = int((side * self.coordinates(s)[:, column]).argmax())
+            begin, end = s[max(k - 1, 0)], s[min(k + 1, 100)]
+        return float(s[k])
 
 
 def _complex(vectors: Floats) -> Complex:
