@@ -71,7 +71,7 @@ def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: Ar
         rate = np.hypot(r0 + g * at, c0)
         moved = np.clip(at - np.divide(excess, rate, out=np.zeros_like(excess), where=rate > 0), 0.0, end[active])
         angle[active] = moved
-        active = active[np.abs(moved - at) > _LAST_STEP * (1 + moved)]
+        active = active[np.abs(moved - at) > _LAST_STEP * moved]
     return angle
 
 

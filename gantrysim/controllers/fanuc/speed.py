@@ -18,7 +18,7 @@ from gantrysim.errors import InputError
 __all__ = ["Clamp", "Feeding", "Planner", "Spliced"]
 
 _STEP = (0.02, 2.0)  # of the way between places where the limits are looked at [mm]
-_TURN = 0.03  # at most, from one to the next [rad]
+_TURN = 0.05  # at most, from one to the next [rad]
 _TANGENT = 1e-4  # corner that is none [rad]
 _REACH = 1e-3  # of the differences that stand for a second derivative [mm]
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
@@ -166,13 +166,13 @@ class Planner:
         if dry and feeding.dry_run is not None:
             asked = np.where(at_feed, feeding.dry_run / _PER_MINUTE, asked)
         feed: Floats = asked[piece]
-        round_piece = np.array([isinstance(leg.piece, Coil) for leg in legs])[piece]
-        if feeding.clamp is not None and round_piece.any():
-            limit = feeding.clamp.limit(self._radius(s[round_piece], piece[round_piece])) / _PER_MINUTE
-            feed[round_piece] = np.minimum(feed[round_piece], limit)
-        if not feeding.in_space and round_piece.any():
-            inner = self._within(s, piece)[round_piece]
-            feed[round_piece] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
+        coil = np.array([isinstance(leg.piece, Coil) for leg in legs])[piece]
+        inner = self._within(s, piece)[coil]
+        if feeding.clamp is not None and coil.any():
+            limit = feeding.clamp.limit(self._radius(inner, piece[coil])) / _PER_MINUTE
+            feed[coil] = np.minimum(feed[coil], limit)
+        if not feeding.in_space and coil.any():
+            feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
         return feed
 
     def _within(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
@@ -185,7 +185,7 @@ class Planner:
     def _radius(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
         centre = np.array([getattr(leg.piece, "centre", (0.0, 0.0, 0.0)) for leg in self._legs])[piece]
         arm = self._chain.position(s) - centre
-        plane = self._chain.frame(self._within(s, piece))[:, :2]
+        plane = self._chain.frame(s)[:, :2]
         radius: Floats = np.linalg.norm(np.einsum("ijk,ik->ij", plane, arm), axis=1)
         return radius
 
@@ -227,12 +227,13 @@ class Planner:
 
     def _derivatives(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """First and second derivatives of x, y and z over the way, from within each piece, (m, 3)."""
+        tangent = self._chain.tangent(self._within(s, piece))
         ends = np.concatenate([[0.0], self._chain.ends])
         low = np.maximum(s - _REACH, ends[piece] + 1e-9)
         high = np.minimum(s + _REACH, ends[piece + 1] - 1e-9)
         reach = np.maximum(high - low, 1e-12)[:, None]
         bend: Floats = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
-        return self._chain.tangent(self._within(s, piece)), bend
+        return tangent, bend
 
 
 def _step(leg: Leg) -> float:
