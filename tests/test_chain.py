@@ -224,7 +224,8 @@ def test_heading_jumps_at_a_corner_by_the_corners_angle_and_is_not_wrapped(corne
     assert np.diff(found) == pytest.approx(np.array(corners), abs=ANGLE)
     assert math.remainder(found[0] - first, 2 * math.pi) == pytest.approx(0, abs=ANGLE)
     assert path.curvature(path.ends - 2.5).tolist() == [0.0] * len(flat[1:])
-    # a line takes its heading to its joint
+    # a line takes its heading to its joint, which belongs to the next
+    assert path.heading(path.ends[:-1]) == pytest.approx(found[1:], abs=ANGLE)
     assert path.heading(path.ends[:-1] - JOINT) == pytest.approx(found[:-1], abs=ANGLE)
 
 

@@ -15,12 +15,14 @@ from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.errors import InputError
 
 IN_HAND = 1e-3  # of an acceleration limit, kept for what lies between the nodes
-# Between nodes 0.05 mm apart, along waves of 15 mm and more, relative:
-VELOCITY = 5e-3  # by which an axis' velocity may pass its limit
-ACCELERATION = 1e-3  # by which an axis' acceleration may pass its limit
+# Between nodes 0.02 mm apart, along waves of 15 mm and more, relative:
+VELOCITY = 3e-3  # by which an axis' velocity may pass its limit
+ACCELERATION = 2e-3  # by which an axis' acceleration may pass its limit
 FEASIBLE = 1e-7  # by which a law may pass a limit at the nodes themselves, relative
-OPTIMUM = 3e-3  # by which the sum of the squared speeds may fall short of a linear programme's, relative
-RELAXED = 0.05  # by which a law may take longer than without the bound at constant speed, relative
+OPTIMUM = 1e-2  # by which the sum of the squared speeds may fall short of a linear programme's, relative
+# What a law takes longer than without the bound at constant speed, relative
+MEDIAN_COST = 3e-3
+USUAL_COST = 0.01  # of nine out of ten
 TIME = 1e-4  # of a duration whose switching point lies between two nodes, relative
 WAY = 1e-9  # [mm]
 H = 1e-5  # step of finite differences, of the duration
@@ -218,7 +220,7 @@ def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, 
     velocity, acceleration = random.uniform(20, 300, axes), 10 ** random.uniform(2, 3.7, axes)
     if axes > 1 and seed % 3 == 0:
         velocity[0] = acceleration[-1] = math.inf
-    s = nodes([length], 0.05)[0]
+    s = nodes([length], 0.02)[0]
     law = fastest(s, speed, path.rate(s), path.bend(s), velocity, acceleration)
     used_velocity, used_acceleration = moved(law, path.position, velocity, acceleration)
     assert used_velocity <= 1 + VELOCITY
@@ -240,7 +242,7 @@ def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, 
 @given(path=waves(), length=st.floats(30, 150), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
 @settings(max_examples=30, deadline=None)
 def test_no_law_on_the_same_nodes_is_faster(path, length, speed, seed):
-    """Against a linear programme under the same rules, and under those without the bound at constant speed."""
+    """Against a linear programme under the same rules."""
     random = np.random.default_rng(seed)
     axes = path.amplitude.shape[0]
     velocity, acceleration = random.uniform(20, 300, axes), 10 ** random.uniform(2, 3.7, axes)
@@ -260,8 +262,25 @@ def test_no_law_on_the_same_nodes_is_faster(path, length, speed, seed):
         assert np.all(np.abs(rate[node] * u + bend[node] * x[node, None]) <= limit * (1 + FEASIBLE))
     best = programme(s, steady, rate, bend, limit)
     assert best.sum() * (1 - OPTIMUM) <= x.sum() <= best.sum() * (1 + FEASIBLE)
-    freest = Limited(s, np.sqrt(programme(s, feed, rate, bend, acceleration)))
-    assert freest.duration * (1 - 1e-6) <= law.duration <= freest.duration * (1 + RELAXED)
+
+
+def test_what_the_bound_at_constant_speed_costs():
+    """Along 40 paths: nothing to speak of as a rule; a sharp bend may be passed faster by a law that brakes in it."""
+    cost = []
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        shape = random.integers(1, 4), 3
+        path = Waves(random.uniform(-8, 8, shape), random.uniform(15, 80, shape), random.uniform(-3, 3, shape))
+        acceleration = 10 ** random.uniform(2, 3.7, shape[0])
+        speed, s = random.uniform(20, 300), np.linspace(0, 60, 301)
+        law = fastest(s, speed, path.rate(s), path.bend(s), [math.inf] * shape[0], acceleration)
+        feed = np.full(s.size, speed**2)
+        feed[[0, -1]] = 0.0
+        freest = Limited(s, np.sqrt(programme(s, feed, path.rate(s), path.bend(s), acceleration)))
+        cost.append(law.duration / freest.duration - 1)
+    assert min(cost) >= -1e-6
+    assert np.median(cost) < MEDIAN_COST
+    assert np.quantile(cost, 0.9) < USUAL_COST
 
 
 @given(path=waves(), length=st.floats(5, 100), speed=st.floats(20, 300), seed=st.integers(0, 2**31))

@@ -56,6 +56,12 @@ def test_a_whole_number_of_steps_has_no_short_step():
     assert np.linalg.norm(np.diff(setpoints.position, axis=0), axis=1) == pytest.approx(np.ones(10), abs=POSITION)
 
 
+def test_the_last_setpoint_is_the_end_though_the_last_period_is_forgiven_its_rounding():
+    setpoints = Setpoints.along(LINE, 10, 0.1 * (1 - 1e-11))  # ten periods fall 1e-10 mm short
+    assert len(setpoints.position) == 11
+    assert setpoints.position[-1] @ [0.8, 0.6] == pytest.approx(10, abs=1e-14)
+
+
 @given(st.floats(10, 500), st.floats(2.5e-4, 8e-3), st.floats(5, 40))
 @settings(max_examples=50, deadline=None)
 def test_setpoints_along_a_circle_are_chords_of_equal_length_but_for_the_last(speed, period, radius):
