@@ -310,6 +310,15 @@ def test_decel_other_than_accel_is_what_brakes():
     assert np.array_equal(same.passes.way, default.passes.way)
 
 
+@pytest.mark.parametrize("deceleration", np.geomspace(100, 3000, 60))
+def test_a_speed_that_could_not_be_braked_any_more_is_not_taken_up(deceleration):
+    """Without ACCEL a command jumps the speed, but for the last one to no more than DECEL can stop."""
+    law = note(loop_period=1.0, deceleration=deceleration).passes.law
+    t = np.linspace(0, law.duration, 4001)
+    assert np.all(law.velocity(t) ** 2 <= 2 * deceleration * (law.length - law.position(t)) * (1 + 1e-9) + 1e-3)
+    assert law.velocity(law.duration - 1e-3) == pytest.approx(1e-3 * deceleration, rel=1e-6)
+
+
 def test_braking_curls_the_tail_in():
     """x goes on falling with time while the circles end more slowly: the longer the braking the further in."""
     ends = [end_of(note(deceleration=deceleration)) for deceleration in (math.inf, 3000.0, 1000.0, 300.0)]
