@@ -77,7 +77,7 @@ class Bead:
         excess = np.maximum(area - usual, 0.0)
         for _ in range(2):
             excess = uniform_filter1d(excess, reach, mode="mirror")  # which keeps the volume at the ends
-        return np.minimum(area, usual) + excess
+        return np.minimum(area, usual) + np.maximum(excess, 0.0)
 
     @cached_property
     def _sections(self) -> tuple[Singles, Singles]:

@@ -26,6 +26,7 @@ SPACING = {"an225": 10.0, "an225-3d": 10.0, "fanuc-conical": 25.0, "fanuc-spiral
 SERVO_RMS = 0.02
 SERVO_MAX = 0.12
 COMMANDED = 1e-9  # a controller without errors of its own is on the requested path [mm]
+ROUNDED = 0.06  # one that blends cuts a corner [mm]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def test_a_job_runs_with_tracking_contour_and_spacing_figures(analyses, name):
     assert np.sqrt(np.mean(beyond**2)) < SERVO_RMS
     assert beyond.max() < SERVO_MAX
     if not name.startswith("an225"):
-        assert figures.generation.max < COMMANDED
+        assert figures.generation.max < (ROUNDED if name == "fanuc-conical" else COMMANDED)
     if name in SPACING:
         assert figures.spacing.mean == pytest.approx(SPACING[name], rel=0.01)
     else:
