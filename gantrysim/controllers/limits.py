@@ -36,6 +36,9 @@ class Limited:
 
     def __init__(self, s: Floats, speed: Floats) -> None:
         self._s, self._v = s, speed
+        endless = ~np.isfinite(speed)
+        if endless.any():
+            raise InputError(f"speed = {speed[endless][0]:g} mm/s at {s[endless][0]:g} mm of the path: must be finite")
         total, step = speed[1:] + speed[:-1], np.diff(s)
         stuck = (total <= 0) & (step > 0)
         if stuck.any():
