@@ -72,25 +72,28 @@ def settings_table() -> Table:
 
 def gains_table(period: float = ServoSettings().period) -> Table:
     """The gains that follow for every machine at a servo period [s]."""
-    table = Table(title=f"gains that follow at a period of {1e3 * period:g} ms; u is mm or deg", title_justify="left")
+    table = Table(title=f"gains that follow at a period of {1e3 * period:g} ms", title_justify="left")
     table.add_column("machine", no_wrap=True)
     table.add_column("axis", no_wrap=True)
     columns = {
-        "frequency [Hz]": None,
-        "kp [N·m/u]": "kp",
-        "kd [N·m·s/u]": "kd",
-        "velocity_ff [N·m·s/u]": "velocity_ff",
-        "acceleration_ff [N·m·s²/u]": "acceleration_ff",
-        "torque_limit [N·m]": "torque_limit",
+        "kp": "kp",
+        "kd": "kd",
+        "velocity_ff": "velocity_ff",
+        "acceleration_ff": "acceleration_ff",
+        "limit": "torque_limit",
     }
-    for column in columns:
-        table.add_column(escape(column), justify="right")
+    for column in ("Hz", *columns):
+        table.add_column(column, justify="right", no_wrap=True)
     for name in builtin_models():
         axes = Machine(name).axes
         servo = Servo.derive(axes, period)
         for a, axis in enumerate(axes):
             frequency = math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi)
-            gains = [f"{getattr(servo, gain)[a]:.3g}" for gain in columns.values() if gain]
+            gains = [f"{getattr(servo, gain)[a]:.3g}" for gain in columns.values()]
             table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
         table.add_section()
+    table.caption = (
+        "Hz: natural frequency; kp N·m/u, kd and velocity_ff N·m·s/u, acceleration_ff N·m·s²/u, torque limit N·m; "
+        "u is mm or deg"
+    )
     return table
