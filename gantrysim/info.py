@@ -78,8 +78,8 @@ def gains_table(period: float = ServoSettings().period) -> Table:
     columns = {
         "kp": "kp",
         "kd": "kd",
-        "velocity_ff": "velocity_ff",
-        "acceleration_ff": "acceleration_ff",
+        "velocity\n_ff": "velocity_ff",
+        "accelera-\ntion_ff": "acceleration_ff",
         "limit": "torque_limit",
     }
     for column in ("Hz", *columns):
