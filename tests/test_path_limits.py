@@ -357,7 +357,7 @@ def test_limits_that_leave_no_way_on_are_refused():
 def test_a_path_that_nothing_limits_is_refused():
     s = nodes([5.0, 10.0], 0.5)[0]
     rate = np.stack([s <= 5, s > 5], axis=1).astype(float)
-    with pytest.raises(InputError, match=r"^speed = inf mm/s at 5\.6\d* mm of the path: must be finite$"):
+    with pytest.raises(InputError, match=r"^speed = inf mm/s at 6 mm of the path: must be finite$"):
         fastest(s, math.inf, rate, 0 * rate, [math.inf] * 2, [500, math.inf])
     with pytest.raises(InputError, match=r"^speed = inf mm/s at 0 mm of the path: must be finite$"):
         fastest(s, math.inf, rate, 0 * rate, [math.inf] * 2, [math.inf] * 2)
