@@ -2,42 +2,47 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from gantrysim.controllers.trio.spiral import MoveSpiral
+from gantrysim.controllers.trio.loop import Passes
 
-__all__ = ["differences"]
+__all__ = ["LITERAL_CIRCLES", "differences"]
+
+LITERAL_CIRCLES = 4  # in the turn counter
 
 
-def differences(spiral: MoveSpiral) -> tuple[str, ...]:
-    """Return the differences, each a sentence with what it does to this very spiral."""
+def differences(passes: Passes, turns: int, height: float) -> tuple[str, ...]:
+    """Return the differences, each a sentence with what it does to this very spiral.
+
+    Args:
+        passes: of the listing's loop.
+        turns: number of circles asked for.
+        height: climbed over them, 0 for two axes [mm].
+    """
     said = [
         "listing: a BASE statement names an axis that does not exist; no controller runs it, "
         "so the virtual axes are taken here",
-        _turn_counter(spiral),
-        _guard(spiral),
+        _turn_counter(turns),
+        _guard(passes),
         "listing: a trailing comma in the first MOVECIRC is a syntax error; it is left out here",
     ]
-    if spiral.height:
+    if height:
         said.append("listing: MHELIX is no command of the controller; MHELICAL is taken here")
     return tuple(said)
 
 
-def _turn_counter(spiral: MoveSpiral) -> str:
+def _turn_counter(turns: int) -> str:
     said = "listing: the turn counter is compared with a literal 4, not with the number of turns"
-    if spiral.circles == spiral.turns:
+    if turns == LITERAL_CIRCLES:
         return f"{said}: with 4 turns nothing changes"
-    return f"{said}: {spiral.circles} circles are run instead of {spiral.turns}"
+    return f"{said}: {LITERAL_CIRCLES} circles are run instead of {turns}"
 
 
-def _guard(spiral: MoveSpiral) -> str:
+def _guard(passes: Passes) -> str:
     said = "listing: the guard lets x = 0 and negative x pass"
-    ratio, time = spiral.passes.ratio, spiral.passes.time
+    ratio, time = passes.ratio, passes.time
     negative = np.flatnonzero(ratio < 0)
-    if spiral.passes.halted:
+    if passes.halted:
         return (
             f"{said}: x is 0 on pass {ratio.size + 1}, SPEED = V / x divides by zero, the program stops there and "
             f"the axes run on with x = {ratio[-1]:.4g}"

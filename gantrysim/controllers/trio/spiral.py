@@ -11,7 +11,7 @@ import numpy as np
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.spirals import Involute
-from gantrysim.controllers.trio.listing import differences
+from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.track import track
 from gantrysim.errors import InputError, at_least, finite, point, positive, whole
@@ -19,7 +19,6 @@ from gantrysim.errors import InputError, at_least, finite, point, positive, whol
 __all__ = ["MoveSpiral"]
 
 _ROUNDING = 1e-12
-_LITERAL_CIRCLES = 4  # in the published listing's turn counter
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class MoveSpiral:
         ratio_bits: fractional bits of CONNECT's ratio, 16 on the controller; None for an exact ratio.
         servo_period: SERVO_PERIOD, to whose ticks the program's commands are bound: 0.0005, 0.001 or 0.002 on the
             controller, 0 for a program that acts between ticks [s].
-        as_published: behave as the published listing does, errors and all: see `differences`.
+        as_published: behave as the published listing does, errors and all; `notes` says in words how it differs.
 
     Raises:
         InputError: a value out of its bounds, an inner diameter below zero, or a ratio x that would fall
@@ -170,7 +169,7 @@ class MoveSpiral:
     @property
     def circles(self) -> int:
         """Number of circles that are run."""
-        return _LITERAL_CIRCLES if self.as_published else self.turns
+        return LITERAL_CIRCLES if self.as_published else self.turns
 
     @cached_property
     def passes(self) -> Passes:
@@ -265,7 +264,7 @@ class MoveSpiral:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the published listing does otherwise, where it is asked for."""
-        return differences(self) if self.as_published else ()
+        return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes x, y and, with a height, z at every servo period [s].
