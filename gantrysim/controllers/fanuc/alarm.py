@@ -34,9 +34,15 @@ class Alarm(InputError):  # noqa: N818 - the controller's own word
         title: the controller's own text for it.
         block: name of the block, as "N10" or "block 3".
         line: of the program's text, from 1; 0 where the program is no text.
+        detail: what is wrong, in words.
     """
 
     def __init__(self, number: int, block: str, line: int, detail: str) -> None:
         self.number, self.title, self.block, self.line = number, TITLES[number], block, line
-        where = f"{block} (line {line})" if line else block
+        self.detail = detail
+        where = block if block.startswith("block ") else f"block {block}"
+        where += f" (line {line})" if line else ""
         super().__init__(f"alarm {number:03} {self.title} in {where}: {detail}")
+
+    def __reduce__(self) -> tuple[type[Alarm], tuple[int, str, int, str]]:
+        return Alarm, (self.number, self.block, self.line, self.detail)

@@ -117,9 +117,10 @@ def _turns(
     if step == 0:
         raise fail(5122, f"{name} = 0 mm: must not be 0 mm")
     whole = math.ceil(way / step - _ROUNDING) - 1
-    # a whole number of turns that the end point misses by less than the tolerance is that number
-    if abs((whole + part) * step - way) > tolerance >= abs((whole - 1 + part) * step - way):
-        whole -= 1
+    # near a whole turn the end point's rounding may make them one too many or too few
+    for other in (whole - 1, whole + 1):
+        if abs((whole + part) * step - way) > tolerance >= abs((other + part) * step - way):
+            whole = other
     if whole + part <= 0:
         raise fail(
             5123, f"{name} = {step:g} mm leads away from the end point, {way:+.6g} mm: must have the sign of that"

@@ -21,6 +21,8 @@ _STEP = (0.02, 2.0)  # of the way between places where the limits are looked at 
 _TURN = 0.05  # at most, from one to the next [rad]
 _TANGENT = 1e-4  # corner that is none [rad]
 _REACH = 1e-3  # of the differences that stand for a second derivative [mm]
+_RAMP = (1.0, 0.25, 0.0625)  # of the way of a ramp, looked at as well
+_IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
 _PER_MINUTE = 60.0
 
@@ -118,7 +120,10 @@ class Planner:
 
     def __init__(self, legs: list[Leg], chain: Chain, feeding: Feeding) -> None:
         self._legs, self._chain, self._feeding = legs, chain, feeding
-        self._nodes = nodes(chain.ends, [_step(leg) for leg in legs])
+        s, piece = nodes(chain.ends, [_step(leg) for leg in legs])
+        self._nodes = s, piece
+        if math.isfinite(feeding.acceleration):
+            self._nodes = self._with_ramps(s, piece)
 
     def law(self, begun: float) -> Spliced:
         """Return the law of a stretch that begins at a time of the program [s]."""
@@ -135,6 +140,28 @@ class Planner:
                 times.append(switch)
         return Spliced(laws, times)
 
+    @property
+    def _limit(self) -> float:
+        """Acceleration that is left for the pieces [mm/s²]."""
+        return self._feeding.acceleration * (1.0 if self._feeding.blend_time == 0 else 0.5)
+
+    def _with_ramps(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
+        """The nodes, and those at which ramps from rest or to rest at the ends of the pieces are over."""
+        edges = np.concatenate([[0.0], self._chain.ends])
+        fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / _PER_MINUTE) for leg in self._legs])
+        k = np.arange(len(self._legs))
+        added, of = [s], [piece]
+        for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
+            steepest = np.abs(self._chain.tangent(self._within(edge, k))).max(axis=1)
+            way = fastest_feed**2 * steepest / (2 * self._limit * (1 - _IN_HAND))
+            for share in _RAMP:
+                inside = share * way < np.diff(edges)
+                added.append((edge + inward * share * way)[inside])
+                of.append(k[inside])
+        ways, pieces = np.concatenate(added), np.concatenate(of)
+        order = np.lexsort((ways, pieces))
+        return ways[order], pieces[order]
+
     def _plan(self, dry: bool, begin: float = 0.0, speed: float = 0.0) -> Limited:
         """Plan from a place on, where the speed is given, with or without dry run."""
         s, piece = self._nodes
@@ -147,7 +174,7 @@ class Planner:
             return fastest(s, top, np.ones((s.size, 1)), np.zeros((s.size, 1)), [math.inf], [a])
         top = self._at_corners(s, top)
         rate, bend = self._derivatives(s, piece)
-        limits = np.full(3, a if self._feeding.blend_time == 0 else 0.5 * a)
+        limits = np.full(3, self._limit)
         free = np.full(3, math.inf)
         if begin == 0:
             return fastest(s, top, rate, bend, free, limits)

@@ -77,15 +77,23 @@ def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, sk
     """
     state = _State(list(start), offsets, rotary)
     blocks: list[Sourced] = []
-    words = list(_blocks(text, skip))
+    words = _to_the_end(_blocks(text, skip))
     state.governed = any(code in _GLUE for block in words for code in block.auxiliary)
     for block in words:
         made = state.run(block)
         if made is not None:
             blocks.append(Sourced(block.name, block.line, made))
+    return tuple(blocks)
+
+
+def _to_the_end(blocks: Iterator[_Words]) -> list[_Words]:
+    """The blocks up to M02 or M30; what follows is not read."""
+    words = []
+    for block in blocks:
+        words.append(block)
         if any(code in _ENDS_PROGRAM for code in block.auxiliary):
             break
-    return tuple(blocks)
+    return words
 
 
 def _blocks(text: str, skip: bool) -> Iterator[_Words]:
@@ -122,7 +130,9 @@ def _words(text: str, name: str, line: int) -> _Words:
         if letter.isspace():
             at += 1
             continue
-        if not letter.isalpha():
+        if letter in "+-" and at > 0 and text[at - 1] in ".0123456789":
+            raise fail(6, f"{text[at:]!r} after a number: a sign must stand once, before the number")
+        if letter in "+-.0123456789":
             raise fail(4, f"{text[at:]!r} does not begin with a letter: every number must have its address")
         if letter not in _LETTERS:
             raise fail(9, f"address {letter!r}: must be one of {', '.join(_LETTERS)}")
