@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,20 +15,15 @@ from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.profile import Constant
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, held, travel
 from gantrysim.controllers.stage.outline import outline, polygon
 from gantrysim.controllers.stage.table import Complex, Table
 from gantrysim.controllers.stage.turning import Turning
-from gantrysim.errors import InputError, at_least, finite, point, positive, whole
+from gantrysim.errors import InputError, at_least, point, positive, whole
 
 __all__ = ["OutlineTrace"]
 
-Three = tuple[float, float, float]
-Place = tuple[float, float]
-
-_FREE = (math.inf, math.inf, math.inf)
 _ANYWHERE = (-math.inf, math.inf)
-_AXES = ("th", "x", "y")
-_UNITS = ("deg", "mm", "mm")
 _STEP = 0.05  # of the way between places where the limits are looked at [mm]
 _NUDGE = 1e-9  # [mm], into a piece from its ends
 _ZOOMS = 4  # each by 50
@@ -88,8 +82,8 @@ class OutlineTrace:
     work_centre: Place = (0.0, 0.0)
     normal: Place = (-1.0, 0.0)
     sigma: int = -1
-    velocity: Three = _FREE
-    acceleration: Three = _FREE
+    velocity: Three = FREE
+    acceleration: Three = FREE
     travel_x: Place = _ANYWHERE
     travel_y: Place = _ANYWHERE
     blend: float = 0.0
@@ -107,9 +101,9 @@ class OutlineTrace:
         if self.sigma not in (-1, 1):
             raise InputError(f"sigma = {self.sigma}: must be 1 or -1")
         for name, unit in (("velocity", "s"), ("acceleration", "s²")):
-            object.__setattr__(self, name, _limits(name, getattr(self, name), unit))
+            object.__setattr__(self, name, axis_limits(name, getattr(self, name), unit))
         for name in ("travel_x", "travel_y"):
-            object.__setattr__(self, name, _travel(name, getattr(self, name)))
+            object.__setattr__(self, name, travel(name, getattr(self, name)))
         at_least("blend", self.blend, 0, "mm")
         whole("corner_pieces", self.corner_pieces, 0)
         if self.blend > 0 and self.corner_pieces > 0:
@@ -147,7 +141,7 @@ class OutlineTrace:
         ends = np.concatenate([[0.0], path.ends])
         kept = np.concatenate([[True], np.diff(ends) > _NUDGE])
         heading = path.heading(ends)
-        first = cmath.phase(complex(*self.normal)) - (heading[0] + 0.5 * math.pi * outward)
+        first = math.atan2(self.normal[1], self.normal[0]) - (heading[0] + 0.5 * math.pi * outward)
         turned = math.remainder(first, 2 * math.pi) - (heading - heading[0])
         return Turning(ends[kept], turned[kept], self.blend)
 
@@ -186,7 +180,7 @@ class OutlineTrace:
         ends = np.append(breaks[1:-1], self.requested.length)
         s, piece = nodes(ends, _STEP)
         rate, bend = self._derivatives(s, piece, np.concatenate([[0.0], ends]))
-        speed = np.full(s.size, self.speed)
+        speed = np.minimum(self.speed, held(s, rate, self.velocity))
         if any(math.isfinite(limit) for limit in self.acceleration):
             jump = (np.diff(s) == 0) & (np.abs(np.diff(rate, axis=0)).max(axis=1) > _JUMP)
             speed[:-1][jump] = speed[1:][jump] = 0.0
@@ -215,7 +209,7 @@ class OutlineTrace:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes that move."""
-        return _AXES
+        return AXES
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -243,7 +237,7 @@ class OutlineTrace:
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes th, x and y at every servo period [s]."""
-        return Setpoints.along(self.requested, self.law, period, axes=_AXES, coordinates=self.coordinates)
+        return Setpoints.along(self.requested, self.law, period, axes=AXES, coordinates=self.coordinates)
 
     def _check_travel(self) -> None:
         edges = self.turning.s
@@ -256,7 +250,7 @@ class OutlineTrace:
                         x, y = self.needle
                         raise InputError(
                             f"outline piece {piece + 1} of {edges.size - 1}, at {s:.4g} mm: "
-                            f"needle ({x:g}, {y:g}) mm needs stage {_AXES[column]} = {stage[column - 1]:.6g} mm "
+                            f"needle ({x:g}, {y:g}) mm needs stage {AXES[column]} = {stage[column - 1]:.6g} mm "
                             f"at th = {th:.4g} deg: must lie in {low:g} to {high:g} mm; "
                             "move the needle, the work centre or the centre of rotation"
                         )
@@ -277,22 +271,3 @@ def _complex(vectors: Floats) -> Complex:
 def _unit(direction: Place) -> complex:
     z = complex(*direction)
     return z / abs(z)
-
-
-def _limits(name: str, values: Three, unit: str) -> Three:
-    if len(values) != 3:
-        raise InputError(f"{name} of {len(values)} values: must be three, of th, x and y")
-    for axis, length, value in zip(_AXES, _UNITS, values, strict=True):
-        if value != math.inf:
-            positive(f"{name} of {axis}", value, f"{length}/{unit}")
-    th, x, y = (float(value) for value in values)
-    return th, x, y
-
-
-def _travel(name: str, values: Place) -> Place:
-    if len(values) != 2 or not values[0] < values[1]:
-        raise InputError(f"{name} = {tuple(values)} mm: must be a lower and a higher limit")
-    for value in values:
-        if math.isnan(value):
-            finite(name, value, "mm")
-    return float(values[0]), float(values[1])
