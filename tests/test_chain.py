@@ -352,17 +352,26 @@ def test_a_line_that_is_none_is_refused():
 
 
 def test_turn_spacing_is_that_of_the_spirals_where_they_have_the_same():
-    line, arc = Line((0, 0, 0), (9, 0, 0)), Coil((0, 0, 0), (9, 9), 0, 7)
-    inward, outward = Coil((0, 0, 0), (30, 10), 0, -8 * math.pi), Coil((0, 0, 0), (10, 15), 1, 2 * math.pi, 4)
+    line, arc = Line((39, 0, 0), (30, 0, 0)), Coil((0, 0, 0), (10, 10), 0, 2 * math.pi)
+    inward, outward = Coil((0, 0, 0), (30, 10), 0, -8 * math.pi), Coil((0, 0, 0), (10, 15), 0, 2 * math.pi, 4)
     assert Chain([line]).turn_spacing is None
-    assert Chain([line, arc]).turn_spacing is None
+    assert Chain([arc]).turn_spacing is None
     assert Chain([inward]).turn_spacing == pytest.approx(5, abs=1e-6)
     assert Chain([line, inward, arc, outward]).turn_spacing == pytest.approx(5, abs=1e-6)
-    assert Chain([inward, Coil((0, 0, 0), (10, 16), 1, 2 * math.pi)]).turn_spacing is None
+    assert Chain([inward, Coil((0, 0, 0), (10, 16), 0, 2 * math.pi)]).turn_spacing is None
     # radii that differ by their rounding are those of an arc
-    rounded = Coil((0, 0, 0), (5.0, 5.000000000000001), 0, 6)
+    rounded = Coil((0, 0, 0), (10.0, 10.000000000000002), 0, 6)
     assert Chain([rounded]).turn_spacing is None
     assert Chain([inward, rounded]).turn_spacing == pytest.approx(5, abs=1e-6)
+
+
+def test_a_piece_that_does_not_begin_where_the_one_before_ends_is_named():
+    first, second = Line((0, 0, 0), (10, 0, 0)), Line((10, 0, 0), (10, 5, 0))
+    with pytest.raises(
+        InputError, match=r"^chain: piece 3 begins 0\.5 mm from where piece 2 ends: must be within 1e-06 mm$"
+    ):
+        Chain([first, second, Line((10, 5.5, 0), (20, 5.5, 0))])
+    assert Chain([first, second, Line((10, 5 + 1e-9, 0), (20, 5, 0))]).length == pytest.approx(25)
 
 
 def test_heading_of_a_spiral_into_its_very_centre_does_not_jump_where_the_radius_is_rounded_below_it():

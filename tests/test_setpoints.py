@@ -187,3 +187,8 @@ def test_coordinates_make_the_axes_of_the_way():
     assert setpoints.requested is LINE
     with pytest.raises(InputError, match=r"setpoints of shape \(6, 3\): must be \(n, 2\)"):
         Setpoints.along(LINE, 4, 0.6, coordinates=coordinates)
+
+
+def test_a_profile_of_another_length_than_the_path_is_refused():
+    with pytest.raises(InputError, match=rf"^profile of 30 mm: must be as long as the path, {LINE.length:g} mm$"):
+        Setpoints.along(LINE, Constant(30.0, 10.0), 0.1)

@@ -26,6 +26,7 @@ YZ: Frame = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 _SHORTEST = 1e-9  # [mm], of a piece that is kept
+_JOINT = 1e-6  # [mm], at most between two pieces
 _SHARP = 1e-4  # jump of the unit tangent at a corner
 _SQUARE = 1e-9  # scalar products of a frame's directions
 
@@ -103,6 +104,9 @@ class Chain(Path):
     Args:
         pieces: lines and coils, or mappings of their arguments with `kind` "Line" or "Coil"; those of no length
             are left out.
+
+    Raises:
+        InputError: no piece of any length, or one that does not begin where the one before ends.
     """
 
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
@@ -116,7 +120,18 @@ class Chain(Path):
         self._s = np.concatenate([[0.0], np.cumsum(lengths[lengths > _SHORTEST])])
         self._rows = np.array([_row(piece) for piece in self.pieces], _ROW)
         self._last: tuple[NDArray[np.intp], Floats, tuple[Rows, Floats, Floats]] | None = None
+        self._check_joints()
         self._join_headings()
+
+    def _check_joints(self) -> None:
+        lengths, k = np.diff(self._s), np.arange(len(self.pieces))
+        gap = np.linalg.norm(self._place(k[1:], 0 * lengths[1:]) - self._place(k[:-1], lengths[:-1]), axis=1)
+        if gap.max(initial=0.0) > _JOINT:
+            worst = int(gap.argmax())
+            raise InputError(
+                f"chain: piece {worst + 2} begins {gap[worst]:.4g} mm from where piece {worst + 1} ends: "
+                f"must be within {_JOINT:g} mm"
+            )
 
     def _join_headings(self) -> None:
         """Make the headings continuous but for the corners."""
@@ -175,7 +190,9 @@ class Chain(Path):
         return self._last[2]
 
     def position(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
+        return self._place(*self._locate(s))
+
+    def _place(self, k: NDArray[np.intp], rest: Floats) -> Floats:
         points: Floats = self._rows["origin"][k] + rest[:, None] * self._rows["way"][k]
         coil = self._rows["coil"][k]
         if coil.any():

@@ -16,6 +16,7 @@ from gantrysim.errors import InputError, at_least, positive, whole
 __all__ = ["MAX_TICKS", "Setpoints", "Supervision", "ticks"]
 
 MAX_TICKS = 50_000_000
+_ROUNDING = 1e-9  # of lengths
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,8 @@ class Setpoints:
         """
         positive("period", period, "s")
         profile = speed if isinstance(speed, Profile) else Constant(path.length, speed)
+        if abs(profile.length - path.length) > _ROUNDING * (1 + path.length):
+            raise InputError(f"profile of {profile.length:.6g} mm: must be as long as the path, {path.length:.6g} mm")
         n = ticks(profile.duration, period)
         s = profile.position(np.arange(n + 1) * period)
         s[-1] = path.length
