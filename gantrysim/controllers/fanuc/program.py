@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -64,7 +64,7 @@ class Program:
         radius_tolerance: of an arc's radius at its end, parameter 3410 [mm].
         clamp: of the feed by an arc's radius, parameters 1730 to 1732; none by default.
         feed_in_space: whether F counts the height of a helix or cone too; an assumption that it does not.
-        blend_time: of the moving average, 0 for none [s].
+        blend_time: of the moving average, 0 for none; in setpoints the nearest whole number of their periods [s].
         dry_run: feed that replaces F, none by default [mm/min].
         dry_run_from: time at which dry run is switched on [s].
         dry_run_until: time at which it is switched off [s].
@@ -167,7 +167,7 @@ class Program:
         stages: list[_Stage] = []
         here: Vector = self.start
         begun = 0.0
-        for moving, group in groupby(self.legs, key=lambda leg: leg.piece is not None):
+        for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)
             made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here) for leg in legs]
             stages += made
@@ -175,6 +175,13 @@ class Program:
             x, y, z, _ = stages[-1].at(np.array([stages[-1].duration]))[0][0].tolist()
             here = (x, y, z)
         return tuple(stages)
+
+    def _with_holds(self) -> Iterator[Leg]:
+        """The motions; stops last longer by the moving average, so that it comes to rest in them."""
+        for leg in self.legs:
+            yield replace(leg, dwell=leg.dwell + self.blend_time) if leg.dwell > 0 else leg
+            if self.blend_time > 0 and leg.exact_stop and leg.piece is not None:
+                yield replace(leg, piece=None, rotary=(leg.rotary[1], leg.rotary[1]), dwell=self.blend_time)
 
     @property
     def duration(self) -> float:
@@ -184,6 +191,9 @@ class Program:
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes at every servo period [s]."""
         positive("period", period, "s")
+        window = max(round(self.blend_time / period), 1) * period
+        if self.blend_time > 0 and abs(window - self.blend_time) > 1e-9 * period:
+            return replace(self, blend_time=window).setpoints(period)
         begun = np.concatenate([[0.0], np.cumsum([stage.duration for stage in self._stages])])
         n = ticks(float(begun[-1]), period)
         time = np.arange(n + 1) * period
@@ -195,7 +205,7 @@ class Program:
             chosen = which == k
             place[chosen], dispense[chosen] = stage.at(time[chosen] - begun[k])
         if self.blend_time > 0:
-            place, dispense = _averaged(place, dispense, max(round(self.blend_time / period), 1))
+            place, dispense = _averaged(place, dispense, round(self.blend_time / period))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
         position = place[:, [columns[name] for name in self.axes]]
         return Setpoints(period, self.axes, position, dispense, self.requested)

@@ -23,6 +23,7 @@ _TANGENT = 1e-4  # corner that is none [rad]
 _REACH = 1e-3  # of the differences that stand for a second derivative [mm]
 _RAMP = (1.0, 0.25, 0.0625)  # of the way of a ramp, looked at as well
 _IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
+_STRAIGHT = 1e-12  # [1/mm], of a bend that is none
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
 _PER_MINUTE = 60.0
 
@@ -260,7 +261,7 @@ class Planner:
         high = np.minimum(s + _REACH, ends[piece + 1] - 1e-9)
         reach = np.maximum(high - low, 1e-12)[:, None]
         bend: Floats = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
-        return tangent, bend
+        return tangent, np.where(np.abs(bend) < _STRAIGHT, 0.0, bend)
 
 
 def _step(leg: Leg) -> float:
