@@ -363,6 +363,8 @@ def test_turn_spacing_is_that_of_the_spirals_where_they_have_the_same():
     rounded = Coil((0, 0, 0), (10.0, 10.000000000000002), 0, 6)
     assert Chain([rounded]).turn_spacing is None
     assert Chain([inward, rounded]).turn_spacing == pytest.approx(5, abs=1e-6)
+    in_a_file = Coil((0, 0, 0), (10.0, 10.002), 0, 6)
+    assert Chain([inward, in_a_file]).turn_spacing == pytest.approx(5, abs=1e-6)
 
 
 def test_a_piece_that_does_not_begin_where_the_one_before_ends_is_named():

@@ -27,6 +27,7 @@ XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 _SHORTEST = 1e-9  # [mm], of a piece that is kept
 _JOINT = 1e-6  # [mm], at most between two pieces
+_EVEN = 0.02  # [mm], change of a radius that is no spiral's but the rounding of an arc's end point
 _SHARP = 1e-4  # jump of the unit tangent at a corner
 _SQUARE = 1e-9  # scalar products of a frame's directions
 
@@ -171,8 +172,8 @@ class Chain(Path):
         spacing = {
             round(abs((piece.radius[1] - piece.radius[0]) * 2 * np.pi / piece.angle), 6)
             for piece in self.pieces
-            if isinstance(piece, Coil)
-        } - {0.0}
+            if isinstance(piece, Coil) and abs(piece.radius[1] - piece.radius[0]) > _EVEN
+        }
         return spacing.pop() if len(spacing) == 1 else None
 
     def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
