@@ -11,45 +11,68 @@ from dataclasses import replace
 
 import numpy as np
 
-from gantrysim.controllers.chain import Chain, Coil, Line, Vector
+from gantrysim.controllers.chain import Chain, Coil, Frame, Line, Vector
+from gantrysim.controllers.fanuc.blocks import FRAMES
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.path import Floats
 
 __all__ = ["compensated"]
 
 _GAP = 1e-6  # [mm], between two ends that are one
-_SHARP = math.pi / 2  # an outer corner of lines beyond it is bridged instead of extended
+_SHARP = math.pi / 2 + 1e-9  # an outer corner of lines beyond it is bridged instead of extended
 _SLIGHT = math.radians(5)  # an inner corner that a short bridge may cross
 
 
 def compensated(legs: list[Leg]) -> list[Leg]:
     """Return the motions beside those of the program, where their compensation is not 0.
 
+    Stops and motions square to the plane take place wherever the offset path is by then.
+
     Raises:
         Alarm: compensation that begins or ends in an arc, or a corner or an arc that the offset has no room for.
     """
     if not any(leg.compensation for leg in legs):
         return legs
-    beside = [replace(leg, piece=_beside(leg)) for leg in legs]
-    moving = [k for k, leg in enumerate(legs) if leg.piece is not None]
-    made: list[Leg] = []
-    before: Leg | None = None  # the last that moves, as it is run
-    for n, k in enumerate(moving):
+    along = [k for k, leg in enumerate(legs) if _runs_in_plane(leg)]
+    runs: dict[int, list[Leg]] = {}
+    for n, k in enumerate(along):
         leg = legs[k]
-        made += [stop for stop in legs[(moving[n - 1] + 1 if n else 0) : k] if stop.piece is None]
-        was = legs[moving[n - 1]].compensation if n else 0.0
-        follows = beside[moving[n + 1]] if n + 1 < len(moving) else None
+        before = runs[along[n - 1]] if n else []
+        was = legs[along[n - 1]].compensation if n else 0.0
         if leg.compensation and not was:
-            run = [_start_up(leg, beside[k], follows)]
+            follows = legs[along[n + 1]] if n + 1 < len(along) else leg
+            runs[k] = [_start_up(leg, follows if follows.compensation else leg)]
         elif was and not leg.compensation:
-            run = [_between(leg, _end(before), _end(leg))]
+            runs[k] = [_between(leg, _end(before[-1]), _end(leg))]
         elif leg.compensation:
-            run = _joined(before, beside[k], made)
+            before[-1], run = _joined(before[-1], replace(leg, piece=_beside(leg)))
+            runs[k] = run
         else:
-            run = [leg]
-        made += run
-        before = run[-1]
-    return made + [stop for stop in legs[moving[-1] + 1 :] if stop.piece is None]
+            runs[k] = [leg]
+    made: list[Leg] = []
+    for k, leg in enumerate(legs):
+        last = next((other for other in reversed(made) if other.piece is not None), None)
+        made += runs.get(k) or [leg if last is None else _moved(leg, _end(last))]
+    return made
+
+
+def _runs_in_plane(leg: Leg) -> bool:
+    return isinstance(leg.piece, Coil) or (leg.piece is not None and bool(_normal(leg.piece).any()))
+
+
+def _moved(leg: Leg, there: Vector) -> Leg:
+    """A stop or a motion square to the plane, beginning in another place of the plane."""
+    start = _level(there, leg.start, leg)
+    if not isinstance(leg.piece, Line):
+        return replace(leg, start=start)
+    return replace(leg, start=start, piece=replace(leg.piece, start=start, end=_level(there, leg.piece.end, leg)))
+
+
+def _level(place: Vector, height: Vector, leg: Leg) -> Vector:
+    """A place in the plane of a motion, at another's height."""
+    u, v = np.array(getattr(leg.piece, "frame", FRAMES["xy"]))
+    w = np.cross(u, v)
+    return _vector(np.array(place) + ((np.array(height) - place) @ w) * w)
 
 
 def _beside(leg: Leg) -> Line | Coil | None:
@@ -77,44 +100,43 @@ def _normal(line: Line) -> Floats:
     return normal
 
 
-def _start_up(leg: Leg, own: Leg, follows: Leg | None) -> Leg:
-    at = follows if follows is not None and follows.compensation else None
-    return _between(leg, _start(leg), _start(at) if at is not None else _end(own))
+def _start_up(leg: Leg, follows: Leg) -> Leg:
+    at = replace(follows, piece=_beside(follows))
+    return _between(leg, _start(leg), _end(at) if follows is leg else _start(at))
 
 
 def _between(leg: Leg, start: Vector, end: Vector) -> Leg:
+    """A straight move between other places of its plane, at its own heights."""
     if not isinstance(leg.piece, Line):
         raise leg.source.fail(34, "cutter compensation begins and ends in an arc: must be in a straight move")
-    return replace(leg, start=start, piece=replace(leg.piece, start=start, end=end))
+    first, last = _level(start, leg.piece.start, leg), _level(end, leg.piece.end, leg)
+    return replace(leg, start=first, piece=replace(leg.piece, start=first, end=last))
 
 
-def _joined(before: Leg | None, leg: Leg, made: list[Leg]) -> list[Leg]:
-    """Join a motion to the one before it, which may be lengthened or cut for it."""
-    assert before is not None
-    if isinstance(leg.piece, Line) and not _normal(leg.piece).any():  # square to the plane: from where we are
-        way = np.subtract(leg.piece.end, leg.piece.start)
-        return [_between(leg, _end(before), _vector(np.add(_end(before), way)))]
-    here, there = np.array(_end(before)), np.array(_start(leg))
-    gap = float(np.linalg.norm(there - here))
+def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
+    """Join a motion to the one before it, either of which may be lengthened or cut for it."""
+    there = _start(leg)
+    here = _level(_end(before), there, leg)
+    gap = math.dist(here, there)
+    if gap <= _GAP:
+        return before, [leg]
     corner = _corner(before, leg)
     inside = corner * leg.compensation > 0
-    if gap <= _GAP:
-        return [leg]
-    if isinstance(before.piece, Line) and isinstance(leg.piece, Line) and (inside or abs(corner) <= _SHARP):
-        meeting = here + _direction(before.piece, 1) * leg.compensation * -math.tan(0.5 * corner)
-        made[made.index(before)] = _cut(before, _start(before), _vector(meeting))
-        return [_cut(leg, _vector(meeting), _end(leg))]
+    same = abs(before.compensation - leg.compensation) <= _GAP
+    lines = isinstance(before.piece, Line) and isinstance(leg.piece, Line)
+    if lines and same and (inside or abs(corner) <= _SHARP):
+        meeting = _vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
+        return _cut(before, _start(before), meeting), [_cut(leg, meeting, _end(leg))]
     if inside and abs(corner) > _SLIGHT:
         raise leg.source.fail(
             41, f"inner corner of {math.degrees(abs(corner)):.4g} deg at an arc: the offset paths do not meet there"
         )
-    bridge = replace(leg, start=_vector(here), piece=Line(_vector(here), _vector(there)), spiral=False)
-    return [bridge, leg]
+    return before, [replace(leg, start=here, piece=Line(here, there, _frame(leg)), spiral=False), leg]
 
 
 def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
     cut = _between(leg, start, end)
-    if leg.piece is None or np.subtract(end, start) @ _direction(leg.piece, 0) <= 0:
+    if np.subtract(end, start) @ _direction(leg, 0) <= 0:
         raise leg.source.fail(
             41, f"straight move is too short for the offset of {abs(leg.compensation):g} mm at its corners"
         )
@@ -123,30 +145,41 @@ def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
 
 def _corner(before: Leg, leg: Leg) -> float:
     """Angle from the end of one motion to the start of the next, to the left positive [rad]."""
-    assert before.piece is not None
-    assert leg.piece is not None
-    u, v = np.array(leg.piece.frame)
-    first, second = _direction(before.piece, 1), _direction(leg.piece, 0)
+    u, v = np.array(_frame(leg))
+    first, second = _direction(before, 1), _direction(leg, 0)
     return float(np.angle(complex(second @ u, second @ v) / complex(first @ u, first @ v)))
 
 
-def _direction(piece: Line | Coil, end: int) -> Floats:
-    chain = Chain([piece])
-    direction: Floats = chain.tangent(end * chain.length)[0]
-    return direction
+def _direction(leg: Leg, end: int) -> Floats:
+    """Unit vector in the plane along a motion at its start, 0, or its end, 1."""
+    u, v = np.array(_frame(leg))
+    if isinstance(leg.piece, Line):
+        way = np.subtract(leg.piece.end, leg.piece.start)
+    else:
+        chain = _chain(leg)
+        way = chain.tangent(end * chain.length)[0]
+    flat: Floats = (way @ u) * u + (way @ v) * v
+    return flat / np.linalg.norm(flat)
+
+
+def _frame(leg: Leg) -> Frame:
+    assert leg.piece is not None
+    return leg.piece.frame
+
+
+def _chain(leg: Leg) -> Chain:
+    assert leg.piece is not None
+    return Chain([leg.piece])
 
 
 def _start(leg: Leg) -> Vector:
-    assert leg.piece is not None
-    return leg.piece.start if isinstance(leg.piece, Line) else _vector(Chain([leg.piece]).position(0.0)[0])
+    return leg.piece.start if isinstance(leg.piece, Line) else _vector(_chain(leg).position(0.0)[0])
 
 
-def _end(leg: Leg | None) -> Vector:
-    assert leg is not None
-    assert leg.piece is not None
+def _end(leg: Leg) -> Vector:
     if isinstance(leg.piece, Line):
         return leg.piece.end
-    chain = Chain([leg.piece])
+    chain = _chain(leg)
     return _vector(chain.position(chain.length)[0])
 
 
