@@ -496,6 +496,22 @@ def test_path_speed_is_v_but_for_the_ramps_with_accel():
     assert full[60:-200].mean() > 0.85
 
 
+@given(jobs())
+@settings(max_examples=30, deadline=None)
+def test_real_speed_is_the_ratio_times_the_virtual_speed(job):
+    passes = built(job).passes
+    law = passes.connect(passes.connected * np.diff(passes.way))
+    t = np.linspace(0, law.duration, 2003)[1:-1]
+    at = np.searchsorted(passes.time, t, side="right") - 1
+    inside = np.abs(t - passes.time[at]) > 1e-6
+    assert law.velocity(t)[inside] == pytest.approx((passes.connected[at] * passes.law.velocity(t))[inside], rel=1e-6)
+    # and the way's derivative
+    whole = inside & (at == np.searchsorted(passes.time, t + 1e-6, side="right") - 1)
+    slope = (law.position(t + 1e-6) - law.position(t)) / 1e-6
+    assert slope[whole] == pytest.approx(law.velocity(t)[whole], abs=1e-3 + 1e-4 * job["speed"])
+    assert np.all(law.velocity([-1.0, law.duration + 1.0]) == 0)
+
+
 def test_setpoints_of_another_period_than_the_servo_period_are_refused():
     said = (
         r"^servo_period = 0\.001 s of the controller: must be that of the servo, 0\.0005 s; "
@@ -612,7 +628,15 @@ def test_the_published_program_between_ticks(changed):
     assert places(setpoints)[-1] == pytest.approx(by_events(spiral, [1e3])[0], abs=1e-8)
 
 
-@pytest.mark.parametrize("limited", [{}, {"acceleration": 2000.0, "wait_resolution": WHOLE_MS, "ratio_bits": 16}])
+@pytest.mark.parametrize(
+    "limited",
+    [
+        {},
+        {"acceleration": 2000.0, "wait_resolution": WHOLE_MS, "ratio_bits": 16},
+        {"acceleration": 2000.0, "deceleration": 700.0},  # SPEED = V / |x| falls again behind x = 0
+    ],
+    ids=["free", "limited", "slow"],
+)
 @pytest.mark.parametrize("changed", PROGRAMS.values(), ids=PROGRAMS)
 def test_the_published_program_tick_by_tick(changed, limited):
     job = {"diameter": 120, "thickness": 10, "turns": 4, "speed": 100, "servo_period": 1e-3, **changed, **limited}
