@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from gantrysim.controllers.fanuc import Arc, Clamp, Dwell, Line, Program, Rapid, Spiral
 
 FEED = 1e-6  # relative, of a constant feed
+STEEP = 1e-5  # the same of cones of a few mm that rise as much, where F counts in the plane
 CLAMPED = 1e-4  # relative, of one that follows the radius
 ACCELERATION = 1e-2  # relative, by which a second difference may pass a limit between the places looked at
 RAMPS = 2e-3  # relative, by which what is kept in hand of an acceleration lengthens a ramp
@@ -173,7 +174,7 @@ def test_no_setpoint_is_ahead_of_the_feed(blocks, in_space):
     made = Program(blocks, feed_in_space=in_space, rapid=9000)
     steps = np.linalg.norm(np.diff(made.setpoints(0.002).position[:, :2], axis=0), axis=1) / 0.002
     most = max(getattr(block, "feed", None) or 9000 for block in blocks) / 60
-    assert steps.max() <= most * (1 + FEED)
+    assert steps.max() <= most * (1 + (FEED if in_space else STEEP))
 
 
 @given(programs(), st.floats(200, 5000))
