@@ -42,6 +42,19 @@ class Leg:
     dwell: float = 0.0
     rapid: bool = False
 
+    @property
+    def plane(self) -> str:
+        """The block's plane; a stop counts as in the XY plane."""
+        block = self.source.block
+        return "xy" if isinstance(block, Dwell) else block.plane
+
+    @property
+    def climbs(self) -> bool:
+        """Whether it changes the height in the XY plane."""
+        if isinstance(self.piece, Line):
+            return self.piece.start[2] != self.piece.end[2]
+        return self.piece is not None and self.piece.rise != 0
+
 
 def legs_of(
     blocks: tuple[Sourced, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float

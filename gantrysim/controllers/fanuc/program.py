@@ -138,14 +138,12 @@ class Program:
         """The path of all blocks, compensation included."""
         return Chain(leg.piece for leg in self.legs if leg.piece is not None)
 
-    @property
+    @cached_property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes: x, y, with z and the rotary one where the program moves them."""
-        heights = [self.start[2], *self.requested.position(np.append(0.0, self.requested.ends))[:, 2]]
-        planes = {leg.source.block.plane for leg in self.legs if not isinstance(leg.source.block, Dwell)}
-        z = ("z",) if np.ptp(heights) > 0 or planes != {"xy"} else ()
+        flat = all(leg.plane == "xy" and not leg.climbs for leg in self.legs)
         turns = any(leg.rotary[0] != leg.rotary[1] for leg in self.legs)
-        return ("x", "y", *z, *((self.rotary_axis,) if turns else ()))
+        return ("x", "y", *(() if flat else ("z",)), *((self.rotary_axis,) if turns else ()))
 
     @property
     def notes(self) -> tuple[str, ...]:

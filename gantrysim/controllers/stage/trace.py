@@ -27,6 +27,7 @@ _ANYWHERE = (-math.inf, math.inf)
 _STEP = 0.05  # of the way between places where the limits are looked at [mm]
 _NUDGE = 1e-9  # [mm], into a piece from its ends
 _ZOOMS = 4  # each by 50
+_LOOKS = 101  # on a piece, for its furthest place
 _JUMP = 1e-5  # of an axis' rate, that is none
 
 
@@ -241,10 +242,15 @@ class OutlineTrace:
 
     def _check_travel(self) -> None:
         edges = self.turning.s
+        ways = np.linspace(edges[:-1], edges[1:], _LOOKS, axis=1)
+        seen = self.coordinates(ways.ravel()).reshape(*ways.shape, 3)
+        margin = np.abs(np.diff(seen, 2, axis=1)).max()  # of what lies between two looks
         for piece, (begin, end) in enumerate(pairwise(edges)):
             for column, (low, high) in ((1, self.travel_x), (2, self.travel_y)):
                 for side, limit in ((-1, low), (1, high)):
-                    s = begin if math.isinf(limit) else self._furthest(column, side, begin, end)
+                    if (side * seen[piece, :, column]).max() < side * limit - margin:
+                        continue
+                    s = self._furthest(column, side, begin, end)
                     th, *stage = self.coordinates(s)[0]
                     if side * (stage[column - 1] - limit) > _NUDGE:
                         x, y = self.needle
@@ -258,9 +264,9 @@ class OutlineTrace:
     def _furthest(self, column: int, side: int, begin: float, end: float) -> float:
         """Place within a piece of the outline where an axis stands furthest to one side [mm]."""
         for _ in range(_ZOOMS):
-            s = np.linspace(begin, end, 101)
+            s = np.linspace(begin, end, _LOOKS)
             k = int((side * self.coordinates(s)[:, column]).argmax())
-            begin, end = s[max(k - 1, 0)], s[min(k + 1, 100)]
+            begin, end = s[max(k - 1, 0)], s[min(k + 1, _LOOKS - 1)]
         return float(s[k])
 
 
