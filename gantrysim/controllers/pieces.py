@@ -140,7 +140,7 @@ def length_of(piece: Line | Coil) -> float:
     if not piece.angle:
         return 0.0
     growth, rise = _growth(piece)
-    return float(arclength_of(piece.radius[0], growth, np.hypot(growth, rise), abs(piece.angle))[0])
+    return float(arc_length(piece.radius[0], growth, np.hypot(growth, rise), abs(piece.angle))[0])
 
 
 def row_of(piece: Line | Coil) -> tuple[Any, ...]:
