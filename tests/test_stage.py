@@ -585,6 +585,10 @@ def test_travel_that_is_met_exactly_is_enough():
             {"corners": ((0, 0), (100, 0), (100, 2), (50, 60), (0, 80)), "corner_radius": 20},
             "corner_radius = 20 mm: must be at most 1.45822 mm, for which edge 2 of 2 mm has room",
         ),
+        (  # edge 1 lacks most, and edge 4 has room for less
+            {"corners": ((-28, -71), (3, 94), (-27, 77), (-24, 64)), "corner_radius": 20},
+            "corner_radius = 20 mm: must be at most 10.4569 mm, for which edge 4 of 135.059 mm has room",
+        ),
         ({"corners": ((0, 0), (100, 0))}, "outline of 2 corners: must have at least 3"),
         ({"corners": ((0, 0), (9, 0), (9, 0), (0, 5))}, "outline: corners 2 and 3 are one point"),
         ({"corners": ((0, 0), (9, 0), (9, 9), (0, 0))}, "outline: corners 4 and 1 are one point"),
@@ -638,6 +642,8 @@ def test_a_value_out_of_its_bound_is_named_in_full(changed, said):
 def test_the_largest_radius_that_is_offered_does_run():
     corners = ((0, 0), (100, 0), (100, 2), (50, 60), (0, 80))
     assert OutlineTrace(corners=corners, corner_radius=1.4582).corner_radius == 1.4582
+    corners = ((-28, -71), (3, 94), (-27, 77), (-24, 64))
+    assert OutlineTrace(corners=corners, corner_radius=10.4569).corner_radius == 10.4569
     assert OutlineTrace(corner_radius=30).requested.length == pytest.approx(2 * 40 + 60 * math.pi)
 
 

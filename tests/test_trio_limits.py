@@ -460,6 +460,18 @@ def test_the_servo_period_shows_and_vanishes():
     assert errors[2] < errors[0]
 
 
+def test_a_wait_cut_to_nothing_takes_a_servo_tick():
+    """T x falls below a millisecond long before the end; the program then makes a pass a tick."""
+    job = {"diameter": 120, "turns": 1, "thickness": 59.9, "speed": 100, "loop_period": 0.02, "servo_period": 5e-4}
+    spiral = MoveSpiral(**job, wait_resolution=WHOLE_MS, acceleration=3000)
+    waits = np.diff(spiral.passes.time)
+    short = 0.02 * spiral.ratios[:-1] < WHOLE_MS
+    assert short.sum() >= 5
+    assert waits[short] == pytest.approx(np.full(short.sum(), 5e-4), abs=1e-9)
+    stepped = Controller(**job, wait_resolution=WHOLE_MS, acceleration=3000).run()
+    assert places(spiral.setpoints(5e-4))[:-1] == pytest.approx(np.array(stepped.places)[:-1], abs=POSITION)
+
+
 def test_interpreter_time_adds_to_the_wait_that_is_left():
     """With WA cut to whole ms a pass lasts floor(100 x) ms + d."""
     d = 0.0004

@@ -47,11 +47,6 @@ class Table:
         place: Complex = self.sigma * (self.centre + self._arm(theta) - self.work - u)
         return place
 
-    def place(self, stage: Complex, theta: Floats) -> Complex:
-        """Return the place of the work under the needle, u, (n,) complex [mm, rad]."""
-        u: Complex = self.centre + self._arm(theta) - self.work - self.sigma * stage
-        return u
-
     def rate(self, tangent: Complex, theta: Floats, turning: Floats) -> Complex:
         """Return dS/ds = sigma [-TH' j w - t], (n,) complex."""
         rate: Complex = self.sigma * (-1j * turning * self._arm(theta) - tangent)

@@ -124,7 +124,8 @@ class Loop:
         ratio_bits: fractional bits of the ratio, None for an exact one.
         servo_period: commands take effect at the next multiple of it; 0 has them do so at once [s].
         guarded: x stays above zero: it is held where the last braking lasts beyond that. The published listing
-            has no such guard. Where it does not wait a pass takes one servo_period, wait_resolution or period.
+            has no such guard. A pass that does not wait takes one servo_period, or without ticks no time where
+            guarded, and one wait_resolution or period where not.
     """
 
     length: float
@@ -177,8 +178,8 @@ class Loop:
         wait = max(self.period * x, 0.0)  # WA of a negative time does not wait
         if self.wait_resolution > 0:
             wait = math.floor(wait / self.wait_resolution + 1e-9) * self.wait_resolution
-        if not self.guarded and wait + self.interpreter_time <= 0:
-            return self.servo_period or self.wait_resolution or self.period  # a pass takes some time at least
+        if wait + self.interpreter_time <= 0:  # one pass a tick at most
+            return self.servo_period or (0.0 if self.guarded else self.wait_resolution or self.period)
         return wait
 
     def _effect(self, time: float) -> float:
