@@ -21,7 +21,7 @@ _STEP = (0.02, 2.0)  # of the way between places where the limits are looked at 
 _TURN = 0.05  # at most, from one to the next [rad]
 _TANGENT = 1e-4  # corner that is none [rad]
 _REACH = 1e-3  # of the differences that stand for a second derivative [mm]
-_CONICAL = 8  # times as many nodes on a cone, whose speed in space is not constant where F counts in the plane
+_CONICAL = 5e-7  # error of a cone's squared speed between two nodes, where F counts in the plane
 _RAMP = (1.0, 0.25, 0.0625)  # of the way of a ramp, looked at as well
 _IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
 _STRAIGHT = 1e-12  # [1/mm], of a bend that is none
@@ -269,6 +269,10 @@ def _step(leg: Leg) -> float:
     """Distance of the nodes on a motion [mm]."""
     if not isinstance(leg.piece, Coil):
         return _STEP[1]
-    step = float(np.clip(_TURN * min(leg.piece.radius), *_STEP))
-    conical = leg.piece.rise != 0 and leg.piece.radius[0] != leg.piece.radius[1]
-    return step / _CONICAL if conical else step
+    radius = min(leg.piece.radius)
+    step = _TURN * radius
+    # of v^2 = F^2 (1 + k^2 / rho^2) the second derivative over the way is about 6 (F k b)^2 / rho^6
+    climb, growth = leg.piece.rise / leg.piece.angle, (leg.piece.radius[1] - leg.piece.radius[0]) / leg.piece.angle
+    if climb * growth != 0:
+        step = min(step, radius**3 * math.sqrt(8 * _CONICAL / 6) / abs(climb * growth))
+    return float(np.clip(step, *_STEP))
