@@ -215,6 +215,24 @@ def test_dry_run_down_from_a_higher_feed_slows_without_stopping():
     assert steps[2990:3500].min() > 19
 
 
+@given(st.floats(0.05, 2.5), st.sampled_from([200.0, 5000.0, 30000.0]), st.sampled_from([0.0, 0.02]))
+@settings(max_examples=60, deadline=None)
+def test_dry_run_switched_on_at_any_moment_keeps_the_stops_and_the_acceleration(moment, feed, blend):
+    text = "G01 X40 Y140 F20000\nG02 X80 Y100 I0 J-40\nG01 X0 Y100\nG02 X0 Y60 I0 J-60 L2\nG01 X5"
+    made = program(
+        text, dry_run=feed, dry_run_from=moment, dry_run_until=moment + 0.4, acceleration=1000, blend_time=blend
+    )
+    setpoints = made.setpoints(0.001)
+    assert np.abs(second_differences(setpoints)).max() <= 1000 * (1 + ACCELERATION)
+    assert setpoints.position[-1] == pytest.approx([5, 60], abs=1e-9)
+
+
+def test_dry_run_may_be_switched_while_the_motion_brakes_for_its_end():
+    plain = program("G01 X300 F3000", acceleration=500)
+    braking = {"dry_run": 6000, "dry_run_from": plain.duration - 0.05}
+    assert program("G01 X300 F3000", acceleration=500, **braking).duration == pytest.approx(plain.duration, abs=1e-6)
+
+
 def test_rapid_moves_run_at_the_rapid_feed():
     assert program("G00 X300", rapid=6000).duration == pytest.approx(3.0)
 

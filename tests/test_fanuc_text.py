@@ -171,6 +171,13 @@ def test_text_after_the_end_is_not_read():
     Program("G01 X5 F60 M30\nX#")
 
 
+@pytest.mark.parametrize("before", ["", "G04 P100\n"])
+def test_what_rounding_leaves_of_incremental_coordinates_is_no_motion(before):
+    program = Program(f"G91 F600\nG01 X0.1\nX0.2\nX-0.3\n{before}G90 X0\nY10", acceleration=1000)
+    assert sum(leg.piece is not None for leg in program.legs) == 4
+    assert program.setpoints(1e-3).position[-1] == pytest.approx([0, 10], abs=1e-9)
+
+
 def test_an_alarm_can_be_pickled():
     with pytest.raises(Alarm) as raised:
         Program("N10 G05")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from gantrysim.controllers.chain import Coil, Line, Vector
@@ -10,6 +11,8 @@ from gantrysim.controllers.fanuc.geometry import piece_of
 from gantrysim.controllers.fanuc.text import Sourced
 
 __all__ = ["Leg", "legs_of"]
+
+_SHORTEST = 1e-6  # [mm], of a line; what is less is rounding of incremental coordinates
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ def legs_of(
         if speed is None:
             raise sourced.fail(11, "a motion at feed must come with F, in it or before it")
         piece = piece_of(block, here, end_tolerance, arc_tolerance, sourced.fail)
-        still = isinstance(piece, Line) and piece.start == piece.end
+        still = isinstance(piece, Line) and math.dist(piece.start, piece.end) <= _SHORTEST
         turned = angle if block.rotary is None else block.rotary
         glue = block.dispense if block.dispense is not None else not isinstance(block, Rapid)
         legs.append(

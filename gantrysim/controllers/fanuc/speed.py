@@ -25,6 +25,7 @@ _CONICAL = 5e-7  # error of a cone's squared speed between two nodes, where F co
 _RAMP = (1.0, 0.25, 0.0625)  # of the way of a ramp, looked at as well
 _IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
 _STRAIGHT = 1e-12  # [1/mm], of a bend that is none
+_APART = 1e-9  # [mm], of nodes that are two
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
 _PER_MINUTE = 60.0
 
@@ -137,10 +138,26 @@ class Planner:
         for switch, after in ((feeding.dry_from - begun, True), (feeding.dry_until - begun, False)):
             here = switch - times[-1]
             if 0 < here < laws[-1].duration and math.isfinite(switch):
-                s, v = float(laws[-1].position(here)), float(laws[-1].velocity(here))
-                laws.append(self._plan(after, s, v))
-                times.append(switch)
+                law, late = self._taking_over(laws[-1], here, after)
+                laws.append(law)
+                times.append(switch + late)
         return Spliced(laws, times)
+
+    def _taking_over(self, law: Limited, time: float, dry: bool) -> tuple[Limited, float]:
+        """Return the law after a switch of dry run, and how much later it takes over [s].
+
+        That is at once, or at a node close ahead where the motion brakes so hard for a stop that it has no choice.
+        """
+        place = float(law.position(time))
+        for s in (place, *self._nodes[0][self._nodes[0] > place + _APART]):
+            late = 0.0 if s == place else law.reached(float(s)) - time
+            if law.length - s <= _APART:
+                break
+            # down to a lower feed as fast as the axes allow, and so no faster where the path bends
+            for braking in _BRAKING:
+                with suppress(InputError):
+                    return self._plan(dry, float(s), float(law.velocity(time + late)), braking), late
+        return law, -time
 
     @property
     def _limit(self) -> float:
@@ -164,28 +181,23 @@ class Planner:
         order = np.lexsort((ways, pieces))
         return ways[order], pieces[order]
 
-    def _plan(self, dry: bool, begin: float = 0.0, speed: float = 0.0) -> Limited:
-        """Plan from a place on, where the speed is given, with or without dry run."""
+    def _plan(self, dry: bool, begin: float = 0.0, speed: float = 0.0, braking: float = 0.0) -> Limited:
+        """Plan from a place on, where the speed is given, with or without dry run.
+
+        From a speed above the feed the motion brakes with a share of the acceleration, but no later at corners.
+        """
         s, piece = self._nodes
         if begin > 0:
-            ahead = s > begin + 1e-9
+            ahead = s > begin + _APART
             s, piece = np.concatenate([[begin], s[ahead]]), np.concatenate([piece[ahead][:1], piece[ahead]])
         top = self._feed(s, piece, dry)
         a = self._feeding.acceleration
         if math.isinf(a):
             return fastest(s, top, np.ones((s.size, 1)), np.zeros((s.size, 1)), [math.inf], [a])
-        top = self._at_corners(s, top)
+        coming = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
+        top = self._at_corners(s, np.maximum(top, coming))
         rate, bend = self._derivatives(s, piece)
-        limits = np.full(3, self._limit)
-        free = np.full(3, math.inf)
-        if begin == 0:
-            return fastest(s, top, rate, bend, free, limits)
-        # down to a lower feed as fast as the axes allow, and so no faster where the path bends
-        for share in _BRAKING:
-            coming = np.sqrt(np.maximum(speed**2 - 2 * share * limits[0] * (s - begin), 0.0))
-            with suppress(InputError):
-                return fastest(s, np.maximum(top, coming), rate, bend, free, limits, begin=speed)
-        raise InputError(f"dry run switched at {begin:.6g} mm of the path: no deceleration within the limits")
+        return fastest(s, top, rate, bend, np.full(3, math.inf), np.full(3, self._limit), begin=speed)
 
     def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
         """Largest path speed at the nodes [mm/s]."""
