@@ -409,6 +409,11 @@ def test_nodes_hold_both_ends_of_every_piece_and_lie_no_farther_apart_than_asked
         assert np.ptp(np.diff(own)) <= 1e-9 * (1 + ends[k])
 
 
+def test_a_path_too_long_to_be_looked_at_is_refused():
+    with pytest.raises(InputError, match=r"path of 1e\+09 mm in 1 pieces: needs 5e\+08 places .* at most 2e\+06"):
+        nodes([1e9], 2.0)
+
+
 def test_slowest_is_between_the_first_rise_and_the_last_fall():
     s = np.arange(7.0)
 

@@ -24,6 +24,7 @@ __all__ = ["Limited", "fastest", "nodes"]
 # What is kept in hand of an acceleration limit for what lies between two nodes, where it is not looked at.
 _IN_HAND = 1e-3
 _FEWEST = 8  # intervals of a piece
+_MOST = 2_000_000  # nodes of a path
 
 
 class Limited:
@@ -103,9 +104,18 @@ def nodes(ends: ArrayLike, step: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
     Returns:
         s: (m,), twice the same where two pieces meet [mm].
         piece: (m,).
+
+    Raises:
+        InputError: a path so long that these would not fit into memory.
     """
     edges = np.concatenate([[0.0], np.atleast_1d(np.asarray(ends, float))])
-    count = np.maximum(np.ceil(np.diff(edges) / np.asarray(step, float)), _FEWEST).astype(np.intp) + 1
+    intervals = np.maximum(np.ceil(np.diff(edges) / np.asarray(step, float)), _FEWEST)
+    if not intervals.sum() <= _MOST:
+        raise InputError(
+            f"path of {edges[-1]:g} mm in {edges.size - 1} pieces: needs {intervals.sum():.3g} places at which "
+            f"its limits are looked at, must be at most {_MOST:g}"
+        )
+    count = intervals.astype(np.intp) + 1
     piece = np.repeat(np.arange(count.size), count)
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
     share = (np.arange(piece.size) - first[piece]) / (count[piece] - 1)
