@@ -80,11 +80,33 @@ def test_a_tangent_joint_stays_one():
     assert made(text.replace("G41", "G42"), start=(-10, 0, 0)).requested.pieces[2].radius == pytest.approx((12, 12))
 
 
-def test_an_outer_corner_at_an_arc_is_bridged_by_a_line():
-    program = made("G42 D1 G01 X0 Y0 F600\nX40\nG02 X60 Y0 I10 J0\nG40 G01 X60 Y-20", start=(-10, 0, 0))
-    assert [type(piece).__name__ for piece in program.requested.pieces] == ["Line", "Line", "Line", "Coil", "Line"]
-    assert program.requested.pieces[3].radius == pytest.approx((8, 8), abs=POSITION)
+def test_an_outer_corner_at_an_arc_is_extended_along_both_tangents():
+    program = made("G41 D1 G01 X0 Y0 F600\nX40\nG02 X20 Y-20 I-20 J0\nG40 G01 X0", start=(-10, 0, 0))
+    assert [type(piece).__name__ for piece in program.requested.pieces] == ["Line"] * 4 + ["Coil", "Line"]
+    assert corners(program)[2:5] == pytest.approx(np.array([[40, 2], [42, 2], [42, 0]]), abs=POSITION)
+    assert program.requested.pieces[4].radius == pytest.approx((22, 22), abs=POSITION)
     assert gaps(program).max() < JOINT
+
+
+@pytest.mark.parametrize(
+    "after",
+    ["X10 Y-5", "X-60 Y0.1", "X40 Y-30", "X70 Y-90", "G02 X20 Y-20 I-20 J0", "G02 X30 Y-10 I-5 J-5", "G02 X40 I-9"],
+)
+def test_no_place_is_nearer_to_an_outer_corner_than_the_offset(after):
+    program = made(f"G41 D1 G01 X0 Y0 F600\nX40\n{after}\nG40 G01 Y-200", start=(-10, 0, 0))
+    ends = program.requested.ends
+    s = np.linspace(ends[0], ends[-2], 20001)
+    distance = np.linalg.norm(program.requested.position(s)[:, :2] - [40, 0], axis=1)
+    assert distance.min() == pytest.approx(2, abs=1e-3)
+    assert gaps(program).max() < JOINT
+
+
+def test_the_rotary_axis_stands_while_a_corner_is_rounded():
+    text = "G41 D1 G01 X0 Y0 F600\nX40\nG02 X20 Y-20 I-20 J0 C90\nG40 G01 X0"
+    angle = made(text, start=(-10, 0, 0)).setpoints(0.01).position[:, 2]
+    assert np.diff(angle).min() >= 0
+    assert np.diff(angle).max() < 0.5
+    assert angle[-1] == 90
 
 
 @pytest.mark.parametrize(
@@ -157,7 +179,7 @@ def test_lines_that_climb_meet_at_the_programmed_height():
 
 
 @pytest.mark.parametrize("degrees", [45, 90, 135, 170])
-def test_an_outer_corner_is_extended_up_to_a_right_angle_and_bridged_beyond(degrees):
+def test_an_outer_corner_is_extended_up_to_a_right_angle_and_cut_off_beyond(degrees):
     turn = math.radians(degrees)
     place = 40 + 40 * np.exp(-1j * turn)
     text = f"G41 D1 G01 X0 Y0 F600\nX40\nX{place.real:.5f} Y{place.imag:.5f}\nG40 Y100"
@@ -165,8 +187,8 @@ def test_an_outer_corner_is_extended_up_to_a_right_angle_and_bridged_beyond(degr
     if degrees <= 90:
         assert points[2] == pytest.approx([40 + 2 * math.tan(turn / 2), 2], abs=1e-4)
     else:
-        beside = 40 + 2j * np.exp(-1j * turn)
-        assert points[2:4] == pytest.approx(np.array([[40, 2], [beside.real, beside.imag]]), abs=1e-4)
+        back = 40 + (2j - 2) * np.exp(-1j * turn)
+        assert points[2:5] == pytest.approx(np.array([[40, 2], [42, 2], [back.real, back.imag]]), abs=1e-4)
 
 
 def test_an_offset_of_nothing_is_no_offset():

@@ -1,7 +1,8 @@
 """Cutter compensation: the path beside the programmed one.
 
 Lines are offset along their normal, arcs and spirals along the radius, on virtual circles about their centre: that
-is the controller's own way, and for a spiral not quite an offset of even distance.
+is the controller's own way, and for a spiral not quite an offset of even distance. Round outer corners the motions
+are lengthened along their tangents.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from gantrysim.controllers.path import Floats
 __all__ = ["compensated"]
 
 _GAP = 1e-6  # [mm], between two ends that are one
-_SHARP = math.pi / 2 + 1e-9  # an outer corner of lines beyond it is bridged instead of extended
+_SHARP = math.pi / 2 + 1e-9  # an outer corner of lines beyond it is cut off
 _SLIGHT = math.radians(5)  # an inner corner that a short bridge may cross
 
 
@@ -131,7 +132,26 @@ def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
         raise leg.source.fail(
             41, f"inner corner of {math.degrees(abs(corner)):.4g} deg at an arc: the offset paths do not meet there"
         )
-    return before, [replace(leg, start=here, piece=Line(here, there, _frame(leg)), spiral=False), leg]
+    return before, [*_bridge(before, leg, here, there, 0.0 if inside or not same else abs(corner)), leg]
+
+
+def _bridge(before: Leg, leg: Leg, here: Vector, there: Vector, corner: float) -> list[Leg]:
+    """Straight moves from the end of one motion to the start of the next.
+
+    Round an outer corner both are lengthened, to where they meet, or by the offset d where that is less: a straight
+    line between those ends is no nearer to the corner than d.
+    """
+    longer = abs(leg.compensation) * min(math.tan(0.5 * min(corner, math.pi / 2)), 1.0)
+    out = _vector(here + longer * _direction(before, 1))
+    back = _vector(there - longer * _direction(leg, 0))
+    bridge = []
+    for place in (out, back, there):
+        if math.dist(here, place) > _GAP:
+            line = Line(here, place, _frame(leg))
+            still = (leg.rotary[0], leg.rotary[0])
+            bridge.append(replace(leg, start=here, piece=line, rotary=still, spiral=False, exact_stop=False))
+            here = place
+    return bridge
 
 
 def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
