@@ -90,7 +90,7 @@ def test_an_outer_corner_at_an_arc_is_extended_along_both_tangents():
 
 @pytest.mark.parametrize(
     "after",
-    ["X10 Y-5", "X-60 Y0.1", "X40 Y-30", "X70 Y-90", "G02 X20 Y-20 I-20 J0", "G02 X30 Y-10 I-5 J-5", "G02 X40 I-9"],
+    ["X10 Y-5", "X-60 Y-0.1", "X40 Y-30", "X70 Y-90", "G02 X20 Y-20 I-20 J0", "G02 X30 Y-10 I-5 J-5", "G02 X40 I-9"],
 )
 def test_no_place_is_nearer_to_an_outer_corner_than_the_offset(after):
     program = made(f"G41 D1 G01 X0 Y0 F600\nX40\n{after}\nG40 G01 Y-200", start=(-10, 0, 0))
