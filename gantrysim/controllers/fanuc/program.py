@@ -27,7 +27,7 @@ _WORDS = "ABC"
 
 
 @dataclass(frozen=True)
-class _Stage:
+class _Part:
     """A part of the program in time: a stretch of path, the rotary axis alone, or a stop.
 
     Attributes:
@@ -151,28 +151,27 @@ class Program:
         return ()
 
     @cached_property
-    def _stages(self) -> tuple[_Stage, ...]:
-        clamped = self.clamp
+    def _parts(self) -> tuple[_Part, ...]:
         feeding = Feeding(
             self.acceleration,
-            clamped,
+            self.clamp,
             self.feed_in_space,
             self.blend_time if math.isfinite(self.acceleration) else 0.0,
             self.dry_run,
             self.dry_run_from,
             self.dry_run_until,
         )
-        stages: list[_Stage] = []
+        parts: list[_Part] = []
         here: Vector = self.start
         begun = 0.0
         for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)
             made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here) for leg in legs]
-            stages += made
-            begun += sum(stage.duration for stage in made)
-            x, y, z, _ = stages[-1].at(np.array([stages[-1].duration]))[0][0].tolist()
+            parts += made
+            begun += sum(part.duration for part in made)
+            x, y, z, _ = parts[-1].at(np.array([parts[-1].duration]))[0][0].tolist()
             here = (x, y, z)
-        return tuple(stages)
+        return tuple(parts)
 
     def _with_holds(self) -> Iterator[Leg]:
         """The motions; stops last longer by the moving average, so that it comes to rest in them."""
@@ -184,7 +183,7 @@ class Program:
     @property
     def duration(self) -> float:
         """Time of the motion [s]."""
-        return sum(stage.duration for stage in self._stages) + self.blend_time
+        return sum(part.duration for part in self._parts) + self.blend_time
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes at every servo period [s]."""
@@ -192,16 +191,16 @@ class Program:
         window = max(round(self.blend_time / period), 1) * period
         if self.blend_time > 0 and abs(window - self.blend_time) > 1e-9 * period:
             return replace(self, blend_time=window).setpoints(period)
-        begun = np.concatenate([[0.0], np.cumsum([stage.duration for stage in self._stages])])
+        begun = np.concatenate([[0.0], np.cumsum([part.duration for part in self._parts])])
         n = ticks(float(begun[-1]), period)
         time = np.arange(n + 1) * period
         time[-1] = begun[-1]
         place = np.empty((n + 1, 4))
         dispense = np.zeros(n + 1, bool)
-        which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._stages) - 1)
-        for k, stage in enumerate(self._stages):
+        which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)
+        for k, part in enumerate(self._parts):
             chosen = which == k
-            place[chosen], dispense[chosen] = stage.at(time[chosen] - begun[k])
+            place[chosen], dispense[chosen] = part.at(time[chosen] - begun[k])
         if self.blend_time > 0:
             place, dispense = _averaged(place, dispense, round(self.blend_time / period))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
@@ -215,7 +214,7 @@ def _block(item: object, k: int) -> Block:
     return item
 
 
-def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Stage:
+def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
     chain = Chain(leg.piece for leg in legs if leg.piece is not None)
     law = Planner(legs, chain, feeding).law(begun)
     rotary = np.array([leg.rotary for leg in legs])
@@ -229,10 +228,10 @@ def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Stage:
             angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
         return np.column_stack([chain.position(s), angle]), glue[k]
 
-    return _Stage(law.duration, at)
+    return _Part(law.duration, at)
 
 
-def _in_place(leg: Leg, here: Vector) -> _Stage:
+def _in_place(leg: Leg, here: Vector) -> _Part:
     """A stop, or the rotary axis alone at its feed."""
     first, last = leg.rotary
     duration = leg.dwell if first == last else abs(last - first) / leg.feed
@@ -241,7 +240,7 @@ def _in_place(leg: Leg, here: Vector) -> _Stage:
         angle = first + (last - first) * (t / duration if duration > 0 else np.ones(t.shape))
         return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
 
-    return _Stage(duration, at)
+    return _Part(duration, at)
 
 
 def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
