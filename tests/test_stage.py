@@ -216,6 +216,12 @@ def test_the_notes_errors_of_linear_corner_interpolation(pieces, error, figure):
     assert np.linalg.norm(u - Rounded(RECTANGLE, 10)(s)[0], axis=1).max() == pytest.approx(off, rel=1e-9)
 
 
+def test_an_inner_corner_is_further_off_its_arc():
+    """All corners turn by 90 deg; about the inner one the stage's radius is 210 mm, about the others 190 mm."""
+    trace = OutlineTrace(corners=ELL, corner_pieces=9)
+    assert trace.notes == (f"corners: 9 linear pieces each are off the arc by up to {210 / 190 * 0.7230:.4g} mm",)
+
+
 @given(traces(), st.integers(1, 12))
 @settings(max_examples=40, deadline=None)
 def test_linear_corners_are_off_by_what_the_notes_say(job, pieces):
@@ -395,6 +401,35 @@ def test_all_limits_hold_together_whatever_the_set_up(job, blend, data):
     assert np.all(np.diff(way) >= 0)
     assert trace.law.velocity(np.linspace(0, trace.duration, 5001)).max() <= job["speed"] * (1 + 1e-9)
     assert trace.duration > oracle.length / job["speed"]
+
+
+@pytest.mark.parametrize(("name", "axis", "limit"), LIMITS)
+def test_a_velocity_limit_holds_along_linear_pieces(name, axis, limit):
+    """Constant speed in every piece: that of its chord, or of the limit."""
+    held = OutlineTrace(corners=ELL, **SET_UP, corner_pieces=5, **alone(name, axis, limit))
+    free = OutlineTrace(corners=ELL, **SET_UP, corner_pieces=5)
+    parts = [np.linspace(*free.turning.s[k : k + 2], 6 if k % 2 else 2) for k in range(len(free.turning.s) - 1)]
+    s = np.unique(np.concatenate(parts))
+    step = np.abs(np.diff(free.coordinates(s), axis=0))[:, axis]
+    times = np.maximum(np.diff(s) / 60, step / limit)
+    assert held.duration == pytest.approx(times.sum(), rel=1e-6)
+    assert np.abs(velocities(held.setpoints(2e-4))[:, axis]).max() <= limit * (1 + VELOCITY)
+    assert np.abs(velocities(free.setpoints(2e-4))[:, axis]).max() > 1.2 * limit
+
+
+def test_linear_pieces_halt_at_every_joint_where_an_acceleration_is_limited():
+    limits = {"acceleration": (3000.0, 3000.0, 3000.0)}
+    trace = OutlineTrace(**limits, corner_pieces=3)
+    s = np.concatenate([np.linspace(*trace.turning.s[k : k + 2], 4) for k in (1, 3, 5, 7)])
+    halts = trace.law.velocity(np.array([trace.law.reached(at) for at in s]))
+    assert halts == pytest.approx(np.zeros(s.size), abs=1e-2)
+    # each from rest to rest: the axis that needs most of its limit a millimetre sets the pace
+    edges = np.unique(np.concatenate([trace.turning.s, s]))
+    edges = edges[np.diff(edges, prepend=-1) > 1e-6]
+    rate = np.abs(np.diff(trace.coordinates(edges), axis=0)).max(axis=1) / np.diff(edges)
+    times = [trapezoid(length, 50, 3000 / most) for length, most in zip(np.diff(edges), rate, strict=True)]
+    assert trace.duration == pytest.approx(sum(times), rel=1e-3)
+    assert trace.duration > OutlineTrace(**limits).duration
 
 
 def trapezoid(length, speed, acceleration):
