@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.controllers.fanuc import Arc, Clamp, Dwell, Line, Program, Rapid, Spiral
+from gantrysim.errors import InputError
 
 FEED = 1e-6  # relative, of a constant feed
 STEEP = 1e-5  # the same of cones of a few mm that rise as much, where F counts in the plane
@@ -295,3 +296,17 @@ def test_the_time_to_make_setpoints_grows_with_the_program_alone():
 
     seconds(100)
     assert seconds(8000) < 0.5 * 8**2 * seconds(1000)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((-3, 2000, 100), "clamp radius = -3 mm: must be greater than 0 mm"),
+        ((5, 0, 100), "clamp feed = 0 mm/min: must be greater than 0 mm/min"),
+        ((5, 2000, 0), "clamp floor = 0 mm/min: must be greater than 0 mm/min"),
+        ((5, 2000, math.nan), "clamp floor = nan mm/min: must be finite"),
+    ],
+)
+def test_a_clamp_out_of_its_bounds_is_named(arguments, said):
+    with pytest.raises(InputError, match=f"^{said}$"):
+        Clamp(*arguments)

@@ -13,7 +13,7 @@ from gantrysim.controllers.chain import Chain, Coil
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.controllers.path import Floats
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, positive
 
 __all__ = ["Clamp", "Feeding", "Planner", "Spliced"]
 
@@ -43,6 +43,11 @@ class Clamp:
     radius: float
     feed: float
     floor: float
+
+    def __post_init__(self) -> None:
+        positive("clamp radius", self.radius, "mm")
+        positive("clamp feed", self.feed, "mm/min")
+        positive("clamp floor", self.floor, "mm/min")
 
     def limit(self, r: ArrayLike) -> Floats:
         """Return the largest feed at radii, (n,) [mm/min]."""
