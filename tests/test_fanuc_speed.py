@@ -234,8 +234,36 @@ def test_dry_run_may_be_switched_while_the_motion_brakes_for_its_end():
     assert program("G01 X300 F3000", acceleration=500, **braking).duration == pytest.approx(plain.duration, abs=1e-6)
 
 
+def test_dry_run_that_ends_before_a_motion_begins_leaves_it_its_feed():
+    made = program("G01 X100 F3000\nG04 P10\nX200", dry_run=6000, dry_run_until=0.5)
+    assert made.duration == pytest.approx(0.5 + 1 + 0.01 + 2)
+
+
 def test_rapid_moves_run_at_the_rapid_feed():
     assert program("G00 X300", rapid=6000).duration == pytest.approx(3.0)
+    assert program("G00 X300", rapid=6000, dry_run=1200).duration == pytest.approx(3.0)
+
+
+def test_the_motion_stops_before_and_after_a_spiral_that_its_neighbours_touch():
+    line, spiral, on = "G01 X50 Y100 F6000", "G02 Y99.99 J-100 Q-0.01 F6000", "G01 X100 F6000"
+    starts = [(0, 100, 0), (50, 100, 0), (50, 99.99, 0)]
+    parts = [Program(text, start=at, acceleration=1000) for text, at in zip([line, spiral, on], starts, strict=True)]
+    whole = program("\n".join([line, spiral, on]), acceleration=1000)
+    assert whole.duration == pytest.approx(sum(part.duration for part in parts), abs=1e-6)
+    circle = program("\n".join([line, "G02 J-100", on]), acceleration=1000)
+    assert circle.duration < whole.duration - 0.15
+
+
+def test_the_rotary_axis_alone_takes_its_feed_and_lays_no_glue():
+    made = program("G01 X10 F600\nC90\nX20")
+    setpoints = made.setpoints(0.1)
+    assert made.duration == pytest.approx(1 + 9 + 1)
+    assert setpoints.dispense.tolist() == [True] * 10 + [False] * 90 + [True] * 11
+
+
+def test_increments_of_the_rotary_axis_add_up():
+    setpoints = program("G91 G01 X10 C30 F600\nX10 C30\nG90 X50 C15").setpoints(0.1)
+    assert setpoints.position[[10, 20, -1], -1] == pytest.approx([30, 60, 15])
 
 
 @pytest.mark.parametrize("word", ["P1500", "X1.5"])
