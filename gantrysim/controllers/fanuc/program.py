@@ -23,7 +23,7 @@ from gantrysim.errors import InputError, at_least, finite, positive
 
 __all__ = ["Program"]
 
-_WORDS = "ABC"
+_WORDS, _LINEAR = "ABC", "xyz"
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ class Program:
         program: text, or blocks.
         start: position at which it begins [mm].
         rapid: feed of G00 [mm/min].
-        acceleration: of every axis [mm/s²].
+        acceleration: of x, y and z each [mm/s²]. The rotary axis has none of its own: it turns in proportion to the
+            path, and alone at its feed from the first moment to the last.
         end_point_tolerance: of a spiral's radius and height at its end, parameter 3471 [mm].
         radius_tolerance: of an arc's radius at its end, parameter 3410 [mm].
         clamp: of the feed by an arc's radius, parameters 1730 to 1732; none by default.
@@ -118,6 +119,8 @@ class Program:
             )
         for number, offset in self.offsets.items():
             finite(f"offset {number}", offset, "mm")
+        if self.rotary_axis in _LINEAR:
+            raise InputError(f"rotary_axis = {self.rotary_axis!r}: must be none of {', '.join(_LINEAR)}")
         if self.rotary_word not in _WORDS or len(self.rotary_word) != 1:
             raise InputError(f"rotary_word = {self.rotary_word!r}: must be one of {', '.join(_WORDS)}")
         if not any(leg.piece for leg in self.legs):
