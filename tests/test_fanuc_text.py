@@ -180,7 +180,7 @@ def test_what_rounding_leaves_of_incremental_coordinates_is_no_motion(before):
 
 def test_the_rotary_axis_has_a_word_and_a_name_of_its_own():
     assert Program("G01 X5 A90 F60", rotary_word="A", rotary_axis="th").axes == ("x", "y", "th")
-    with pytest.raises(ValueError, match="alarm 009 .* address C has no use in G01"):
+    with pytest.raises(ValueError, match=r"alarm 009 .* address C has no use in G01"):
         Program("G01 X5 C90 F60", rotary_word="A")
     with pytest.raises(ValueError, match="rotary_word = 'X': must be one of A, B, C"):
         Program("G01 X5 F60", rotary_word="X")
