@@ -218,6 +218,14 @@ def test_no_way_takes_no_time(profile):
     assert profile.position([-1, 0, 1]).tolist() == [0, 0, 0]
 
 
+@pytest.mark.parametrize("shape", [Ramp(), Ramp(0.5), Sine(), Jerk(1e5)])
+@pytest.mark.parametrize("speed", [1e30, 1e100, 1e308])
+def test_a_speed_far_beyond_reach_is_no_limit(speed, shape):
+    plain, fast = (PointToPoint(10.0, v, 3000.0, shape=shape) for v in (1e5, speed))
+    assert fast.duration == pytest.approx(plain.duration, rel=1e-9)
+    assert fast.position(0.5 * fast.duration) == pytest.approx(5.0)
+
+
 def test_constant_speed():
     profile = Constant(10, 4)
     assert profile.duration == 2.5

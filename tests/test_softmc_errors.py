@@ -39,6 +39,8 @@ from gantrysim.errors import InputError
         ),
         ("Circle Angle=90 CircleCenter={1, 0} CirclePlane=3", "plane = 3: must be 0 (XY), 1 (XZ) or 2 (YZ)"),
         ("Circle Angle=90 CircleCenter={1, 0} CirclePlane=0.5", "plane = 0.5: must be 0 (XY), 1 (XZ) or 2 (YZ)"),
+        ("Circle Angle=90 CircleCenter={1, 0} CirclePlane=inf", "plane = inf: must be 0 (XY), 1 (XZ) or 2 (YZ)"),
+        ("Circle Angle=90 CircleCenter={1, 0} CirclePlane=nan", "plane = nan: must be 0 (XY), 1 (XZ) or 2 (YZ)"),
         (
             "Circle CirclePoint={1, 1} TargetPoint={2, 0} CirclePlane=1",
             "plane = 1 (XZ) with a circle through points: must be left out; the three points make the plane",

@@ -196,6 +196,8 @@ class PointToPoint:
         if self.speed * sum(self._ramps(self.speed)) <= 2 * self.length:
             return self.speed
         low, high = 0.0, self.speed
+        while self.length > 0 and 0.5 * high * sum(self._ramps(0.5 * high)) > 2 * self.length:
+            high *= 0.5
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             if not low < middle < high:

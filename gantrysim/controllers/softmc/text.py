@@ -134,7 +134,7 @@ def _value(word: str, kind: str, text: str) -> Any:
         if value not in (0, 1):
             raise SoftMCError(f"{word} = {text}: must be 0 or 1")
         return value == 1
-    return int(value) if word == "CirclePlane" and value == int(value) else value
+    return int(value) if word == "CirclePlane" and value.is_integer() else value
 
 
 def _point(word: str, text: str) -> tuple[float, ...]:
