@@ -14,7 +14,7 @@ from gantrysim.errors import InputError
 FEED = 1e-6  # relative, of a constant feed
 STEEP = 1e-5  # the same of cones of a few mm that rise as much, where F counts in the plane
 CLAMPED = 1e-4  # relative, of one that follows the radius
-ACCELERATION = 1e-2  # relative, by which a second difference may pass a limit between the places looked at
+ACCELERATION = 2e-3  # relative, by which a second difference may pass a limit between the places looked at
 RAMPS = 2e-3  # relative, by which what is kept in hand of an acceleration lengthens a ramp
 SPIRAL = "G02 X0 Y-30 I0 J-100 Q-20 F{}"
 CONE = "G02 X0 Y-37.5 Z62.5 I0 J-100 Q-25 F{}"
