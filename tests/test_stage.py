@@ -635,11 +635,11 @@ def test_travel_that_is_met_exactly_is_enough():
         ({"corners": ((50, 50), (0, 0), (100, 0), (50, 0))}, "outline: doubles back at corner 3"),
         (
             {"corners": ((0, 0), (100, 0), (10, 80), (100, 90))},
-            "outline: turns by 0 deg in all: must not cross itself",
+            "outline: edges 2 and 4 cross: must not",
         ),
         (
             {"corners": tuple((math.cos(0.8 * math.pi * k) * 50, math.sin(0.8 * math.pi * k) * 50) for k in range(5))},
-            "outline: turns by 720 deg in all: must not cross itself",
+            "outline: edges 1 and 3 cross: must not",
         ),
         ({"corners": ((0, 0), (1, math.inf), (5, 5))}, "outline corner 2 y = inf mm: must be finite"),
         ({"blend": 1e4}, "blend = 10000 mm: must be at most the outline, 302.832 mm"),
@@ -698,3 +698,21 @@ def test_a_corner_of_no_turn_is_none():
     # nor does it halt there
     held, plain = (OutlineTrace(corners=c, acceleration=(3000.0,) * 3).duration for c in (corners, RECTANGLE))
     assert held == pytest.approx(plain, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("corners", "said"),
+    [
+        (((0, 0), (60, 0), (60, 60), (30, -30), (0, 60)), "edges 1 and 3 cross"),
+        (((0, 0), (0, 60), (60, 0), (60, 90)), "edges 2 and 4 cross"),
+    ],
+)
+def test_an_outline_whose_edges_cross_is_refused(corners, said):
+    with pytest.raises(InputError, match=f"^outline: {said}: must not$"):
+        OutlineTrace(corners=corners, corner_radius=2)
+
+
+def test_an_outline_that_touches_itself_and_winds_twice_is_refused():
+    corners = ((0, 0), (60, 0), (60, 60), (0, 60), (0, 0), (30, 0), (30, 30), (0, 30))  # two squares by one corner
+    with pytest.raises(InputError, match="^outline: (turns by 720 deg in all: must not cross itself|.* one point)"):
+        OutlineTrace(corners=corners, corner_radius=2)

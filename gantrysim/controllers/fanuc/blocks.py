@@ -104,7 +104,8 @@ class Spiral(Motion):
     """Spiral interpolation, or conical where the axis square to the plane moves, G02 and G03.
 
     The number of turns follows from the change of the radius per turn, else from the height per turn, else from
-    `turns`; the first of these that is given wins.
+    `turns`; the first of these that is given wins. A height per turn that it does not win must lead to the end's
+    height all the same, as a radius must; `turns` is then not looked at.
 
     Args:
         centre: from the start to the centre along the plane's first and second axis [mm].

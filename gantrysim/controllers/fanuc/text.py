@@ -17,7 +17,7 @@ from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, 
 __all__ = ["Sourced", "read"]
 
 _COMMENT = re.compile(r"\([^)]*\)?")
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+))")
+_NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LETTERS = "ABCDFGIJKLMNOPQRSTXYZ"
 _DIGITS = 8
 _INCH = 25.4
@@ -114,7 +114,7 @@ def _blocks(text: str, skip: bool) -> Iterator[_Words]:
 
 
 def _words(text: str, name: str, line: int) -> _Words:
-    label = re.match(r"N\s*(\d+)", text)
+    label = re.match(r"N\s*([0-9]+)", text)
     if label:
         name = f"N{label[1]}"
     codes: list[float] = []

@@ -21,7 +21,7 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
     """Return the corners of a polygon as complex numbers, (m,) [mm].
 
     Raises:
-        InputError: fewer than three, two at one place, or no area.
+        InputError: fewer than three, two at one place, no area, or edges that cross.
     """
     if len(corners) < 3:
         raise InputError(f"outline of {len(corners)} corners: must have at least 3")
@@ -32,7 +32,23 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
         raise InputError(f"outline: corners {short[0] + 1} and {(short[0] + 1) % z.size + 1} are one point")
     if abs(_area(z)) < _ROUNDING:
         raise InputError("outline: encloses no area; its corners must not lie on one line, nor its edges cross")
+    crossing = _crossing(z)
+    if crossing is not None:
+        raise InputError(f"outline: edges {crossing[0] + 1} and {crossing[1] + 1} cross: must not")
     return z
+
+
+def _crossing(z: Floats) -> tuple[int, int] | None:
+    """Two edges that cross each other, or None: each has the ends of the other on its two sides."""
+
+    def side(at: Floats) -> Floats:
+        """Of points to the edges, positive on the left, (edges, points)."""
+        left: Floats = (np.conj(np.roll(z, -1) - z)[:, None] * (at[None] - z[:, None])).imag
+        return left
+
+    apart = side(z) * side(np.roll(z, -1)) < 0
+    crossing = np.argwhere(np.triu(apart & apart.T))
+    return (int(crossing[0, 0]), int(crossing[0, 1])) if crossing.size else None
 
 
 def _area(z: Floats) -> float:
