@@ -714,5 +714,5 @@ def test_an_outline_whose_edges_cross_is_refused(corners, said):
 
 def test_an_outline_that_touches_itself_and_winds_twice_is_refused():
     corners = ((0, 0), (60, 0), (60, 60), (0, 60), (0, 0), (30, 0), (30, 30), (0, 30))  # two squares by one corner
-    with pytest.raises(InputError, match="^outline: (turns by 720 deg in all: must not cross itself|.* one point)"):
+    with pytest.raises(InputError, match=r"^outline: (turns by 720 deg in all: must not cross itself|.* one point)"):
         OutlineTrace(corners=corners, corner_radius=2)

@@ -2,7 +2,7 @@
 
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
+from gantrysim.controllers.fanuc.feeding import Clamp
 from gantrysim.controllers.fanuc.program import Program
-from gantrysim.controllers.fanuc.speed import Clamp
 
 __all__ = ["Alarm", "Arc", "Block", "Clamp", "Dwell", "Line", "Program", "Rapid", "Spiral"]

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from gantrysim.controllers.chain import Chain, Vector
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
+from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import Leg, legs_of
-from gantrysim.controllers.fanuc.speed import Clamp, Feeding, Planner
+from gantrysim.controllers.fanuc.speed import Planner
 from gantrysim.controllers.fanuc.text import Sourced, read
 from gantrysim.controllers.path import Floats
+from gantrysim.controllers.profile import Constant, PointToPoint, Profile
 from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least, finite, positive
 
@@ -59,8 +61,7 @@ class Program:
         program: text, or blocks.
         start: position at which it begins [mm].
         rapid: feed of G00 [mm/min].
-        acceleration: of x, y and z each [mm/s²]. The rotary axis has none of its own: it turns in proportion to the
-            path, and alone at its feed from the first moment to the last.
+        acceleration: of x, y and z each [mm/s²].
         end_point_tolerance: of a spiral's radius and height at its end, parameter 3471 [mm].
         radius_tolerance: of an arc's radius at its end, parameter 3410 [mm].
         clamp: of the feed by an arc's radius, parameters 1730 to 1732; none by default.
@@ -70,6 +71,9 @@ class Program:
         dry_run_from: time at which dry run is switched on [s].
         dry_run_until: time at which it is switched off [s].
         offsets: cutter compensation by the number D, as {"1": 3.0} [mm].
+        rotary_velocity: limit of the rotary axis, for which the path slows [deg/s].
+        rotary_acceleration: limit of the rotary axis, likewise; it stops where its rate along the path jumps, or is
+            blended as corners are. Needs a finite `acceleration` [deg/s²].
         rotary_axis: the machine's axis that the rotary word drives.
         rotary_word: A, B or C.
         block_skip: whether blocks that begin with a slash are left out.
@@ -92,6 +96,8 @@ class Program:
     dry_run_from: float = 0.0
     dry_run_until: float = math.inf
     offsets: dict[str, float] = field(default_factory=dict)
+    rotary_velocity: float = math.inf
+    rotary_acceleration: float = math.inf
     rotary_axis: str = "r"
     rotary_word: str = "C"
     block_skip: bool = False
@@ -116,6 +122,14 @@ class Program:
         if not self.dry_run_until >= self.dry_run_from:
             raise InputError(
                 f"dry_run_until = {self.dry_run_until:g} s: must be at least dry_run_from, {self.dry_run_from:g} s"
+            )
+        for name, unit in (("rotary_velocity", "deg/s"), ("rotary_acceleration", "deg/s²")):
+            if getattr(self, name) != math.inf:
+                positive(name, getattr(self, name), unit)
+        if math.isinf(self.acceleration) and math.isfinite(self.rotary_acceleration):
+            raise InputError(
+                f"rotary_acceleration = {self.rotary_acceleration:g} deg/s²: must come with a finite acceleration, "
+                "at which the path slows for it"
             )
         for number, offset in self.offsets.items():
             finite(f"offset {number}", offset, "mm")
@@ -163,13 +177,15 @@ class Program:
             self.dry_run,
             self.dry_run_from,
             self.dry_run_until,
+            self.rotary_velocity,
+            self.rotary_acceleration,
         )
         parts: list[_Part] = []
         here: Vector = self.start
         begun = 0.0
         for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)
-            made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here) for leg in legs]
+            made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here, feeding) for leg in legs]
             parts += made
             begun += sum(part.duration for part in made)
             x, y, z, _ = parts[-1].at(np.array([parts[-1].duration]))[0][0].tolist()
@@ -234,16 +250,22 @@ def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
     return _Part(law.duration, at)
 
 
-def _in_place(leg: Leg, here: Vector) -> _Part:
+def _in_place(leg: Leg, here: Vector, feeding: Feeding) -> _Part:
     """A stop, or the rotary axis alone at its feed."""
     first, last = leg.rotary
-    duration = leg.dwell if first == last else abs(last - first) / leg.feed
+    speed = min(leg.feed, feeding.rotary_velocity)
+    law: Profile | None = None
+    if first != last and math.isfinite(feeding.rotary_acceleration):
+        law = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
+    elif first != last:
+        law = Constant(abs(last - first), speed)
 
     def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        angle = first + (last - first) * (t / duration if duration > 0 else np.ones(t.shape))
+        turned = np.zeros(t.shape) if law is None else law.position(t)
+        angle = first + math.copysign(1.0, last - first) * turned
         return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
 
-    return _Part(duration, at)
+    return _Part(leg.dwell if law is None else law.duration, at)
 
 
 def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:

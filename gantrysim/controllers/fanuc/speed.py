@@ -1,21 +1,22 @@
-"""The path speed of a stretch of motions: feed, clamp by radius, stops or blending at corners, dry run."""
+"""The path speed of a stretch of motions: feed, stops or blending at corners, limits of the axes, dry run."""
 
 from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from gantrysim.controllers.chain import Chain, Coil
+from gantrysim.controllers.chain import Chain, Coil, Line
+from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.controllers.path import Floats
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError
 
-__all__ = ["Clamp", "Feeding", "Planner", "Spliced"]
+__all__ = ["Planner"]
 
 _STEP = (0.02, 2.0)  # of the way between places where the limits are looked at [mm]
 _TURN = 0.05  # at most, from one to the next [rad]
@@ -28,93 +29,6 @@ _STRAIGHT = 1e-12  # [1/mm], of a bend that is none
 _APART = 1e-9  # [mm], of nodes that are two
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
 _PER_MINUTE = 60.0
-
-
-@dataclass(frozen=True)
-class Clamp:
-    """Feed clamp by the radius of an arc: at most sqrt(r / radius) feed, but not below the floor (1731, 1730, 1732).
-
-    Args:
-        radius: Rp [mm].
-        feed: Vp [mm/min].
-        floor: [mm/min].
-    """
-
-    radius: float
-    feed: float
-    floor: float
-
-    def __post_init__(self) -> None:
-        positive("clamp radius", self.radius, "mm")
-        positive("clamp feed", self.feed, "mm/min")
-        positive("clamp floor", self.floor, "mm/min")
-
-    def limit(self, r: ArrayLike) -> Floats:
-        """Return the largest feed at radii, (n,) [mm/min]."""
-        limit: Floats = np.maximum(self.feed * np.sqrt(np.asarray(r, float) / self.radius), self.floor)
-        return limit
-
-
-@dataclass(frozen=True)
-class Feeding:
-    """How the controller sets the path speed.
-
-    Args:
-        acceleration: of every axis [mm/s²].
-        clamp: of the feed by the radius, or None.
-        in_space: whether F counts the height of a helix or a cone.
-        blend_time: of the moving average that rounds corners, 0 to stop at them [s].
-        dry_run: feed that replaces F, or None [mm/min].
-        dry_from: time from which it does [s].
-        dry_until: time until which it does [s].
-    """
-
-    acceleration: float
-    clamp: Clamp | None
-    in_space: bool
-    blend_time: float
-    dry_run: float | None
-    dry_from: float
-    dry_until: float
-
-
-class Spliced:
-    """Laws that take over from one another.
-
-    Args:
-        laws: one or more, each of the way from the start of the path.
-        times: at which each begins [s].
-    """
-
-    def __init__(self, laws: list[Limited], times: list[float]) -> None:
-        self._laws, self._times = laws, np.array(times)
-
-    @property
-    def length(self) -> float:
-        """Way in all [mm]."""
-        return self._laws[-1].length
-
-    @property
-    def duration(self) -> float:
-        """Time in all [s]."""
-        return float(self._times[-1] + self._laws[-1].duration)
-
-    def _each(self, t: ArrayLike, name: str) -> Floats:
-        at = np.asarray(t, float)
-        k = np.clip(np.searchsorted(self._times, at, side="right") - 1, 0, len(self._laws) - 1)
-        values = np.empty(at.shape)
-        for index, law in enumerate(self._laws):
-            chosen = k == index
-            values[chosen] = getattr(law, name)(at[chosen] - self._times[index])
-        return values
-
-    def position(self, t: ArrayLike) -> Floats:
-        """Way at the times t, (n,) [mm]."""
-        return self._each(t, "position")
-
-    def velocity(self, t: ArrayLike) -> Floats:
-        """Speed at the times t, (n,) [mm/s]."""
-        return self._each(t, "velocity")
 
 
 class Planner:
@@ -169,6 +83,11 @@ class Planner:
         """Acceleration that is left for the pieces [mm/s²]."""
         return self._feeding.acceleration * (1.0 if self._feeding.blend_time == 0 else 0.5)
 
+    @property
+    def _rotary_limit(self) -> float:
+        """The same of the rotary axis [deg/s²]."""
+        return self._feeding.rotary_acceleration * (1.0 if self._feeding.blend_time == 0 else 0.5)
+
     def _with_ramps(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
         """The nodes, and those at which ramps from rest or to rest at the ends of the pieces are over."""
         edges = np.concatenate([[0.0], self._chain.ends])
@@ -202,7 +121,10 @@ class Planner:
         coming = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
         top = self._at_corners(s, np.maximum(top, coming))
         rate, bend = self._derivatives(s, piece)
-        return fastest(s, top, rate, bend, np.full(3, math.inf), np.full(3, self._limit), begin=speed)
+        turning, change = self._rotary(s, piece)
+        rate, bend = np.column_stack([rate, turning]), np.column_stack([bend, change])
+        limits = np.array([self._limit] * 3 + [self._rotary_limit])
+        return fastest(s, top, rate, bend, np.full(4, math.inf), limits, begin=speed)
 
     def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
         """Largest path speed at the nodes [mm/s]."""
@@ -219,6 +141,9 @@ class Planner:
             feed[coil] = np.minimum(feed[coil], limit)
         if not feeding.in_space and coil.any():
             feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
+        if math.isfinite(feeding.rotary_velocity):
+            turning = np.abs(self._rotary(s, piece)[0])
+            feed = np.minimum(feed, feeding.rotary_velocity / np.maximum(turning, 1e-300))
         return feed
 
     def _within(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
@@ -235,41 +160,71 @@ class Planner:
         radius: Floats = np.linalg.norm(np.einsum("ijk,ik->ij", plane, arm), axis=1)
         return radius
 
-    def _corners(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Ways at which motions meet, how much the tangent jumps there, and whether it is a stop."""
-        ends = self._chain.ends[:-1]
-        nudge = 1e-9 * self._chain.length
-        jump = np.linalg.norm(self._chain.tangent(ends + nudge) - self._chain.tangent(ends - nudge), axis=1)
-        legs = self._legs
-        asked = np.array([legs[k].exact_stop for k in range(len(legs) - 1)], bool)
-        if self._feeding.blend_time > 0:
-            return ends, jump, asked
-        other = np.array(
-            [legs[k].spiral or legs[k + 1].spiral or legs[k].rapid != legs[k + 1].rapid for k in range(len(legs) - 1)],
-            bool,
-        )
-        return ends, jump, asked | other | (jump > _TANGENT)
-
     def _at_corners(self, s: Floats, top: Floats) -> Floats:
+        """The speeds, with the stops between motions, or what blending leaves of them."""
         if len(self._legs) < 2:
             return top
-        ends, jump, stops = self._corners()
-        limit = np.where(stops, 0.0, math.inf)
-        tau = self._feeding.blend_time
-        if tau > 0:
-            reach = float(top.max()) * tau
-            summed = np.concatenate([[0.0], np.cumsum(jump)])
-            last, first = np.searchsorted(ends, ends + reach, side="right"), np.searchsorted(ends, ends - reach)
-            near = summed[last] - summed[first]  # all jumps that fall into one window
-            half = 0.5 * self._feeding.acceleration * tau
-            share = np.divide(half, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
-            limit = np.minimum(limit, share)
+        ends, k = self._chain.ends[:-1], np.arange(len(self._legs) - 1)
+        before, after = self._within(ends, k), self._within(ends, k + 1)
+        corner = np.linalg.norm(self._chain.tangent(after) - self._chain.tangent(before), axis=1)
+        turning = np.abs(self._rotary(after, k + 1)[0] - self._rotary(before, k)[0])
+        if self._feeding.blend_time > 0:
+            reach = float(top.max()) * self._feeding.blend_time
+            limit = np.minimum(
+                self._blended(ends, corner, self._limit, reach), self._blended(ends, turning, self._rotary_limit, reach)
+            )
+            limit[[leg.exact_stop for leg in self._legs[:-1]]] = 0.0
+        else:
+            stops = np.array(
+                [
+                    first.exact_stop or first.spiral or second.spiral or first.rapid != second.rapid
+                    for first, second in pairwise(self._legs)
+                ]
+            )
+            jumps = (turning > _TANGENT) & math.isfinite(self._rotary_limit)
+            limit = np.where(stops | (corner > _TANGENT) | jumps, 0.0, math.inf)
         capped = top.copy()
         k = np.searchsorted(s, ends)  # the first of the two nodes there
         for node in (k, k + 1):
             inside = (node < s.size) & (np.abs(s[np.minimum(node, s.size - 1)] - ends) < 1e-9)
             capped[node[inside]] = np.minimum(capped[node[inside]], limit[inside])
         return capped
+
+    def _blended(self, ends: Floats, jump: Floats, acceleration: float, reach: float) -> Floats:
+        """Speeds at which the moving average turns the jumps of a rate into no more than an acceleration.
+
+        Args:
+            ends: ways at which motions meet [mm].
+            jump: of the rate there.
+            acceleration: what may come of it.
+            reach: longest way in the time of the average [mm].
+        """
+        summed = np.concatenate([[0.0], np.cumsum(jump)])
+        last, first = np.searchsorted(ends, ends + reach, side="right"), np.searchsorted(ends, ends - reach)
+        near = summed[last] - summed[first]  # all jumps that fall into one window
+        most = acceleration * self._feeding.blend_time
+        speed: Floats = np.divide(most, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
+        return speed
+
+    def _rotary(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """First and second derivative of the rotary axis over the way, from within each piece, (m,) [deg/mm, deg/mm²].
+
+        It turns with the angle of a coil, on which ds = m d(theta), m^2 = rho^2 + b^2 + k^2; m' = b rho / m^2.
+        """
+        turned = np.array([leg.rotary[1] - leg.rotary[0] for leg in self._legs])
+        rate, bend = (turned / np.diff(self._chain.ends, prepend=0.0))[piece], np.zeros(s.size)
+        coil = np.array([isinstance(leg.piece, Coil) for leg in self._legs]) & (turned != 0)
+        here = coil[piece]
+        if here.any():
+            shape = np.array(
+                [_per_radian(leg.piece) if isinstance(leg.piece, Coil) else (1.0, 0.0, 0.0) for leg in self._legs]
+            )
+            angle, growth, rise = shape[piece[here]].T
+            rho = self._radius(self._within(s, piece)[here], piece[here])
+            m = np.sqrt(rho**2 + growth**2 + rise**2)
+            rate[here] = turned[piece[here]] / (angle * m)
+            bend[here] = -rate[here] * growth * rho / m**3
+        return rate, bend
 
     def _derivatives(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """First and second derivatives of x, y and z over the way, from within each piece, (m, 3)."""
@@ -289,7 +244,15 @@ def _step(leg: Leg) -> float:
     radius = min(leg.piece.radius)
     step = _TURN * radius
     # of v^2 = F^2 (1 + k^2 / rho^2) the second derivative over the way is about 6 (F k b)^2 / rho^6
-    climb, growth = leg.piece.rise / leg.piece.angle, (leg.piece.radius[1] - leg.piece.radius[0]) / leg.piece.angle
-    if climb * growth != 0:
-        step = min(step, radius**3 * math.sqrt(8 * _CONICAL / 6) / abs(climb * growth))
+    _, growth, rise = _per_radian(leg.piece)
+    if rise * growth != 0:
+        step = min(step, radius**3 * math.sqrt(8 * _CONICAL / 6) / abs(rise * growth))
     return float(np.clip(step, *_STEP))
+
+
+def _per_radian(coil: Line | Coil | None) -> tuple[float, float, float]:
+    """Angle swept, and the change of radius b and of height k per radian of it; of what is no coil, nothing."""
+    if not isinstance(coil, Coil):
+        return 0.0, 0.0, 0.0
+    angle = abs(coil.angle)
+    return angle, (coil.radius[1] - coil.radius[0]) / angle, coil.rise / angle
