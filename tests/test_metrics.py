@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gantrysim.controllers.arcs import ArcChain
-from gantrysim.controllers.spirals import Involute
+from gantrysim.controllers.chain import XY, YZ, ZX, Chain, Coil
+from gantrysim.controllers.spirals import Involute, arc_length
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
 from gantrysim.metrics import Analysis, Range, Spread, figures, path_speed, spacing, tracking_error
@@ -451,3 +452,43 @@ def test_tight_archimedean_spirals_meet_their_next_turn_and_not_themselves():
     found = spacing(path, path.position(np.arange(0, path.length, 0.05)))
     assert found.distance.min() > 9
     assert found.distance.max() < 10.2
+
+
+@pytest.mark.parametrize("height", [20.0, 2000.0, -2000.0])
+def test_the_spacing_of_a_climbing_trace_is_that_of_its_plan(height):
+    """Laid c + e n with an e that drifts: a cone and the spiral below it have their feet at the same angles."""
+    turns = 8 * math.pi
+    flat, cone = (Chain([Coil((0, 0, 0), (60, 20), 0.0, turns, rise)]) for rise in (0.0, height))
+    angle = np.linspace(0, turns, 40001)
+    found = []
+    for path, climb in ((flat, 0.0), (cone, height / turns)):
+        s = arc_length(60, -40 / turns, math.hypot(40 / turns, climb), angle)
+        trace = path.position(s) + (0.4 * np.sin(2.5 * angle) + 0.05 * angle)[:, None] * path.normal(s)
+        found.append(spacing(path, trace))
+    assert found[1].turn == pytest.approx(found[0].turn, abs=1e-6)
+    assert found[1].distance == pytest.approx(found[0].distance, abs=2e-4)
+    assert found[0].distance.std() > 0.1  # the drift shows
+
+
+@pytest.mark.parametrize("plane", [XY, ZX, YZ])
+def test_spacing_is_taken_in_the_plane_of_the_spiral(plane):
+    path = Chain([Coil((3, 4, 5), (60, 20), 0.3, 8 * math.pi, frame=plane)])
+    found = spacing(path, path.position(np.linspace(0, path.length, 20001)))
+    level = archimedean(60, 10, 4, clockwise=False)
+    expected = spacing(level, level.position(np.linspace(0, level.length, 20001)))
+    assert found.distance == pytest.approx(expected.distance, abs=1e-9)
+
+
+def test_spacing_is_that_of_the_stretch_that_turns_furthest_one_way():
+    """A lead-in that turns right, a spiral of three turns that turns left, and a way out to the right."""
+    spiral = Coil((0, 0, 0), (40, 10), 0.0, 6 * math.pi)
+    lead_in = Coil((50, 0, 0), (10, 10), 1.5 * math.pi, -0.5 * math.pi)  # ends at (40, 0)
+    path = Chain([lead_in, spiral, Coil((20, 0, 0), (10, 10), math.pi, -0.5 * math.pi)])
+    found = spacing(path, path.position(np.linspace(0, path.length, 20001)))
+    alone = Chain([spiral])
+    expected = spacing(alone, alone.position(np.linspace(0, alone.length, 20001)))
+    assert found.distance.size > 0.9 * expected.distance.size
+    assert found.distance.mean() == pytest.approx(expected.distance.mean(), abs=1e-3)
+    assert [found.distance.min(), found.distance.max()] == pytest.approx(
+        [expected.distance.min(), expected.distance.max()], abs=0.02
+    )
