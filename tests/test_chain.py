@@ -597,3 +597,16 @@ def test_rises_that_are_none_are_refused():
         ArcChain([0, 0], 0, [0, 0, 0], [1, 1, 1], [1, 2])
     with pytest.raises(InputError, match=r"start, heading, curvatures, lengths and rises must be finite"):
         ArcChain([0, 0], 0, [0], [1], math.nan)
+
+
+def test_places_as_far_into_one_coil_as_into_another_are_told_apart():
+    """What is worked out for one call is kept for the next, where that asks for the very same places."""
+    lead = Line((14, 0, 0), (10, 0, 0))  # 4 mm: the numbers into the pieces carry no rounding
+    arc = Coil((0, 0, 0), (10, 10), 0, 0.8)  # 8 mm
+    x, y, _ = Chain([arc]).position(8.0)[0]
+    coil = Coil((x - 5 * math.cos(0.8), y - 5 * math.sin(0.8), 0), (5, 9), 0.8, 4, 3)
+    path, alone = Chain([lead, arc, coil]), {4.0: Chain([arc]), 12.0: Chain([coil])}
+    into = np.array([0.5, 2.0, 6.0])
+    for begin, piece in alone.items():
+        assert path.position(begin + into) == pytest.approx(piece.position(into), abs=POSITION)
+        assert path.tangent(begin + into) == pytest.approx(piece.tangent(into), abs=1e-12)

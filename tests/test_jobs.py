@@ -125,3 +125,16 @@ def test_info_lists_machines_jobs_and_servo_settings(gantrysim_command, monkeypa
     assert status == 0
     for word in (*JOBS, *builtin_models(), "damping", "integral_time", "kp N·m/u", "deg/s", "mm/s²"):
         assert word in printed
+
+
+def test_the_record_compares_with_the_command_that_the_controller_compares_with(tmp_path, gantrysim_command):
+    """PE is of the command `position_error_delay` ticks ago; here every tick is recorded."""
+    settings = ["program.record.gap=1", "program.group.position_error_delay=3"]
+    arguments = [word for setting in settings for word in ("--set", setting)]
+    status, _, _ = gantrysim_command("run", "softmc-arc", "--no-video", "--out", tmp_path / "out", *arguments)
+    assert status == 0
+    rows = np.genfromtxt(tmp_path / "out" / "record.csv", delimiter=",", names=True)
+    sent, measured, error = (rows[f"{name}_x_mm"] for name in ("PCMD", "PFB", "PE"))
+    assert len(rows) == 1000
+    assert error[3:] == pytest.approx(sent[:-3] - measured[3:], abs=1e-12)
+    assert np.abs(sent[3:] - sent[:-3]).max() > 0.1
