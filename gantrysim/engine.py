@@ -15,20 +15,17 @@ from gantrysim.machine import Machine
 from gantrysim.native.hook import installed, installed_law
 from gantrysim.native.row import (
     ADDRESSES,
-    FAULTS,
     GAINS,
     OVERSPEED,
-    POSITION_ERROR,
-    POSITION_ERROR_AT_REST,
     ROW,
     ROW_NUMBERS,
-    SETTLING,
     log_width,
 )
 from gantrysim.native.tick import magic
-from gantrysim.run import Fault, Run
+from gantrysim.recording import fault_of, perfect_record, record
+from gantrysim.run import Run
 
-__all__ = ["simulate"]
+__all__ = ["perfect_follower", "simulate"]
 
 _CALLS = 50
 _SHORTEST_STEP = 1e-7  # [s]
@@ -97,13 +94,30 @@ def simulate(
             if progress is not None:
                 progress(float(row[0]["index"]) / n)
 
-    fault = _fault(machine, servo, row[0], setpoints.supervision.settle_timeout)
+    fault = fault_of(machine, servo, row[0], setpoints.supervision.settle_timeout)
     kept = int(row[0]["tick"])
     if row[0]["index"] < n and fault is None:
         raise GantryError(f"the servo of machine {machine.name} ran for {kept} of {n} ticks: MuJoCo did not call it")
     if fault is not None and not np.isfinite(log[kept - 1, : axes + 3]).all():
         kept -= 1  # the tick that saw the divergence has no position to record
-    return _record(machine, setpoints, position, log[:kept], flow, fault)
+    return record(machine, setpoints, position, log[:kept], flow, fault)
+
+
+def perfect_follower(machine: Machine, setpoints: Setpoints, *, flow: float = 0.0) -> Run:
+    """Return the record of a machine that follows its setpoints exactly, motors and nozzle.
+
+    It shows what the controller's program alone does to the bead. There is no servo and no torque, no tick more than
+    there are setpoints, and no fault.
+
+    Args:
+        machine: the machine, for its axes and where they put the nozzle.
+        setpoints: commanded positions, as for `simulate`.
+        flow: glue flow while the dispenser is on [mm³/s].
+
+    Raises:
+        InputError: setpoints that the machine cannot follow, as for `simulate`.
+    """
+    return perfect_record(machine, setpoints, _positions(machine, setpoints), at_least("flow", flow, 0, "mm³/s"))
 
 
 def _most_ticks(setpoints: Setpoints) -> int:
@@ -206,58 +220,3 @@ def _supervise(row: np.ndarray[tuple[int], np.dtype[np.void]], machine: Machine,
         row["linear"][0, a] = axis.unit == "mm"
         if axis.unit == "mm":
             row["speed_limit"][0, a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)
-
-
-def _fault(machine: Machine, servo: Servo, row: np.void, timeout: float) -> Fault | None:
-    if not row["fault"]:
-        return None
-    code, axis = int(row["fault"]), machine.axes[int(row["fault_axis"])]
-    kind = FAULTS[code]
-    value, limit = float(row["fault_value"]), float(row["fault_limit"])
-    unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
-    if kind == "diverged" and np.isfinite(limit):
-        unit = "N·m"  # of the demand; else it is the following error, which has no limit
-    reaction = {
-        POSITION_ERROR: "the motion stops",
-        POSITION_ERROR_AT_REST: "the drives are disabled",
-        SETTLING: f"not settled after {timeout:g} s",
-    }.get(code, "")
-    return Fault(kind, axis.name, float(row["fault_tick"] * servo.period), value, limit, unit, reaction)
-
-
-def _record(
-    machine: Machine, setpoints: Setpoints, position: Floats, log: Floats, flow: float, fault: Fault | None
-) -> Run:
-    n, axes = len(log), position.shape[1]
-    encoder, nozzle, demand, current, motor_speed, index = np.split(log, np.cumsum([axes, 3, axes, axes, axes]), axis=1)
-    sent = index[:, 0].astype(np.intp)
-    commanded, dispense = position[sent], setpoints.dispense[sent]
-    constant = np.array([axis.motor_constant for axis in machine.axes])
-    resistance = np.array([axis.resistance for axis in machine.axes])
-    bus = np.array([axis.bus_voltage for axis in machine.axes])
-    peak = np.array([axis.peak_torque for axis in machine.axes])
-    # the drive's law: terminal voltage for the demanded torque, back-EMF compensated, within the bus
-    voltage = np.clip(resistance / constant * demand + constant * motor_speed, -bus, bus)
-    current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
-    ideal = np.isnan(constant)
-    torque = np.clip(np.where(ideal, demand, constant * current), -peak, peak)
-    return Run(
-        machine=machine.name,
-        axes=machine.axis_names,
-        units=tuple(axis.unit for axis in machine.axes),
-        requested=setpoints.requested,
-        period=setpoints.period,
-        time=np.arange(n, dtype=np.float64) * setpoints.period,
-        commanded=commanded,
-        commanded_tip=machine.tip(commanded),
-        encoder=encoder,
-        encoder_tip=machine.tip(encoder),
-        nozzle=nozzle,
-        demand=demand,
-        torque=torque,
-        current=current,
-        voltage=voltage,
-        flow=np.where(dispense, flow, 0.0),
-        dispense=dispense,
-        fault=fault,
-    )

@@ -17,7 +17,7 @@ from gantrysim.errors import InputError
 
 __all__ = ["Fault", "Run"]
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,10 @@ class Run:
         period: servo period [s].
         time: (n,) [s].
         commanded: setpoints, DPOS, (n, axes) [u].
-        encoder: positions as the controller measured them, MPOS, (n, axes) [u].
-        commanded_tip, encoder_tip: where `commanded` and `encoder` would put the nozzle on a rigid
-            machine, in the work frame, (n, 3) [mm].
+        encoder: positions as the controller measured them, MPOS, in whole counts, (n, axes) [u].
+        motor: positions of the motors that the encoders counted, (n, axes) [u].
+        commanded_tip, encoder_tip, motor_tip: where `commanded`, `encoder` and `motor` would put the nozzle on a
+            rigid machine, in the work frame, (n, 3) [mm].
         nozzle: the nozzle's tip in the work frame, (n, 3) [mm].
         demand: torque demand of the servo, after its limit, (n, axes) [N·m].
         torque: electromagnetic torque of the motor, (n, axes) [N·m].
@@ -89,6 +90,8 @@ class Run:
     commanded_tip: Floats
     encoder: Floats
     encoder_tip: Floats
+    motor: Floats
+    motor_tip: Floats
     nozzle: Floats
     demand: Floats
     torque: Floats

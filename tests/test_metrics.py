@@ -55,6 +55,8 @@ def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERI
         commanded_tip=tip,
         encoder=(tip + encoder)[:, :2],
         encoder_tip=tip + encoder,
+        motor=(tip + encoder)[:, :2],
+        motor_tip=tip + encoder,
         nozzle=tip + nozzle,
         demand=nothing,
         torque=nothing,

@@ -115,8 +115,11 @@ ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata
 
 
 def log_width(axes: int) -> int:
-    """Numbers per tick in the log: encoder, nozzle (3), torque demand, motor current, motor speed, setpoint's index."""
-    return 4 + 4 * axes
+    """Numbers per tick in the log.
+
+    They are encoder, nozzle (3), torque demand, motor current, motor speed, position, and the setpoint's index.
+    """
+    return 4 + 5 * axes
 
 
 _OFFSETS = offsets()  # verified at import: an error here is better than a wrong address later

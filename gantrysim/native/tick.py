@@ -77,7 +77,7 @@ def _sample(data, userdata):
     if row.fault != 0 or row.index >= row.ticks or row.steps % row.substeps != 0:
         return False
     n = row.axes
-    width = 4 + 4 * n
+    width = 4 + 5 * n
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
     log = numba.carray(floats(row.log + 8 * width * row.tick), (width,))
     length = vector(data, row.length_at, row.output[:n].max() + 1)
@@ -101,6 +101,7 @@ def _sample(data, userdata):
         row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
         log[a] = measured
         log[3 + 3 * n + a] = velocity[row.output[a]]
+        log[3 + 4 * n + a] = position
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
             continue
@@ -158,7 +159,7 @@ def _command(data, userdata):
     """Clamp and schedule the torques that the law has put into the row, and log them."""
     row = row_at(userdata)
     n = row.axes
-    log = numba.carray(floats(row.log + 8 * (4 + 4 * n) * row.tick), (4 + 4 * n,))
+    log = numba.carray(floats(row.log + 8 * (4 + 5 * n) * row.tick), (4 + 5 * n,))
     currents = vector(data, row.act_at, row.current[:n].max() + 1)
     for a in range(n):
         limit = row.torque_limit[a]
