@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 
 from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.chain import XY, YZ, ZX, Chain, Coil
-from gantrysim.controllers.spirals import Involute, arc_length
+from gantrysim.controllers.lengths import arc_length
+from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
 from gantrysim.metrics import Analysis, Range, Spread, figures, path_speed, spacing, tracking_error

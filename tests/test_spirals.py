@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from gantrysim.controllers.spirals import Involute, arc_length, swept_angle
+from gantrysim.controllers.lengths import arc_length, swept_angle
+from gantrysim.controllers.spirals import Involute
 from gantrysim.errors import InputError
 
 from runs import archimedean

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.controllers.lengths import swept_angle
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.controllers.pieces import (
     ROW,
@@ -25,7 +26,6 @@ from gantrysim.controllers.pieces import (
     piece_from,
     row_of,
 )
-from gantrysim.controllers.spirals import swept_angle
 from gantrysim.errors import InputError
 
 __all__ = ["XY", "XZ", "YZ", "ZX", "Chain", "Coil", "Frame", "Line", "Vector"]

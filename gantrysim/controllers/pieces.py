@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from gantrysim.controllers.lengths import arc_length
 from gantrysim.controllers.path import Floats
-from gantrysim.controllers.spirals import arc_length
 from gantrysim.errors import InputError
 
 __all__ = [

@@ -1,8 +1,4 @@
-"""Curves whose radius changes evenly with the angle: arcs, helices, spirals, cones, and the involute of a circle.
-
-All of them have ds = sqrt(rho^2 + c^2) d(phi) with rho = r + b phi: of an involute rho is the radius of curvature
-and c the climb per radian, of a spiral about a centre rho is the distance from it and c^2 = b^2 + climb^2.
-"""
+"""The involute of a circle: the spiral whose turns are evenly apart along its normal."""
 
 from __future__ import annotations
 
@@ -12,67 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gantrysim.controllers.lengths import arc_length, swept_angle
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.errors import InputError, finite, point, positive
 
-__all__ = ["Involute", "arc_length", "swept_angle"]
-
-_NEWTON_STEPS = 60
-_LAST_STEP = 1e-10  # relative; the error that is left is of the order of its square
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_EVEN = 0.3  # change of the radius, in parts of sqrt(rho^2 + c^2), below which the quadrature is exact to rounding
-
-
-def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Floats:
-    """Return the length of ds = sqrt((r + b phi)^2 + c^2) d(phi) from 0 to `angle` [mm]; all broadcast.
-
-    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b; by Gauss and
-    Legendre's quadrature where the radius hardly changes and that difference would cancel.
-    """
-    radius, growth, slow, phi = _together(r, b, c, angle)
-    middle = radius + 0.5 * growth * phi
-    even = np.abs(growth * phi) <= _EVEN * np.hypot(middle, slow)
-    length = np.empty(phi.shape)
-    rho = middle[even, None] + 0.5 * (growth * phi)[even, None] * _NODES
-    length[even] = 0.5 * phi[even] * (np.hypot(rho, slow[even, None]) @ _WEIGHTS)
-    if not even.all():
-        radius, growth, slow, phi = (value[~even] for value in (radius, growth, slow, phi))
-        whole = _antiderivative(radius + growth * phi, slow) - _antiderivative(radius, slow)
-        length[~even] = whole / growth
-    return length
-
-
-def _together(*values: ArrayLike) -> list[Floats]:
-    return [np.atleast_1d(value) for value in np.broadcast_arrays(*(np.asarray(value, float) for value in values))]
-
-
-def _antiderivative(rho: Floats, c: Floats) -> Floats:
-    square = c**2
-    safe = np.where(square > 0, np.abs(c), 1.0)
-    value: Floats = 0.5 * (rho * np.hypot(rho, c) + square * np.arcsinh(rho / safe))
-    return value
-
-
-def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
-    """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
-
-    Up to there the radius r + b phi is at least 0.
-    """
-    radius, growth, slow, way, end = _together(r, b, c, s, most)
-    rate = np.hypot(radius, slow)
-    guess = 2 * way / np.maximum(rate + np.sqrt(np.maximum(rate**2 + 2 * growth * way, 0.0)), 1e-300)
-    angle: Floats = np.clip(guess, 0.0, end)
-    active = np.flatnonzero(growth * slow)  # where either is 0 the guess is exact
-    for _ in range(_NEWTON_STEPS):
-        if not active.size:
-            break
-        at, r0, g, c0 = (value[active] for value in (angle, radius, growth, slow))
-        excess = arc_length(r0, g, c0, at) - way[active]
-        rate = np.hypot(r0 + g * at, c0)
-        moved = np.clip(at - np.divide(excess, rate, out=np.zeros_like(excess), where=rate > 0), 0.0, end[active])
-        angle[active] = moved
-        active = active[np.abs(moved - at) > _LAST_STEP * moved]
-    return angle
+__all__ = ["Involute"]
 
 
 @dataclass(frozen=True)
