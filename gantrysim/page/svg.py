@@ -1,0 +1,138 @@
+"""Figures as SVG that stands inside an HTML page."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+from gantrysim.plots.style import INK
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["description", "inline_svg"]
+
+_SAVING: dict[Any, Any] = {
+    "svg.hashsalt": "gantrysim",  # the same figure gives the same bytes
+    "svg.fonttype": "none",  # text stays text: it can be searched, copied and read aloud
+    "path.simplify": True,
+    "path.simplify_threshold": 0.25,  # points of the page, 1/72 inch
+}
+_HREF = "{http://www.w3.org/1999/xlink}href"
+_NUMBER = re.compile(r"-?\d+\.\d+")
+_FONT = re.compile(r"font: ([^;']*px) [^;]*")
+_REFERENCE = re.compile(r"url\(#([^)]+)\)")
+_COORDINATES = ("d", "x", "y")
+_DECIMALS = 2  # a hundredth of a point
+
+
+def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
+    """Return a figure's SVG element, ready to stand in an HTML page.
+
+    It names no address, sets no size but its view box, draws what is black or of the plots' ink in the page's own
+    colour of text, writes in the page's font, and its ids begin with `prefix`. A line is simplified where that moves
+    it by less than a quarter of a point.
+
+    Args:
+        figure: a matplotlib figure.
+        prefix: of the ids, unique in the page.
+        alternative: the text that stands for the figure where it cannot be seen.
+    """
+    import matplotlib  # slow to import, and needed by the plots alone
+
+    file = io.BytesIO()
+    with matplotlib.rc_context(_SAVING):
+        figure.savefig(file, format="svg", dpi=_raster_dpi(figure), transparent=True, metadata={"Date": None})
+    root = ElementTree.fromstring(file.getvalue())
+    used = _references(root)
+    for element in list(root.iter()):
+        for child in list(element):
+            if _local(child.tag) in ("metadata", "style"):
+                element.remove(child)
+        _make_local(element, prefix, used)
+    for key in ("width", "height", "version"):
+        root.attrib.pop(key, None)
+    title = ElementTree.Element("title", {"id": f"{prefix}-title"})
+    title.text = alternative
+    root.insert(0, title)
+    root.attrib.update({"role": "img", "aria-labelledby": f"{prefix}-title"})
+    _drop_bare_groups(root)
+    return ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
+
+
+def description(figure: Figure) -> str:
+    """Return what a figure shows, from its titles, the labels of its axes and those of its lines."""
+    parts = []
+    for axes in figure.axes:
+        title = next((text for place in ("center", "left", "right") if (text := axes.get_title(loc=place))), "")
+        against = " against ".join(label for label in (axes.get_ylabel(), axes.get_xlabel()) if label)
+        lines = [str(line.get_label()) for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
+        sentence = ": ".join(part for part in (title, against) if part)
+        if lines:
+            sentence += f" ({', '.join(lines)})"
+        if sentence.strip():
+            parts.append(" ".join(sentence.split()))
+    return ". ".join(parts)
+
+
+def _raster_dpi(figure: Figure) -> float:
+    """Of what is rasterised in the figure."""
+    return max(figure.dpi, 150.0)
+
+
+def _references(root: ElementTree.Element) -> set[str]:
+    used: set[str] = set()
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if key == _HREF and value.startswith("#"):
+                used.add(value[1:])
+            used.update(_REFERENCE.findall(value))
+    return used
+
+
+def _make_local(element: ElementTree.Element, prefix: str, used: set[str]) -> None:
+    """Take an element out of its name space, its ids into the page's, its colours and fonts to the page's."""
+    element.tag = _local(element.tag)
+    own: dict[str, str] = {}
+    for key, value in element.attrib.items():
+        if key == "id":
+            if value in used:
+                own["id"] = f"{prefix}-{value}"
+        elif key == _HREF:
+            own["href"] = f"#{prefix}-{value[1:]}" if value.startswith("#") else value
+        elif key in _COORDINATES:
+            own[key] = _NUMBER.sub(_rounded, value)
+        else:
+            text = _REFERENCE.sub(rf"url(#{prefix}-\1)", value)
+            if key == "style":
+                text = _FONT.sub(r"font: \1 var(--sans)", text)
+                for ink in ("#000000", INK):
+                    text = text.replace(ink, "currentColor")
+            own[key] = text
+    element.attrib.clear()
+    element.attrib.update(own)
+    if element.text is not None and not element.text.strip():
+        element.text = None
+    if element.tail is not None and not element.tail.strip():
+        element.tail = None
+
+
+def _drop_bare_groups(root: ElementTree.Element) -> None:
+    """Put the children of groups that say nothing into their parents."""
+    for child in list(root):
+        _drop_bare_groups(child)
+    children: list[ElementTree.Element] = []
+    for child in list(root):
+        children.extend(list(child) if child.tag == "g" and not child.attrib else [child])
+        root.remove(child)
+    root.extend(children)
+
+
+def _local(tag: str) -> str:
+    return tag.rpartition("}")[2]
+
+
+def _rounded(match: re.Match[str]) -> str:
+    return f"{float(match[0]):.{_DECIMALS}f}".rstrip("0").rstrip(".")

@@ -1,0 +1,47 @@
+"""The plan view: the requested path, and the trace with its error magnified."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.metrics import Analysis
+from gantrysim.plots.style import COLOURS, INK, UM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_plan"]
+
+_MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+def draw_plan(figure: Figure, analysis: Analysis) -> None:
+    """Draw the requested path, and the nozzle's trace with its error to the path magnified."""
+    run = analysis.run
+    axes = figure.add_subplot()
+    trace, offset, distance = run.nozzle[analysis.ticks], analysis.nozzle.offset, analysis.nozzle.distance
+    factor = _magnification(analysis)
+    drawn = trace + (factor - 1) * offset
+    line = run.requested.position(np.linspace(0, run.requested.length, 4000))
+    axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=1.0, label="requested path")
+    label = f"nozzle, error magnified {factor} times" if factor > 1 else "nozzle"
+    axes.plot(drawn[:, 0], drawn[:, 1], color=COLOURS["contour"], lw=1.0, label=label)
+    worst = int(distance.argmax())
+    worst_label = f"largest error, {UM * distance[worst]:.0f} µm"
+    axes.plot(*drawn[worst, :2], "v", ms=7, mfc="none", color=COLOURS["fault"], ls="none", label=worst_label)
+    for k, mark, name in ((0, "o", "start"), (-1, "s", "end")):
+        axes.plot(*trace[k, :2], mark, ms=5, color=INK)
+        axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
+    figure.legend(loc="outside lower center", ncols=3)
+
+
+def _magnification(analysis: Analysis) -> int:
+    """The largest round factor that keeps the drawn error below a fifth of the turns' spacing, or of the size."""
+    trace = analysis.run.nozzle[analysis.ticks]
+    turns = analysis.spacing.distance
+    room = 0.2 * float(turns.mean()) if turns.size else 0.02 * float(np.ptp(trace[:, :2], axis=0).max())
+    usual = max(float(np.percentile(analysis.nozzle.distance, 99)), 1e-9)
+    return max((factor for factor in _MAGNIFICATIONS if factor * usual <= room), default=1)
