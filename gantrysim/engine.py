@@ -196,7 +196,9 @@ def _fill(
     for name in ("resolution", "following_error_limit", *GAINS):
         row[name][0, : servo.axes] = getattr(servo, name)
     # a demand beyond what the drive can give is clamped by the drive itself
-    row["torque_limit"][0, : servo.axes] = np.minimum(servo.torque_limit, [axis.peak_torque for axis in machine.axes])
+    peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
+    row["torque_limit"][0, : servo.axes] = np.minimum(servo.torque_limit, peak)
+    row["drive_gain"][0, : servo.axes] = machine.drive_gain
     for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
         row["control"][0, a], row["output"][0, a], row["current"][0, a] = (
             address.control,

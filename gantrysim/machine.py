@@ -21,6 +21,7 @@ from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, positive, unknown
 from gantrysim.kinematics import Kinematics
 from gantrysim.native.row import MAX_AXES, ROW_NUMBERS
+from gantrysim.perturbation import Perturbation, perturbed_model
 
 __all__ = ["NOZZLE", "WORK", "Machine", "builtin_models"]
 
@@ -53,6 +54,11 @@ class Machine:
     Args:
         model: name of a built-in machine, or path of an MJCF file.
 
+    Attributes:
+        axes: what drives and measures each axis, in the order of the actuators.
+        addresses: where each lies in MuJoCo's arrays.
+        drive_gain: torque that a drive gives per torque that the servo demands, 1 unless `perturbed`, (axes,).
+
     Raises:
         InputError: no such model, MJCF that MuJoCo rejects, or a needed name that is missing.
     """
@@ -79,11 +85,8 @@ class Machine:
         if not 1 <= self.model.nactuator <= MAX_AXES:
             raise InputError(f"model {self.source}: has {self.model.nactuator} actuators, must have 1 to {MAX_AXES}")
         self._stepping: dict[float, mujoco.MjModel] = {}
-        home = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, home)
-        read = [read_axis(self.model, home, actuator, self.source) for actuator in range(self.model.nactuator)]
-        self.axes: tuple[Axis, ...] = tuple(axis for axis, _ in read)
-        self.addresses: tuple[AxisAddress, ...] = tuple(address for _, address in read)
+        self.axes, self.addresses = _read_axes(self.model, self.source)
+        self.drive_gain: Floats = np.ones(len(self.axes))
         self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
         self._kinematics = Kinematics(self.model, self.nozzle, self.work, [address.joint for address in self.addresses])
         if not self._kinematics.turns_body:
@@ -103,6 +106,27 @@ class Machine:
         buffer = np.empty(mujoco.mj_sizeModel(self.model), np.uint8)
         mujoco.mj_saveModel(self.model, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
+
+    def perturbed(self, perturbation: Perturbation) -> Machine:
+        """Return the machine as it is with a perturbation; its name and source stay, this one is left as it is.
+
+        Raises:
+            InputError: a payload that leaves the body no mass, or factors for another number of axes.
+        """
+        machine = copy.copy(self)
+        machine.__dict__.pop("digest", None)
+        machine.model = perturbed_model(
+            self.model,
+            perturbation,
+            axes=self.axis_names,
+            joints=[int(joint) for joint in self.model.actuator_trnid[:, 0]],
+            nozzle=self.nozzle,
+            work=self.work,
+        )
+        machine._stepping = {}
+        machine.axes, machine.addresses = _read_axes(machine.model, self.source)
+        machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
+        return machine
 
     def stepping(self, timestep: float) -> mujoco.MjModel:
         """Return the compiled model with another physics step [s]; the same one at every call, to be left unchanged."""
@@ -161,6 +185,13 @@ class Machine:
                     f"model {self.source}: axis {axis.name!r} moves the nozzle along ({along}) of body {WORK!r}: "
                     f"must be along its {axis.name}"
                 )
+
+
+def _read_axes(model: mujoco.MjModel, source: Path) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:
+    home = mujoco.MjData(model)
+    mujoco.mj_forward(model, home)
+    read = [read_axis(model, home, actuator, source) for actuator in range(model.nactuator)]
+    return tuple(axis for axis, _ in read), tuple(address for _, address in read)
 
 
 def _find(model: str | Path) -> Path:

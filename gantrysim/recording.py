@@ -64,8 +64,9 @@ def record(
     resistance = np.array([axis.resistance for axis in machine.axes])
     bus = np.array([axis.bus_voltage for axis in machine.axes])
     peak = np.array([axis.peak_torque for axis in machine.axes])
+    torque = machine.drive_gain * demand  # that the drive is about to give
     # the drive's law: terminal voltage for the demanded torque, back-EMF compensated, within the bus
-    voltage = np.clip(resistance / constant * demand + constant * motor_speed, -bus, bus)
+    voltage = np.clip(resistance / constant * torque + constant * motor_speed, -bus, bus)
     current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
     ideal = np.isnan(constant)
     return Run(
@@ -76,7 +77,7 @@ def record(
         motor_tip=machine.tip(motor),
         nozzle=nozzle,
         demand=demand,
-        torque=np.clip(np.where(ideal, demand, constant * current), -peak, peak),
+        torque=np.clip(np.where(ideal, torque, constant * current), -peak, peak),
         current=current,
         voltage=voltage,
         fault=fault,

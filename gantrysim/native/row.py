@@ -79,6 +79,7 @@ _WHOLE = [
 _AXIS_WHOLE = ["control", "output", "current"]  # indices of ctrl, of actuator_length, and of act or -1
 _AXIS_PARAMETERS = [
     "scale",  # axis travel per radian of the motor
+    "drive_gain",  # torque that the drive gives per torque demanded
     "resolution",
     *GAINS,
     "torque_limit",

@@ -202,7 +202,7 @@ def _output(data, userdata):
     for a in range(n):
         if due:
             row.held[a] = row.pending[a]
-        ctrl[row.control[a]] = row.held[a]
+        ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
     row.steps += 1
 
 
