@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -134,6 +134,31 @@ class Job(BaseModel):
             return cls(**content)
         except ValidationError as error:
             raise InputError(f"job {job}: {_one_line(error)}") from None
+
+    def changed(self, values: Mapping[str, Any]) -> Job:
+        """Return the job with other values, by their full dotted keys, as in {"program.loop_period": 0.01}.
+
+        None takes a key away, so that its default holds.
+
+        Raises:
+            InputError: a key or value that is not in order.
+        """
+        content = self.model_dump(exclude_none=True)
+        for key, value in values.items():
+            if key not in (known := _known_keys(content)):
+                raise unknown("key", key, known)
+            *sections, leaf = key.split(".")
+            table = content
+            for section in sections:
+                table = table.setdefault(section, {})
+            if value is None:
+                table.pop(leaf, None)
+            else:
+                table[leaf] = value
+        try:
+            return Job(**content)
+        except ValidationError as error:
+            raise InputError(f"job {self.name}: {_one_line(error)}") from None
 
     def toml(self) -> str:
         """Return the job as TOML, with every default spelt out."""

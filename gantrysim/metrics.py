@@ -29,6 +29,7 @@ __all__ = [
     "figures",
     "path_speed",
     "spacing",
+    "speed_ripple",
     "tracking_error",
 ]
 
@@ -38,6 +39,7 @@ _NEWTON_STEPS = 20
 _NEWTON_TOLERANCE = 1e-10  # [mm]
 _SLOPE_REACH = 0.25  # [mm]
 _LEAST_SLOPE = 0.3
+_START_AND_END = 0.05  # of the dispensing time, each
 _LEAST_OVERLAP = 0.02  # of the second turn over the first, for a spacing to speak of [rad]
 
 
@@ -184,6 +186,24 @@ def path_speed(run: Run) -> Floats:
         return np.zeros(len(run.time))
     speed: Floats = np.linalg.norm(np.gradient(run.nozzle, run.period, axis=0), axis=1)
     return speed
+
+
+def speed_ripple(run: Run) -> float:
+    """Standard deviation of the nozzle's path speed over its mean, in the middle 90 % of the dispensing time.
+
+    The first and the last 5 % of the ticks with the dispenser on are left out: there the motion starts and ends.
+    0 where the nozzle does not move.
+
+    Raises:
+        InputError: the dispenser is never on.
+    """
+    on = np.flatnonzero(run.dispense)
+    if not on.size:
+        raise InputError("the dispenser is never on in this run: its speed ripple is taken while it is")
+    edge = round(_START_AND_END * on.size)
+    speed = path_speed(run)[on[edge : on.size - edge]]
+    mean = float(speed.mean())
+    return float(speed.std()) / mean if mean > 0 else 0.0
 
 
 def spacing(path: Path, trace: ArrayLike) -> Spacing:

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,19 @@ from gantrysim.machine import Machine
 from gantrysim.metrics import Figures, Range, Spread
 from gantrysim.run import Run
 
-__all__ = ["JOB", "PLOTS", "RECORD", "RUN", "SUMMARY", "VIDEO", "output_folder", "summary", "versions", "write_run"]
+__all__ = [
+    "JOB",
+    "PLOTS",
+    "RECORD",
+    "RUN",
+    "SUMMARY",
+    "VIDEO",
+    "Output",
+    "output_folder",
+    "summary",
+    "versions",
+    "write_run",
+]
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
 RECORD = "record.csv"  # what the controller itself writes down, where its program asks for it
@@ -31,22 +43,55 @@ _FILES = (JOB, RUN, SUMMARY, VIDEO, RECORD, *(f"{PLOTS}/{name}.png" for name in 
 _THOUSANDTHS = 1e3
 
 
+@dataclass(frozen=True)
+class Output:
+    """The files that one kind of command writes into its folder.
+
+    Attributes:
+        kind: what the command makes, as a message names it.
+        mark: the file that tells a folder of this kind.
+        files: all that it may write, the mark included; none outside the folder and its folder of plots.
+    """
+
+    kind: str
+    mark: str
+    files: tuple[str, ...]
+
+    def check(self, folder: Path) -> Path:
+        """Return the absolute path of a folder that may be written to.
+
+        Raises:
+            InputError: it is a file, or holds such files that no command of this kind has written.
+        """
+        target = folder.expanduser().absolute()
+        if target.exists() and not target.is_dir():
+            raise InputError(f"--out {folder}: is a file, must be a folder")
+        foreign = [name for name in self.files if (target / name).exists()]
+        if foreign and not (target / self.mark).exists():
+            raise InputError(
+                f"--out {folder}: holds {foreign[0]}, which no {self.kind} has written: name another folder"
+            )
+        return target
+
+
+_RUN_OUTPUT = Output("run", RUN, _FILES)
+
+
 @contextmanager
-def output_folder(folder: Path) -> Iterator[Path]:
-    """Give a scratch folder inside `folder`; on success its files take the places of an earlier run's.
+def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
+    """Give a scratch folder inside `folder`; on success its files take the places of an earlier run's, or study's.
 
     Other files in the folder stay. On failure nothing is left, not even a folder that was not there before.
+
+    Args:
+        folder: to write into.
+        output: what is written, by default the files of a run.
 
     Raises:
         InputError: the folder cannot be made, or holds such files that no run has written.
     """
-    target = folder.expanduser().absolute()
+    target = output.check(folder)
     made = [parent for parent in (target, *target.parents) if not parent.exists()]
-    if target.exists() and not target.is_dir():
-        raise InputError(f"--out {folder}: is a file, must be a folder")
-    foreign = [name for name in _FILES if (target / name).exists()]
-    if foreign and not (target / RUN).exists():
-        raise InputError(f"--out {folder}: holds {foreign[0]}, which no run has written: name another folder")
     try:
         target.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".partial-", dir=target))
@@ -56,14 +101,14 @@ def output_folder(folder: Path) -> Iterator[Path]:
         (scratch / PLOTS).mkdir()
         yield scratch
         (target / PLOTS).mkdir(exist_ok=True)
-        for name in _FILES:
+        for name in output.files:
             if (scratch / name).exists():
                 (scratch / name).replace(target / name)
             else:  # the one there is another run's
                 (target / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-        if not (target / RUN).exists():
+        if not (target / output.mark).exists():
             for parent in made:
                 with suppress(OSError):
                     parent.rmdir()
