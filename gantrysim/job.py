@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.engine import simulate
+from gantrysim.engine import perfect_follower, simulate
 from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.machine import Machine, builtin_models
 from gantrysim.programs import Controller, arguments, build, keys
@@ -191,16 +191,26 @@ class Job(BaseModel):
         settle = at_least("settle", self.simulation.settle, 0, "s")
         return self.controller.setpoints(self.built_servo.period).hold(settle)
 
-    def run(self, progress: Callable[[float], None] | None = None) -> Run:
-        """Run the job and return the record; `progress` as in `simulate`."""
+    def run(self, progress: Callable[[float], None] | None = None, machine: Machine | None = None) -> Run:
+        """Run the job and return the record.
+
+        Args:
+            progress: as in `simulate`.
+            machine: to run on instead of the job's own, as one that is `perturbed`; the servo is still that of the
+                job's machine.
+        """
         return simulate(
-            self.built_machine,
+            self.built_machine if machine is None else machine,
             self.built_servo,
             self.setpoints,
             physics_step=self.simulation.physics_step,
             flow=self.dispenser.flow,
             progress=progress,
         )
+
+    def follow(self) -> Run:
+        """Return the record of a machine that does exactly what the job's program commands, see `perfect_follower`."""
+        return perfect_follower(self.built_machine, self.setpoints, flow=self.dispenser.flow)
 
 
 def builtin_jobs() -> list[str]:
