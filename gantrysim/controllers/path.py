@@ -21,6 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.controllers.nearest import AROUND, along, vertices
 from gantrysim.errors import InputError, unknown
 
 __all__ = ["Floats", "Path", "Projection", "dot"]
@@ -31,13 +32,9 @@ Floats = NDArray[np.float64]
 # where the two are as far to within spacing^2 / (8 distance).
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)
-# Following a trace: points this far apart are found one after the other [mm], the foot moving at most so many
-# times as far as the point; those between them are looked for within so many entries of the table.
-_ANCHOR = 1.0
-_REACH = 4.0
-_AROUND = 12
 _STEPS = 60
 _TOLERANCE = 1e-11  # [mm]
+_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
 
 
 @dataclass(frozen=True)
@@ -156,30 +153,8 @@ class Path(ABC):
         """
         p = _points(trace)
         s_table, p_table = self._table
-        spacing = s_table[1]
-        travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
-        # first a few points, one after the other, then all between them at once
-        further = np.flatnonzero(np.diff(np.floor(travelled / _ANCHOR))) + 1
-        anchors = np.unique(np.concatenate([[0], further, [len(p) - 1]]))
-        feet = np.empty(anchors.size, np.intp)
-        if begin is None:
-            distance = np.linalg.norm(p_table - p[0], axis=1)
-            last, reach = int(np.flatnonzero(distance <= distance.min() + spacing)[0]), 2
-        else:
-            last = int(np.clip(round(begin / spacing), 0, s_table.size - 1))
-            reach = int((2 * np.linalg.norm(p[0] - p_table[last]) + _ANCHOR) / spacing)
-        for k in range(anchors.size):
-            low = max(last - reach, 0)
-            window = p_table[low : last + reach + 1] - p[anchors[k]]
-            feet[k] = last = low + int(np.argmin(dot(window, window)))
-            if k + 1 < anchors.size:
-                way = travelled[anchors[k + 1]] - travelled[anchors[k]]
-                reach = int(_REACH * (way + _ANCHOR) / spacing) + 1
-        guess = np.round(np.interp(travelled, travelled[anchors], feet)).astype(np.intp)
-        around = np.arange(-_AROUND, _AROUND + 1)
-        candidates = np.clip(guess[:, None] + around, 0, s_table.size - 1)
-        squares = np.sum((p_table[candidates] - p[:, None]) ** 2, axis=2)
-        return self._foot(p, candidates[np.arange(len(p)), squares.argmin(axis=1)])
+        first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
+        return self._foot(p, along(p_table, p, s_table[1], first))
 
     @cached_property
     def _corners(self) -> Floats:
@@ -192,30 +167,31 @@ class Path(ABC):
         The foot lies between the neighbours of that entry; near a corner it may lie on either side, and is looked
         for on both.
         """
-        s_table, corners = self._table[0], self._corners
-        s = self._between(p, s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)])
+        (s_table, p_table), corners = self._table, self._corners
+        low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
+        s = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
         if corners.size:
             edges = np.concatenate([[0.0], corners, [self.length]])
             k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), s)
-            reach = _AROUND * s_table[1]
+            reach = AROUND * s_table[1]
             near = np.flatnonzero(np.abs(edges[k] - s) <= reach)
             at, before, after = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1]
             for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
-                other = self._between(p[near], low, high)
+                other = self._between(p[near], low, high, 0.5 * (low + high))
                 old, new = (np.linalg.norm(self.position(foot) - p[near], axis=1) for foot in (s[near], other))
                 s[near] = np.where(new < old, other, s[near])
         offset = p - self.position(s)
         return Projection(s, offset, dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
 
-    def _between(self, p: Floats, low: Floats, high: Floats) -> Floats:
-        """Arc lengths of the feet of points between two arc lengths, (n,) [mm].
+    def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Floats:
+        """Arc lengths of the feet of points between two arc lengths, from a guess, (n,) [mm].
 
         By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s), and by bisection where
         Newton's step would leave the interval: at the path's ends, where the curvature jumps, near a centre of
         curvature.
         """
         low, high = low.copy(), high.copy()
-        s = 0.5 * (low + high)
+        s = np.clip(guess, low, high)
         active = np.arange(len(p))
         for _ in range(_STEPS):
             at = s[active]
@@ -229,7 +205,7 @@ class Path(ABC):
             outside = (moved < low[active]) | (moved > high[active])
             moved[outside] = 0.5 * (low[active] + high[active])[outside]
             s[active] = moved
-            active = active[np.abs(moved - at) > _TOLERANCE]
+            active = active[np.abs(moved - at) > np.where(outside, _TOLERANCE, _LAST_STEP)]
             if not active.size:
                 break
         return s

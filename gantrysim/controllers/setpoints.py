@@ -111,6 +111,15 @@ class Setpoints:
         dispense = np.concatenate([self.dispense, np.zeros(count, bool)])
         return replace(self, position=position, dispense=dispense)
 
+    def wait(self, duration: float) -> Setpoints:
+        """Return these setpoints `duration` [s] later, the first position held before them, the dispenser off."""
+        count = ticks(at_least("wait", duration, 0, "s"), self.period)
+        if not count:
+            return self
+        position = np.concatenate([np.repeat(self.position[:1], count, axis=0), self.position])
+        dispense = np.concatenate([np.zeros(count, bool), self.dispense])
+        return replace(self, position=position, dispense=dispense, gates=self.gates + count)
+
     @classmethod
     def along(
         cls,
