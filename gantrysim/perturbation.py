@@ -56,7 +56,7 @@ class Perturbation:
         for name in FACTORS:
             value = getattr(self, name)
             factor: Factor
-            if isinstance(value, Iterable):
+            if isinstance(value, Iterable) and not isinstance(value, str):
                 factor = tuple(positive(f"factor of {name}", item) for item in value)
             else:
                 factor = positive(f"factor of {name}", value)
