@@ -1,0 +1,172 @@
+"""A case: one run of a study, and the figures that are kept of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+
+import gantrysim
+from gantrysim.errors import InputError
+from gantrysim.job import Job
+from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple
+from gantrysim.perturbation import Perturbation
+from gantrysim.run import Run
+
+__all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "measure", "simulated"]
+
+Value = str | float | int | bool | None
+Row = dict[str, Value]
+Mode = Literal["simulated", "perfect follower"]
+
+OK = "ok"
+_FAULT, _REFUSED = "fault: ", "refused: "
+_THOUSANDTHS = 1e3
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of a study: a job, what of it is changed, and what stands in the machine's place.
+
+    It is hashable and can be sent to another process or machine. Nothing of it is built before it is measured, so a
+    job that is refused can be a case.
+
+    Attributes:
+        content: of the job that the study is about, as TOML.
+        overrides: values changed in it, as (dotted key, JSON of the value), sorted.
+        mode: "simulated", or "perfect follower" for a machine that is always where it is commanded to be.
+        perturbation: of the machine, or None; the servo keeps the gains of the machine as it is drawn.
+        tags: columns of the row that say what the case is to the study, as (name, value).
+    """
+
+    content: str
+    overrides: tuple[tuple[str, str], ...] = ()
+    mode: Mode = "simulated"
+    perturbation: Perturbation | None = None
+    tags: tuple[tuple[str, Value], ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        job: Job,
+        overrides: Mapping[str, Any] | None = None,
+        mode: Mode = "simulated",
+        perturbation: Perturbation | None = None,
+        **tags: Value,
+    ) -> Case:
+        """Return a case of a job.
+
+        Args:
+            job: that the study is about.
+            overrides: values by their full dotted keys, as in {"program.loop_period": 0.01}; None for the default.
+            mode: as in the class.
+            perturbation: as in the class.
+            tags: as in the class.
+        """
+        changed = tuple(sorted((key, json.dumps(value)) for key, value in (overrides or {}).items()))
+        return cls(job.toml(), changed, mode, perturbation, tuple(tags.items()))
+
+    @property
+    def key(self) -> str:
+        """What tells the case from every other with another result, tags aside: a SHA-256 in hexadecimal."""
+        content = (gantrysim.__version__, self.content, self.overrides, self.mode, repr(self.perturbation))
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The overrides as values."""
+        return {key: json.loads(value) for key, value in self.overrides}
+
+    def tagged(self, **tags: Value) -> Case:
+        """Return the case with more tags, or other values of them."""
+        return replace(self, tags=tuple({**dict(self.tags), **tags}.items()))
+
+    def job(self) -> Job:
+        """Return the job with what is changed of it.
+
+        Raises:
+            InputError: the job is refused.
+        """
+        job = _job(self.content)
+        return job.changed(self.settings) if self.overrides else job
+
+
+def measure(case: Case) -> Row:
+    """Run a case and return its figures; `status` first, "ok" or why there are none.
+
+    A case that is refused ("refused: ..."), or that a fault ends ("fault: ..."), has its status alone.
+    """
+    try:
+        run = simulated(case)
+        if run.fault is not None:
+            return {"status": f"{_FAULT}{run.fault}"}
+        return {"status": OK, **figures_row(run)}
+    except InputError as error:
+        return {"status": f"{_REFUSED}{error}"}
+
+
+def simulated(case: Case) -> Run:
+    """Return the record of a case.
+
+    Raises:
+        InputError: the job is refused.
+    """
+    job = case.job()
+    if case.mode == "perfect follower":
+        return job.follow()
+    if case.perturbation is None:
+        return job.run()
+    return job.run(machine=job.built_machine.perturbed(case.perturbation))
+
+
+def figures_row(run: Run) -> Row:
+    """Return the figures of a run as one flat row; a key's unit stands in its name, rms, max and p95 of magnitudes.
+
+    A figure that the run does not have, as the spacing of one turn, is None.
+
+    Raises:
+        InputError: the dispenser is never on.
+    """
+    analysis = Analysis(run)
+    figures = analysis.figures
+    row: Row = {}
+    for name, error in (("generation", analysis.commanded.distance), ("contour", analysis.nozzle.distance)):
+        row[f"{name}_rms_um"] = _THOUSANDTHS * float(np.sqrt(np.mean(error**2)))
+        row[f"{name}_max_um"] = _THOUSANDTHS * float(error.max())
+        row[f"{name}_p95_um"] = _THOUSANDTHS * float(np.percentile(error, 95))
+    row["tracking_along_rms_um"] = _THOUSANDTHS * figures.tracking_along.rms
+    row["tracking_along_max_um"] = _THOUSANDTHS * figures.tracking_along.max
+    for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
+        row[f"tracking_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * spread.rms
+        row[f"tracking_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * spread.max
+    for statistic in ("mean", "std", "min", "max"):
+        spacing = figures.spacing
+        row[f"spacing_{statistic}_mm"] = None if spacing is None else getattr(spacing, statistic)
+    row["speed_mean_mm_s"] = figures.speed.mean
+    row["speed_ripple"] = speed_ripple(run)
+    row["path_length_mm"] = figures.path_length
+    row["duration_s"] = figures.duration
+    for name, place in zip("xyz", figures.end_point, strict=True):
+        row[f"end_{name}_mm"] = place
+    return {key: _plain(value) for key, value in row.items()}
+
+
+def _ascii(unit: str) -> str:
+    return THOUSANDTH[unit].replace("µ", "u")
+
+
+def _plain(value: Value) -> Value:
+    """None instead of a number that is none, so that a row is the same when it has been written and read again."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@lru_cache(maxsize=8)
+def _job(content: str) -> Job:
+    return Job(**tomllib.loads(content))

@@ -1,0 +1,121 @@
+"""The command `gantrysim study`."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from gantrysim.study.study import Study
+
+__all__ = ["INTERRUPTED", "JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
+
+INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
+
+# what every study's command takes
+JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
+]
+Model = Annotated[str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder to write into; by default out/, the study's name and the job's.")
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="Number of processes; by default all cores.")]
+
+study_app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="Run a job many times with something changed, and see what it does to the bead.",
+)
+_output = Console(soft_wrap=False)
+_messages = Console(stderr=True)
+
+
+@study_app.callback()
+def _main() -> None:
+    """Keep the studies' names words of the command, be there one or many."""
+
+
+def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
+    """Carry out a study with a progress bar, print its findings and say what was written.
+
+    Exit status 130 where it is interrupted, with a word of how to go on.
+    """
+    from gantrysim.study.study import StudyInterrupted, run_study
+
+    folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
+    try:
+        with _terminated_as_interrupted(), _progress(study.name) as advance:
+            outcome = run_study(study, folder, workers=workers, progress=advance)
+    except StudyInterrupted as interrupted:
+        text = f"interrupted: the rows of {interrupted.done} finished cases are kept in {folder}/; "
+        _messages.print(escape(text + "the same command goes on from there"), soft_wrap=True, highlight=False)
+        raise typer.Exit(INTERRUPTED) from None
+    if outcome.discarded:
+        said = f"note: {folder}/ held the rows of another start, which were not taken: {outcome.discarded}"
+        _messages.print(escape(said), soft_wrap=True, highlight=False)
+    if outcome.kept:
+        said = f"note: the rows of {outcome.kept} cases were there from an interrupted start"
+        _messages.print(escape(said), soft_wrap=True, highlight=False)
+    for paragraph in outcome.findings:
+        _output.print(escape(paragraph), highlight=False)
+    written = f"written to {folder}/: {', '.join(outcome.written)}"
+    _output.print(escape(written), soft_wrap=True, highlight=False)
+
+
+@study_app.command()
+def loop(
+    job: JobArgument = "an225",
+    out: Out = None,
+    model: Model = None,
+    settings: Settings = None,
+    workers: Workers = None,
+) -> None:
+    """How fast must the program's loop be, and the servo, and how fine the encoder?
+
+    Sweeps the loop's period, the interpreter's time, the servo period, the encoder's resolution and the physics step.
+    """
+    from gantrysim.job import Job
+    from gantrysim.study.loop import LoopStudy
+
+    carry_out(LoopStudy(Job.load(job, settings or (), model)), out, workers)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Have a polite kill end the study as Ctrl-C does: workers stopped, rows kept."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _progress(task: str) -> Iterator[Callable[[int, int], None]]:
+    columns = (
+        TextColumn("{task.description:9}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=_messages, transient=True, disable=not _messages.is_terminal) as progress:
+        bar = progress.add_task(task, total=None)
+        yield lambda done, every: progress.update(bar, completed=done, total=every)

@@ -1,0 +1,221 @@
+"""What a study is, and how it is carried out: cases in rounds, findings, figures, and its folder written whole.
+
+A new study is a frozen dataclass that has what `Study` asks for, and a command of a few lines in commands.py.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import tomli_w
+
+from gantrysim.job import Job
+from gantrysim.report import JOB, PLOTS, Output, output_folder, versions
+from gantrysim.study.cases import OK, Case, Row
+from gantrysim.study.ledger import Ledger
+from gantrysim.study.runner import Measure, Progress, run_cases
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gantrysim.page import Table
+
+__all__ = ["REPORT", "ROWS", "STUDY", "Outcome", "Plot", "Rounds", "Study", "StudyInterrupted", "run_study"]
+
+ROWS, STUDY, REPORT = "study.csv", "study.toml", "report.html"
+
+Rounds = Generator[Sequence[Case], list[Row], None]
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure of a study.
+
+    Attributes:
+        name: of its file in the folder of plots, without the ending.
+        title: heads its section of the report.
+        text: what it shows, for the report; one paragraph or several.
+        figure: of matplotlib.
+        tables: that stand below it in the report.
+    """
+
+    name: str
+    title: str
+    text: str | Sequence[str]
+    figure: Figure
+    tables: Sequence[Table] = field(default=())
+
+
+class Study(Protocol):
+    """What `run_study` asks of a study; all of it follows from the study's own values and the rows alone."""
+
+    @property
+    def name(self) -> str:
+        """One word, by which the command calls it."""
+
+    @property
+    def title(self) -> str:
+        """Heads the report."""
+
+    @property
+    def job(self) -> Job:
+        """The job that it is about."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the study does with the job, as plain values of TOML: enough to do it again."""
+
+    @property
+    def plots(self) -> tuple[str, ...]:
+        """Names of all the plots that it may draw."""
+
+    @property
+    def measure(self) -> Measure:
+        """From a case to its row; as a rule `gantrysim.study.measure`."""
+
+    def rounds(self) -> Rounds:
+        """Yield the cases of one round after the other, and be sent their rows: `rows = yield cases`.
+
+        A study without rounds yields once; one that searches chooses its next cases by the rows it was sent.
+        """
+
+    def findings(self, rows: list[Row]) -> list[str]:
+        """Return what the rows say, in paragraphs, the first for the reader who reads no more."""
+
+    def figures(self, rows: list[Row]) -> list[Plot]:
+        """Return the plots."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a study has come to.
+
+    Attributes:
+        rows: of all cases in their order.
+        findings: paragraphs.
+        written: names of the files in the folder.
+        kept: number of rows that an interrupted start had left.
+        discarded: why rows that lay in the folder were not taken, or None.
+    """
+
+    rows: list[Row]
+    findings: list[str]
+    written: list[str]
+    kept: int
+    discarded: str | None
+
+
+class StudyInterrupted(KeyboardInterrupt):
+    """A study was interrupted; its finished rows lie in its folder.
+
+    Attributes:
+        done: number of cases whose rows are kept.
+    """
+
+    def __init__(self, done: int) -> None:
+        super().__init__(done)
+        self.done = done
+
+
+def output_of(study: Study) -> Output:
+    """Return the files that a study writes."""
+    return Output("study", ROWS, (ROWS, STUDY, JOB, REPORT, *(f"{PLOTS}/{name}.png" for name in study.plots)))
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Carry out a study, or go on where an interrupted one has stopped, and write its folder, whole or not at all.
+
+    Args:
+        study: to be carried out.
+        folder: for study.csv (a row per case), study.toml and job.toml (what was run, enough to run it again),
+            report.html and plots. Until they are written, the finished rows lie there in a hidden file.
+        workers: as in `run_cases`.
+        progress: as in `run_cases`.
+
+    Raises:
+        InputError: a folder that may not be written to, or a job that is refused as it stands.
+        StudyInterrupted: by Ctrl-C; the same call goes on.
+    """
+    study.job.follow()  # a job that is refused as it stands is refused here, not case by case
+    output = output_of(study)
+    target = output.check(folder)
+    identity = {
+        "study": study.name,
+        "settings": _plain(study.settings),
+        "job": study.job.toml(),
+        "versions": versions(study.job.built_machine),
+    }
+    rows: list[Row] = []
+    with Ledger(target, identity) as ledger:
+        try:
+            rounds = study.rounds()
+            cases = next(rounds)
+            while True:
+                found = run_cases(cases, ledger, workers=workers, measure=study.measure, progress=progress)
+                rows += found
+                try:
+                    cases = rounds.send(found)
+                except StopIteration:
+                    break
+        except KeyboardInterrupt:
+            raise StudyInterrupted(len(ledger)) from None
+        findings = study.findings(rows)
+        with output_folder(folder, output) as scratch:
+            _write(study, rows, findings, scratch, identity)
+            written = sorted(item.name for item in scratch.iterdir())
+    ledger.remove()
+    return Outcome(rows, findings, written, ledger.kept, ledger.discarded)
+
+
+def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, identity: dict[str, Any]) -> None:
+    from gantrysim.page import Section, Table, write_page
+
+    (folder / JOB).write_text(study.job.toml(), encoding="utf-8")
+    described = {
+        "study": study.name,
+        "command": f"gantrysim study {study.name} {JOB}",
+        "cases": len(rows),
+        "findings": findings,
+        "settings": identity["settings"],
+        "versions": identity["versions"],
+    }
+    (folder / STUDY).write_text(tomli_w.dumps(described, multiline_strings=True), encoding="utf-8")
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with (folder / ROWS).open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, columns, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    plots = study.figures(rows)
+    for plot in plots:
+        plot.figure.savefig(folder / PLOTS / f"{plot.name}.png")
+    sections = [Section("Findings", findings)]
+    sections += [Section(plot.title, plot.text, plot.figure, plot.tables or None) for plot in plots]
+    failed = [row for row in rows if row["status"] != OK]
+    if failed:
+        tags = columns[: columns.index("status")]
+        table = Table([*tags, "status"], [[row.get(key) for key in (*tags, "status")] for row in failed])
+        sections.append(Section("Cases without figures", table=table))
+    facts = Table(["what", "version"], [[name, value] for name, value in identity["versions"].items()])
+    sections.append(Section("What was run", code=study.job.toml(), table=facts))
+    write_page(folder / REPORT, study.title, f"{len(rows)} cases of the job {study.job.name}", sections)
+
+
+def _plain(settings: dict[str, Any]) -> dict[str, Any]:
+    """Tuples as lists: as TOML and JSON give them back."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {str(key): plain(item) for key, item in value.items() if item is not None}
+        return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+    return {str(key): plain(value) for key, value in settings.items() if value is not None}
