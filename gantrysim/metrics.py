@@ -135,9 +135,27 @@ class Analysis:
         return self.run.requested.follow(self.run.commanded_tip[self.ticks], begin=0.0)
 
     @cached_property
+    def encoder(self) -> Projection:
+        """On the requested path, where the encoders' positions would put the nozzle of a rigid machine."""
+        return self._followed(self.run.encoder_tip, like=(self.run.commanded_tip, "commanded"))
+
+    @cached_property
+    def motor(self) -> Projection:
+        """The same of the motors' positions that the encoders counted."""
+        return self._followed(self.run.motor_tip, like=(self.run.encoder_tip, "encoder"))
+
+    @cached_property
     def nozzle(self) -> Projection:
         """The nozzle on the requested path: its distance is the contour error."""
-        return self.run.requested.follow(self.run.nozzle[self.ticks], begin=0.0)
+        return self._followed(self.run.nozzle, like=(self.run.motor_tip, "motor"))
+
+    def _followed(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
+        """Follow a trace, unless it is that of the link before: of an ideal follower, encoder or structure."""
+        other, name = like
+        if np.array_equal(trace, other):
+            foot: Projection = getattr(self, name)
+            return foot
+        return self.run.requested.follow(trace[self.ticks], begin=0.0)
 
     @cached_property
     def spacing(self) -> Spacing:

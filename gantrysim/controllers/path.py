@@ -45,12 +45,14 @@ class Projection:
         s: arc length of the foot points, (n,) [mm].
         offset: point minus foot point, (n, 3) [mm].
         lateral: signed distance along the left normal, (n,) [mm].
+        vertical: signed distance along the binormal, tangent x left normal, up on a level path, (n,) [mm].
         distance: distance to the path, (n,) [mm].
     """
 
     s: Floats
     offset: Floats
     lateral: Floats
+    vertical: Floats
     distance: Floats
 
 
@@ -180,8 +182,9 @@ class Path(ABC):
                 other = self._between(p[near], low, high, 0.5 * (low + high))
                 old, new = (np.linalg.norm(self.position(foot) - p[near], axis=1) for foot in (s[near], other))
                 s[near] = np.where(new < old, other, s[near])
-        offset = p - self.position(s)
-        return Projection(s, offset, dot(offset, self.normal(s)), np.linalg.norm(offset, axis=-1))
+        offset, normal = p - self.position(s), self.normal(s)
+        binormal = np.cross(self.tangent(s), normal)
+        return Projection(s, offset, dot(offset, normal), dot(offset, binormal), np.sqrt(dot(offset, offset)))
 
     def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Floats:
         """Arc lengths of the feet of points between two arc lengths, from a guess, (n,) [mm].
