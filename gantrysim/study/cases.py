@@ -22,7 +22,7 @@ from gantrysim.run import Run
 
 __all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "measure", "simulated"]
 
-Value = str | float | int | bool | None
+Value = str | float | int | bool | list[float] | None  # a list is a curve, which goes into a file of its own
 Row = dict[str, Value]
 Mode = Literal["simulated", "perfect follower"]
 

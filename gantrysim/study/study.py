@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -24,9 +25,9 @@ if TYPE_CHECKING:
 
     from gantrysim.page import Table
 
-__all__ = ["REPORT", "ROWS", "STUDY", "Outcome", "Plot", "Rounds", "Study", "StudyInterrupted", "run_study"]
+__all__ = ["CURVES", "REPORT", "ROWS", "STUDY", "Outcome", "Plot", "Rounds", "Study", "StudyInterrupted", "run_study"]
 
-ROWS, STUDY, REPORT = "study.csv", "study.toml", "report.html"
+ROWS, CURVES, STUDY, REPORT = "study.csv", "curves.csv", "study.toml", "report.html"
 
 Rounds = Generator[Sequence[Case], list[Row], None]
 
@@ -123,7 +124,7 @@ class StudyInterrupted(KeyboardInterrupt):
 
 def output_of(study: Study) -> Output:
     """Return the files that a study writes."""
-    return Output("study", ROWS, (ROWS, STUDY, JOB, REPORT, *(f"{PLOTS}/{name}.png" for name in study.plots)))
+    return Output("study", ROWS, (ROWS, CURVES, STUDY, JOB, REPORT, *(f"{PLOTS}/{name}.png" for name in study.plots)))
 
 
 def run_study(
@@ -137,8 +138,9 @@ def run_study(
 
     Args:
         study: to be carried out.
-        folder: for study.csv (a row per case), study.toml and job.toml (what was run, enough to run it again),
-            report.html and plots. Until they are written, the finished rows lie there in a hidden file.
+        folder: for study.csv (a row per case), curves.csv (the lists in the rows, if there are any), study.toml and
+            job.toml (what was run, enough to run it again), report.html and plots. Until they are written, the
+            finished rows lie there in a hidden file.
         workers: as in `run_cases`.
         progress: as in `run_cases`.
 
@@ -190,11 +192,14 @@ def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, ide
         "versions": identity["versions"],
     }
     (folder / STUDY).write_text(tomli_w.dumps(described, multiline_strings=True), encoding="utf-8")
-    columns = list(dict.fromkeys(key for row in rows for key in row))
+    curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
+    columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves]
     with (folder / ROWS).open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns, restval="")
+        writer = csv.DictWriter(stream, columns, restval="", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
+    if curves:
+        _write_curves(rows, curves, folder / CURVES)
     plots = study.figures(rows)
     for plot in plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png")
@@ -208,6 +213,16 @@ def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, ide
     facts = Table(["what", "version"], [[name, value] for name, value in identity["versions"].items()])
     sections.append(Section("What was run", code=study.job.toml(), table=facts))
     write_page(folder / REPORT, study.title, f"{len(rows)} cases of the job {study.job.name}", sections)
+
+
+def _write_curves(rows: list[Row], names: list[str], file: Path) -> None:
+    """Write the lists of all rows, one line for each place in them: the number of the row, from 1, and the values."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["case", *names])
+        for number, row in enumerate(rows, 1):
+            lists = [value if isinstance(value := row.get(name), list) else [] for name in names]
+            writer.writerows([number, *values] for values in zip_longest(*lists, fillvalue=""))
 
 
 def _plain(settings: dict[str, Any]) -> dict[str, Any]:
