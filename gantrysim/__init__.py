@@ -3,21 +3,25 @@
 from gantrysim import metrics
 from gantrysim.axis import Axis
 from gantrysim.controllers.servo import Servo, Tick
+from gantrysim.dispenser import Dispenser
 from gantrysim.engine import simulate
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job import Job
 from gantrysim.machine import Machine
+from gantrysim.needle import Needle
 from gantrysim.run import Fault, Run
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Axis",
+    "Dispenser",
     "Fault",
     "GantryError",
     "InputError",
     "Job",
     "Machine",
+    "Needle",
     "Run",
     "Servo",
     "Tick",

@@ -154,6 +154,10 @@ class Dispenser:
         value = np.clip(value, 0.0, self.limit)
         return self._lagged(breaks, value, on.size, period)
 
+    def check(self, setpoints: Setpoints) -> None:
+        """Raise InputError where the start lead is longer than the time before the first dispensing."""
+        self._valve(setpoints.dispense, setpoints.period)
+
     def held_back(self, setpoints: Setpoints) -> Setpoints:
         """Return the setpoints, held back where the start lead is longer than what they wait before the first glue."""
         first = np.flatnonzero(setpoints.dispense)
@@ -176,8 +180,8 @@ class Dispenser:
     def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
         """Return when the valve opens and closes, the leads taken off, (k,) each, in periods, ascending."""
         edges = np.diff(np.concatenate([[0], on.astype(np.int8), [0]]))
-        begins: Floats = np.flatnonzero(edges == 1) - self.start_lead / period
-        ends: Floats = np.flatnonzero(edges == -1) - self.stop_lead / period
+        begins = np.flatnonzero(edges == 1).astype(np.float64) - self.start_lead / period
+        ends = np.flatnonzero(edges == -1).astype(np.float64) - self.stop_lead / period
         if begins.size and begins[0] < -_EDGE:
             first = period * (begins[0] + self.start_lead / period)
             raise InputError(
@@ -185,6 +189,8 @@ class Dispenser:
                 "dispensing; Setpoints.wait holds the motion back"
             )
         begins, ends = _on_ticks(begins), _on_ticks(ends)
+        if on.size and on[-1]:
+            ends[-1] = on.size  # where the record ends the program has not yet closed the valve
         lasting = ends > begins  # what the leads leave of it
         begins, ends = begins[lasting], ends[lasting]
         if begins.size:

@@ -10,6 +10,7 @@ import numpy as np
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import PlainLaw, Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.dispenser import Dispenser
 from gantrysim.errors import GantryError, InputError, at_least
 from gantrysim.machine import Machine
 from gantrysim.native.hook import installed, installed_law
@@ -37,7 +38,7 @@ def simulate(
     setpoints: Setpoints,
     *,
     physics_step: float | None = None,
-    flow: float = 0.0,
+    dispenser: Dispenser | None = None,
     law: PlainLaw | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
@@ -53,7 +54,7 @@ def simulate(
         setpoints: commanded positions; axes of the machine that they leave out are held at zero.
         physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; the servo
             period is divided evenly [s].
-        flow: glue flow while the dispenser is on [mm³/s].
+        dispenser: of the glue; by default there is none.
         law: a law in plain Python instead of the servo's own; slower, and alone in the process.
         progress: called now and then with the share of the job that is done, 0 to 1.
 
@@ -63,9 +64,9 @@ def simulate(
 
     Raises:
         InputError: setpoints that the machine cannot follow: an unknown axis, a position outside the travel,
-            a speed above the limit.
+            a speed above the limit. A dispenser whose start lead is longer than the setpoints wait.
     """
-    flow = at_least("flow", flow, 0, "mm³/s")
+    dispenser = _ready(dispenser, setpoints)
     position = _positions(machine, setpoints)
     if servo.axes != len(machine.axes):
         raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
@@ -100,10 +101,10 @@ def simulate(
         raise GantryError(f"the servo of machine {machine.name} ran for {kept} of {n} ticks: MuJoCo did not call it")
     if fault is not None and not np.isfinite(log[kept - 1, : axes + 3]).all():
         kept -= 1  # the tick that saw the divergence has no position to record
-    return record(machine, setpoints, position, log[:kept], flow, fault)
+    return record(machine, setpoints, position, log[:kept], dispenser, fault)
 
 
-def perfect_follower(machine: Machine, setpoints: Setpoints, *, flow: float = 0.0) -> Run:
+def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:
     """Return the record of a machine that follows its setpoints exactly, motors and nozzle.
 
     It shows what the controller's program alone does to the bead. There is no servo and no torque, no tick more than
@@ -112,12 +113,19 @@ def perfect_follower(machine: Machine, setpoints: Setpoints, *, flow: float = 0.
     Args:
         machine: the machine, for its axes and where they put the nozzle.
         setpoints: commanded positions, as for `simulate`.
-        flow: glue flow while the dispenser is on [mm³/s].
+        dispenser: of the glue; by default there is none.
 
     Raises:
         InputError: setpoints that the machine cannot follow, as for `simulate`.
     """
-    return perfect_record(machine, setpoints, _positions(machine, setpoints), at_least("flow", flow, 0, "mm³/s"))
+    return perfect_record(machine, setpoints, _positions(machine, setpoints), _ready(dispenser, setpoints))
+
+
+def _ready(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
+    """Return the dispenser, or one that lays nothing, after a look at whether its start lead can be met."""
+    ready = Dispenser() if dispenser is None else dispenser
+    ready.check(setpoints)
+    return ready
 
 
 def _most_ticks(setpoints: Setpoints) -> int:

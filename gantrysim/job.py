@@ -16,10 +16,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.dispenser import Dispenser
 from gantrysim.engine import perfect_follower, simulate
 from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.machine import Machine, builtin_models
-from gantrysim.programs import Controller, arguments, build, keys
+from gantrysim.programs import Controller, arguments, build, dotted, keys
 from gantrysim.run import Run
 
 __all__ = ["Job", "ServoSettings", "builtin_jobs", "job_text"]
@@ -57,14 +58,6 @@ class ServoSettings(BaseModel):
     resolution: PerAxis = _setting(None, "of the encoder, the machine's own; 0 for an exact one [mm or deg]")
 
 
-class Dispenser(BaseModel):
-    """The dispenser: glue flow while it is on [mm³/s]."""
-
-    model_config = _STRICT
-
-    flow: float = 0.0
-
-
 class Simulation(BaseModel):
     """Longest physics step, by default the machine's own, and how long the last position is held at the end [s]."""
 
@@ -83,7 +76,7 @@ class Job(BaseModel):
             the job file.
         program: the controller's name as `controller`, and its arguments.
         servo: arguments of `Servo.derive`.
-        dispenser: glue flow.
+        dispenser: arguments of `Dispenser`.
         simulation: physics step and settling time.
     """
 
@@ -187,9 +180,9 @@ class Job(BaseModel):
 
     @cached_property
     def setpoints(self) -> Setpoints:
-        """The program's setpoints, the last one held while the machine settles."""
+        """The program's setpoints: held back for the dispenser's start lead, and held at the end while the machine settles."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
-        return self.controller.setpoints(self.built_servo.period).hold(settle)
+        return self.dispenser.held_back(self.controller.setpoints(self.built_servo.period)).hold(settle)
 
     def run(self, progress: Callable[[float], None] | None = None, machine: Machine | None = None) -> Run:
         """Run the job and return the record.
@@ -204,13 +197,13 @@ class Job(BaseModel):
             self.built_servo,
             self.setpoints,
             physics_step=self.simulation.physics_step,
-            flow=self.dispenser.flow,
+            dispenser=self.dispenser,
             progress=progress,
         )
 
     def follow(self) -> Run:
         """Return the record of a machine that does exactly what the job's program commands, see `perfect_follower`."""
-        return perfect_follower(self.built_machine, self.setpoints, flow=self.dispenser.flow)
+        return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
 
 
 def builtin_jobs() -> list[str]:
@@ -243,9 +236,10 @@ def _absolute(machine: str, folder: Path) -> str:
 
 
 def _known_keys(content: dict[str, Any]) -> list[str]:
-    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "dispenser": Dispenser, "simulation": Simulation}
+    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": Simulation}
     known = ["name", "machine", "program.controller"]
     known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
+    known += [f"dispenser.{key}" for key in dotted(Dispenser)]
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
 
 

@@ -30,6 +30,7 @@ WORK = "work"  # body in whose frame the bead lies
 
 _MM = 1e3
 _FRAME_TOLERANCE = 1e-3  # [mm], and of a direction
+_DEFAULT_GAP = 0.5  # of a machine without a work piece [mm]
 _PROBE = 100.0  # how far each slide is moved to see what a rotary axis does to it [mm]
 
 
@@ -106,6 +107,18 @@ class Machine:
         buffer = np.empty(mujoco.mj_sizeModel(self.model), np.uint8)
         mujoco.mj_saveModel(self.model, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
+
+    @cached_property
+    def gap(self) -> float:
+        """Height of the nozzle above the work where its z is 0: by a ray from the work's origin down its z [mm]."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, data)
+        body = int(self.model.site_bodyid[self.nozzle])
+        geom = np.full(1, -1, np.int32)
+        down = -data.xmat[self.work].reshape(3, 3)[:, 2]
+        distance = mujoco.mj_ray(self.model, data, data.xpos[self.work], down, None, 1, body, geom, None)
+        on_work = geom[0] >= 0 and self.model.geom_bodyid[geom[0]] == self.work
+        return _MM * float(distance) if on_work else _DEFAULT_GAP
 
     def perturbed(self, perturbation: Perturbation) -> Machine:
         """Return the machine as it is with a perturbation; its name and source stay, this one is left as it is.

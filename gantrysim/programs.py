@@ -14,7 +14,7 @@ from gantrysim.controllers.path import Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import unknown
 
-__all__ = ["PROGRAMS", "Controller", "arguments", "build", "keys"]
+__all__ = ["PROGRAMS", "Controller", "arguments", "build", "dotted", "keys"]
 
 
 class Controller(Protocol):
@@ -82,13 +82,14 @@ def _without_none(value: Any) -> Any:
 
 def keys(name: str) -> list[str]:
     """Return the dotted names of a program's arguments, those of its parts included; none where there is no such."""
-    return list(_keys(PROGRAMS[name])) if name in PROGRAMS else []
+    return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []
 
 
-def _keys(program: type[Any], prefix: str = "") -> Iterator[str]:
-    hints = get_type_hints(program)
-    for field in fields(program):
+def dotted(table: type[Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of a dataclass' fields, those of its parts included."""
+    hints = get_type_hints(table)
+    for field in fields(table):
         yield prefix + field.name
         for part in (hints[field.name], *get_args(hints[field.name])):
             if is_dataclass(part) and isinstance(part, type):
-                yield from _keys(part, f"{prefix}{field.name}.")
+                yield from dotted(part, f"{prefix}{field.name}.")

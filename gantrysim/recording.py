@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.dispenser import Dispenser
 from gantrysim.machine import Machine
 from gantrysim.native.row import FAULTS, POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 from gantrysim.run import Fault, Run
@@ -43,7 +44,7 @@ def fault_of(machine: Machine, servo: Servo, row: np.void, timeout: float) -> Fa
 
 
 def record(
-    machine: Machine, setpoints: Setpoints, position: Floats, log: Floats, flow: float, fault: Fault | None
+    machine: Machine, setpoints: Setpoints, position: Floats, log: Floats, dispenser: Dispenser, fault: Fault | None
 ) -> Run:
     """Return the record of a simulation.
 
@@ -52,7 +53,7 @@ def record(
         setpoints: that it was sent.
         position: the same for all the machine's axes, (ticks, axes) [mm or deg].
         log: of the servo, a row per tick, see `log_width`.
-        flow: of glue while the dispenser is on [mm³/s].
+        dispenser: that laid the glue.
         fault: why the run ended early, or None.
     """
     axes = position.shape[1]
@@ -70,7 +71,7 @@ def record(
     current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
     ideal = np.isnan(constant)
     return Run(
-        **_sent(machine, setpoints, position, sent, flow),
+        **_sent(machine, setpoints, position, sent, dispenser),
         encoder=encoder,
         encoder_tip=machine.tip(encoder),
         motor=motor,
@@ -84,9 +85,9 @@ def record(
     )
 
 
-def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, flow: float) -> Run:
+def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:
     """Return the record of a machine that is where it is commanded to be, with no torque; arguments as in `record`."""
-    sent = _sent(machine, setpoints, position, np.arange(len(position)), flow)
+    sent = _sent(machine, setpoints, position, np.arange(len(position)), dispenser)
     tip, none = sent["commanded_tip"], np.zeros_like(position)
     return Run(
         **sent,
@@ -103,19 +104,23 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, flo
 
 
 def _sent(
-    machine: Machine, setpoints: Setpoints, position: Floats, sent: NDArray[np.intp], flow: float
+    machine: Machine, setpoints: Setpoints, position: Floats, sent: NDArray[np.intp], dispenser: Dispenser
 ) -> dict[str, Any]:
     """What of a record follows from the setpoints alone, given the index of the one that each tick sent, (n,)."""
     commanded, dispense = position[sent], setpoints.dispense[sent]
+    tip, period = machine.tip(commanded), setpoints.period
+    speed = np.linalg.norm(np.diff(tip, axis=0, append=tip[-1:]), axis=1) / period
     return {
         "machine": machine.name,
         "axes": machine.axis_names,
         "units": tuple(axis.unit for axis in machine.axes),
         "requested": setpoints.requested,
-        "period": setpoints.period,
-        "time": np.arange(sent.size, dtype=np.float64) * setpoints.period,
+        "period": period,
+        "time": np.arange(sent.size, dtype=np.float64) * period,
         "commanded": commanded,
-        "commanded_tip": machine.tip(commanded),
-        "flow": np.where(dispense, flow, 0.0),
+        "commanded_tip": tip,
+        "flow": dispenser.flows(dispense, speed, period),
+        "asked": dispenser.asked(dispense, speed),
         "dispense": dispense,
+        "gap": machine.gap,
     }

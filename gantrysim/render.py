@@ -24,7 +24,6 @@ Image = NDArray[np.uint8]
 
 _BEAD = "gantrysim bead"
 _BEAD_COLOUR = (0.98, 0.58, 0.10, 1.0)
-_DEFAULT_GAP = 0.5  # [mm]
 _LONGEST_VIDEO = 60.0  # [s]
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 
@@ -78,7 +77,7 @@ class Renderer:
         )
         self.size = (width, height)
         self._machine, self._run = machine, run
-        self.bead = Bead(run, _gap(machine))
+        self.bead = Bead(run, machine.gap)
         self.model = _with_bead(machine, self.bead, width, height)
         self.data = mujoco.MjData(self.model)
         self.view = _view(self.model, camera)
@@ -188,18 +187,6 @@ def _view(model: mujoco.MjModel, camera: str | None) -> mujoco.MjvCamera:
     view.type = mujoco.mjtCamera.mjCAMERA_FIXED
     view.fixedcamid = names.index(wanted)
     return view
-
-
-def _gap(machine: Machine) -> float:
-    """Height of the nozzle above the work where its z is 0: a ray from the work's origin down its z [mm]."""
-    data = mujoco.MjData(machine.model)
-    mujoco.mj_forward(machine.model, data)
-    body = int(machine.model.site_bodyid[machine.nozzle])
-    geom = np.full(1, -1, np.int32)
-    down = -data.xmat[machine.work].reshape(3, 3)[:, 2]
-    distance = mujoco.mj_ray(machine.model, data, data.xpos[machine.work], down, None, 1, body, geom, None)
-    on_work = geom[0] >= 0 and machine.model.geom_bodyid[geom[0]] == machine.work
-    return 1e3 * distance if on_work else _DEFAULT_GAP
 
 
 def _with_bead(machine: Machine, bead: Bead, width: int, height: int) -> mujoco.MjModel:

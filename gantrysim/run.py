@@ -17,7 +17,7 @@ from gantrysim.errors import InputError
 
 __all__ = ["Fault", "Run"]
 
-_FORMAT = 3
+_FORMAT = 4
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,11 @@ class Run:
         torque: electromagnetic torque of the motor, (n, axes) [N·m].
         current: motor current, (n, axes) [A]; nan for an ideal torque source.
         voltage: terminal voltage as the tick's demand sets it, (n, axes) [V]; nan likewise.
-        flow: commanded glue flow, (n,) [mm³/s].
+        flow: glue out of the nozzle, the mean over the period that follows the tick, (n,) [mm³/s]; so what is laid is
+            sum(flow[:-1]) * period.
+        asked: the flow that the program asks for over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
+        gap: height of the nozzle above the work where its z is 0 [mm].
         fault: why the run ended early, or None.
     """
 
@@ -98,7 +101,9 @@ class Run:
     current: Floats
     voltage: Floats
     flow: Floats
+    asked: Floats
     dispense: NDArray[np.bool_]
+    gap: float
     fault: Fault | None = None
 
     def __post_init__(self) -> None:
@@ -135,6 +140,7 @@ class Run:
             return cls(
                 machine=str(content.pop("machine")),
                 period=float(content.pop("period")),
+                gap=float(content.pop("gap")),
                 axes=tuple(str(name) for name in content.pop("axes")),
                 units=tuple(str(unit) for unit in content.pop("units")),
                 requested=Path.build(path["kind"], path["parameters"]),

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Servo, simulate
+from gantrysim import Dispenser, InputError, Servo, simulate
 
 from runs import PERIOD, plain, ramp, turn, turned, turntable
 
@@ -26,7 +26,10 @@ BAD = {
     ),
     "axes": (lambda m: {"servo": Servo.derive(m.axes[:1], PERIOD)}, "servo has 1 axes: machine rigid has 2"),
     "physics step": (lambda m: {"physics_step": 0.0}, "physics_step = 0 s: must be at least"),
-    "flow": (lambda m: {"flow": -1.0}, "flow = -1 mm³/s: must be at least 0"),
+    "start lead": (
+        lambda m: {"dispenser": Dispenser(flow=1.0, start_lead=0.02)},
+        "start_lead = 0.02 s: must be at most 0 s, the time before the first dispensing",
+    ),
     "delay": (
         lambda m: {"servo": Servo.derive(m.axes, PERIOD, delay=3e-4)},
         "servo delay = 0.0003 s: must be a multiple",

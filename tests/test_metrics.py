@@ -64,6 +64,8 @@ def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERI
         current=nothing,
         voltage=nothing,
         flow=np.zeros(rows),
+        asked=np.zeros(rows),
+        gap=0.5,
         dispense=np.ones(rows, bool) if dispense is None else dispense(s),
     )
 
@@ -262,6 +264,7 @@ def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
         units=("mm", "mm"),
         requested=INVOLUTE,
         period=PERIOD,
+        gap=0.5,
         fault=Fault("following error", "x", 1.0, 2.0, 1.0, "mm"),
         **rows,
     )

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gantrysim import Servo, plots, simulate
+from gantrysim import Dispenser, Servo, plots, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.metrics import Analysis
 
@@ -17,7 +17,7 @@ matplotlib.use("agg")
 @pytest.fixture(scope="module")
 def analysis(xy):
     setpoints = MoveSpiral(60, 2, 10, 100, loop_period=0.05).setpoints(1e-3).hold(0.25)
-    return Analysis(simulate(xy, Servo.derive(xy.axes), setpoints, flow=200.0))
+    return Analysis(simulate(xy, Servo.derive(xy.axes), setpoints, dispenser=Dispenser(flow=200.0)))
 
 
 def lines(figure, axes=0):

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Machine, Servo, cli, simulate
+from gantrysim import Dispenser, InputError, Machine, Servo, cli, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.render import NoOpenGLError, Renderer, _gap, save_video
+from gantrysim.render import NoOpenGLError, Renderer, save_video
 from gantrysim.sweep import Bead
 
 SIZE = (640, 480)
@@ -22,7 +22,7 @@ CAMERAS = ("overview", "top", "nozzle", "side")
 @pytest.fixture(scope="module")
 def run(xy):
     setpoints = MoveSpiral(100, 2, 15, 100).setpoints(1e-3).hold(0.05)
-    return simulate(xy, Servo.derive(xy.axes), setpoints, flow=FLOW)
+    return simulate(xy, Servo.derive(xy.axes), setpoints, dispenser=Dispenser(flow=FLOW))
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +232,7 @@ def test_the_camera_is_overview_or_else_one_that_sees_everything(xy, run, rigid)
         assert mujoco.mj_id2name(renderer.model, mujoco.mjtObj.mjOBJ_CAMERA, renderer.view.fixedcamid) == "overview"
     machine = rigid()
     servo = Servo.derive(machine.axes)
-    other = simulate(machine, servo, MoveSpiral(60, 1, 10, 100).setpoints(1e-3), flow=FLOW)
+    other = simulate(machine, servo, MoveSpiral(60, 1, 10, 100).setpoints(1e-3), dispenser=Dispenser(flow=FLOW))
     with Renderer(machine, other, size=(2000, 1500)) as renderer:  # larger than the model's own buffer
         assert renderer.view.type == mujoco.mjtCamera.mjCAMERA_FREE
         assert renderer.frame(len(other.time) - 1).std() > 3
@@ -301,7 +301,7 @@ def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
 
 
 def test_the_gap_is_measured_down_the_work_however_the_machine_stands(xy, rigid):
-    assert _gap(xy) == pytest.approx(0.5, abs=1e-6)
+    assert xy.gap == pytest.approx(0.5, abs=1e-6)
     source = rigid().source
     content = source.read_text().replace(
         '<body name="work"/>',
@@ -309,4 +309,4 @@ def test_the_gap_is_measured_down_the_work_however_the_machine_stands(xy, rigid)
     )
     content = content.replace("<worldbody>", '<worldbody><body name="bench" pos="0.3 -0.2 0.5" euler="20 -30 70">')
     source.write_text(content.replace("</worldbody>", "</body></worldbody>"))
-    assert _gap(Machine(source)) == pytest.approx(1.3, abs=1e-6)
+    assert Machine(source).gap == pytest.approx(1.3, abs=1e-6)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Run, Servo, simulate
+from gantrysim import Dispenser, InputError, Run, Servo, simulate
 from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
@@ -22,12 +22,14 @@ PATHS = {
 
 @pytest.fixture
 def run(xy) -> Run:
-    return simulate(xy, Servo.derive(xy.axes), MoveSpiral(60, 1, 10, 100).setpoints(1e-3).hold(0.1), flow=80.0)
+    return simulate(
+        xy, Servo.derive(xy.axes), MoveSpiral(60, 1, 10, 100).setpoints(1e-3).hold(0.1), dispenser=Dispenser(flow=80.0)
+    )
 
 
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
 def test_a_saved_run_comes_back_to_the_last_bit(xy, tmp_path, path):
-    run = simulate(xy, Servo.derive(xy.axes), Setpoints.along(path, 80.0, 1e-3), flow=80.0)
+    run = simulate(xy, Servo.derive(xy.axes), Setpoints.along(path, 80.0, 1e-3), dispenser=Dispenser(flow=80.0))
     run.save(tmp_path / "run.npz")
     again = Run.load(tmp_path / "run.npz")
     for field in dataclasses.fields(Run):

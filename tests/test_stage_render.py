@@ -5,8 +5,8 @@ import shutil
 import numpy as np
 import pytest
 
-from gantrysim import Machine, Servo, simulate
-from gantrysim.render import Renderer, _gap
+from gantrysim import Dispenser, Machine, Servo, simulate
+from gantrysim.render import Renderer
 
 from runs import round_the_piece
 
@@ -21,7 +21,7 @@ def stage():
 
 @pytest.fixture(scope="module")
 def run(stage):
-    return simulate(stage, Servo.derive(stage.axes), round_the_piece(6.0)[0], flow=40.0)
+    return simulate(stage, Servo.derive(stage.axes), round_the_piece(6.0)[0], dispenser=Dispenser(flow=40.0))
 
 
 def pixels(renderer, points):
@@ -60,7 +60,7 @@ def test_the_bead_lies_where_it_was_laid_on_the_work_that_has_moved_on(stage, ru
 
 
 def test_the_gap_of_the_stage_is_measured_though_its_needle_is_beside_the_work_at_zero(stage, tmp_path):
-    assert _gap(stage) == pytest.approx(0.5, abs=1e-6)
+    assert stage.gap == pytest.approx(0.5, abs=1e-6)
     shutil.copytree(stage.source.parent, tmp_path / "models")
     piece = tmp_path / "models" / "parts" / "piece_asset.xml"
     piece.write_text(piece.read_text().replace(" -0.0005", " -0.0013"))

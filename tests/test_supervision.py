@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from gantrysim import Run, Servo, simulate
+from gantrysim import Dispenser, Run, Servo, simulate
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.softmc import Group, Program
 from gantrysim.errors import InputError
@@ -178,7 +178,7 @@ def test_the_next_command_starts_when_the_axes_have_settled(rigid, error, time, 
     # each wait is shorter than the timeout, all of them together may be longer
     program = Program(TEXT, dataclasses.replace(GROUP, settle_error=error, settle_time=time, settle_timeout=0.16))
     setpoints = program.setpoints(PERIOD)
-    run = simulate(machine, servo, setpoints.hold(0.05), flow=2.0, law=law)
+    run = simulate(machine, servo, setpoints.hold(0.05), dispenser=Dispenser(flow=2.0), law=law)
     assert run.fault is None
     ticks = math.ceil(time / PERIOD - 1e-9)
     sent, first = np.arange(0), 0
