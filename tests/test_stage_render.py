@@ -64,4 +64,4 @@ def test_the_gap_of_the_stage_is_measured_though_its_needle_is_beside_the_work_a
     shutil.copytree(stage.source.parent, tmp_path / "models")
     piece = tmp_path / "models" / "parts" / "piece_asset.xml"
     piece.write_text(piece.read_text().replace(" -0.0005", " -0.0013"))
-    assert _gap(Machine(tmp_path / "models" / "stage.xml")) == pytest.approx(1.3, abs=1e-6)
+    assert Machine(tmp_path / "models" / "stage.xml").gap == pytest.approx(1.3, abs=1e-6)
