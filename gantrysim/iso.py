@@ -1,0 +1,395 @@
+"""Figures in the manner of ISO 230-4 for circles and of ISO 9283 for repeated paths.
+
+Circular tests: ISO 230-4 "Test code for machine tools, part 4: Circular tests for numerically controlled machine
+tools" (editions of 2005 and 2022). Its terms and symbols are used as they are publicly described; the standard's own
+text was not at hand:
+
+- radial deviation F, its largest and smallest value Fmax and Fmin: from the actual path to the nominal path
+- circular deviation G: least radial separation of two concentric circles that envelop the actual path (minimum zone)
+- bidirectional circular deviation G(b): the same of two paths, one run clockwise and one counter-clockwise
+- mean bidirectional radial deviation D: radius of the least-squares circle of both paths less the nominal radius
+
+Sizes of reversal spikes and steps are not in the standard; instruments for circular tests give such figures, each in
+a way of its own. The way taken here is that of `reversals`.
+
+Repeated paths: ISO 9283:1998 "Manipulating industrial robots, performance criteria and related test methods",
+clause 8 as publicly described: path accuracy ATp and path repeatability RTp. With n cycles, m places along the
+command path, and the points x_ij in which the j-th attained path meets the plane square to the command path at its
+i-th place c_i:
+
+    xbar_i = mean over j of x_ij            barycentre
+    ATp = max over i of |xbar_i - c_i|
+    l_ij = |x_ij - xbar_i|,  lbar_i = mean over j of l_ij,  S_i^2 = sum over j of (l_ij - lbar_i)^2 / (n - 1)
+    RTp = max over i of (lbar_i + 3 S_i)
+
+Departures: the machine is a simulated one and the paths are the nozzle's, measured without an instrument; loads,
+speeds and the shape of the path are the job's and not those that the standards prescribe; orientation is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.controllers.path import Floats, Path
+from gantrysim.errors import InputError, positive
+
+__all__ = [
+    "CircularTest",
+    "MinimumZone",
+    "RepeatedPath",
+    "Reversal",
+    "Trace",
+    "interpolated",
+    "least_squares_circle",
+    "minimum_zone",
+    "offset_over_length",
+]
+
+_LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
+_ZONE_ROUNDS = 60
+_ZONE_TOLERANCE = 1e-12  # of the radius
+_SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
+_FLANK = 20.0  # before a reversal and after the spike: what is taken for the undisturbed path [deg]
+_LEAST_CYCLES = 2
+
+
+@dataclass(frozen=True)
+class MinimumZone:
+    """Two concentric circles that envelop points, as near to each other as they can be.
+
+    Attributes:
+        centre: (x, y) [mm].
+        inner: radius of the inner circle [mm].
+        outer: radius of the outer circle [mm].
+    """
+
+    centre: tuple[float, float]
+    inner: float
+    outer: float
+
+    @property
+    def width(self) -> float:
+        """Radial separation, the circular deviation G [mm]."""
+        return self.outer - self.inner
+
+
+def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]:
+    """Return centre and radius of the circle with the least sum of squared radial distances.
+
+    Gauss-Newton on sum of (|p_i - c| - r)^2, begun at the algebraic fit |p|^2 = 2 c.p + k.
+
+    Args:
+        points: (n, 2) [mm].
+
+    Raises:
+        InputError: fewer than three points, or points on one line.
+    """
+    p = _plane_points(points)
+    middle = p.mean(axis=0)
+    q = p - middle
+    matrix = np.column_stack([2 * q, np.ones(len(q))])
+    solution, _, rank, _ = np.linalg.lstsq(matrix, (q**2).sum(axis=1), rcond=None)
+    if rank < 3:
+        raise InputError(f"{len(p)} points: must be at least three that do not lie on one line, for a circle")
+    c, r = solution[:2], float(np.sqrt(solution[2] + solution[:2] @ solution[:2]))
+    for _ in range(_ZONE_ROUNDS):
+        out = q - c
+        distance = np.linalg.norm(out, axis=1)
+        jacobian = np.column_stack([-out / distance[:, None], -np.ones(len(q))])
+        step = np.linalg.lstsq(jacobian, -(distance - r), rcond=None)[0]
+        c, r = c + step[:2], r + float(step[2])
+        if np.abs(step).max() < _ZONE_TOLERANCE * r:
+            break
+    centre = c + middle
+    return (float(centre[0]), float(centre[1])), r
+
+
+def minimum_zone(points: ArrayLike) -> MinimumZone:
+    """Return the minimum zone of points: min over c of max |p_i - c| - min |p_i - c|.
+
+    From a centre c0 the distances are linear in a small step d, |p_i - c0 - d| = |p_i - c0| - u_i.d with the unit
+    vectors u_i from c0 to p_i; the least width of that is a linear program in d and the two radii,
+
+        min  b - a   with   a <= |p_i - c0| - u_i.d <= b.
+
+    It is solved, the step is taken, and the program is set up anew until the step is nothing; a step that does not
+    help is halved. The first centre is that of the least-squares circle.
+
+    Args:
+        points: (n, 2) [mm].
+
+    Raises:
+        InputError: fewer than three points, or points on one line.
+    """
+    from scipy.optimize import linprog  # slow to import, and needed by these figures alone
+
+    p = _plane_points(points)
+    first, radius = least_squares_circle(p)
+    c = np.array(first)
+
+    def distances(at: Floats) -> Floats:
+        length: Floats = np.linalg.norm(p - at, axis=1)
+        return length
+
+    r = distances(c)
+    width = float(np.ptp(r))
+    for _ in range(_ZONE_ROUNDS):
+        if width <= _ZONE_TOLERANCE * radius:
+            break
+        unit = (p - c) / r[:, None]
+        # scaled by the width, so that the solver's tolerances are those of the deviation and not of the radius
+        deviation = (r - r.mean()) / width
+        ones, zeros = np.ones((len(p), 1)), np.zeros((len(p), 1))
+        limits = np.concatenate([np.hstack([-unit, zeros, -ones]), np.hstack([unit, ones, zeros])])
+        solved = linprog(
+            [0, 0, -1, 1],
+            A_ub=limits,
+            b_ub=np.concatenate([-deviation, deviation]),
+            bounds=[(-1, 1), (-1, 1), (None, None), (None, None)],
+            method="highs",
+        )
+        if solved.status != 0:
+            raise InputError(f"minimum zone of {len(p)} points: {solved.message}")
+        step = width * solved.x[:2]
+        while np.abs(step).max() > _ZONE_TOLERANCE * radius:
+            tried = distances(c + step)
+            if np.ptp(tried) < width:
+                break
+            step = 0.5 * step
+        else:
+            break
+        c, r, width = c + step, tried, float(np.ptp(tried))
+    return MinimumZone((float(c[0]), float(c[1])), float(r.min()), float(r.max()))
+
+
+def _plane_points(points: ArrayLike) -> Floats:
+    p = np.asarray(points, float)
+    if p.ndim != 2 or p.shape[1] != 2 or len(p) < 3:
+        raise InputError(f"points of shape {p.shape}: must be (n, 2) with at least three points")
+    return p
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """What the radial deviation does where an axis reverses.
+
+    Attributes:
+        axis: 0 for that along x, 1 for that along y.
+        angle: of the reversal on the circle, counter-clockwise from x [deg].
+        step: change of the radial deviation from before to after, outward positive; backlash b makes it b [mm].
+        spike: what the deviation is off beyond that, shortly after the reversal, where it is most [mm].
+        spike_at: how far after the reversal [deg].
+    """
+
+    axis: int
+    angle: float
+    step: float
+    spike: float
+    spike_at: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One actual path round a nominal circle, run one way.
+
+    Args:
+        points: a full circle, in the order of the motion, evenly over the angle, (n, 2) [mm].
+        centre: of the nominal path [mm].
+        radius: of the nominal path [mm].
+
+    Raises:
+        InputError: points that do not go all the way round.
+    """
+
+    points: Floats
+    centre: tuple[float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        positive("radius", self.radius, "mm")
+        object.__setattr__(self, "points", _plane_points(self.points))
+        gap = float(np.diff(np.sort(self.angle), append=self.angle.min() + 360).max())
+        if gap > _LARGEST_GAP:
+            raise InputError(
+                f"actual path: leaves out {gap:.4g} deg of the circle, must be at most {_LARGEST_GAP:g} deg"
+            )
+
+    @property
+    def angle(self) -> Floats:
+        """Of the points about the nominal centre, counter-clockwise from x, 0 to 360, (n,) [deg]."""
+        x, y = (self.points - self.centre).T
+        angle: Floats = np.degrees(np.arctan2(y, x)) % 360
+        return angle
+
+    @property
+    def clockwise(self) -> bool:
+        """Whether it is run clockwise."""
+        turned = (np.diff(self.angle) + 180) % 360 - 180
+        return bool(turned.sum() < 0)
+
+    @property
+    def deviation(self) -> Floats:
+        """Radial deviation F, (n,) [mm]."""
+        deviation: Floats = np.linalg.norm(self.points - self.centre, axis=1) - self.radius
+        return deviation
+
+    @property
+    def circular_deviation(self) -> float:
+        """Circular deviation G [mm]."""
+        return minimum_zone(self.points).width
+
+    def reversals(self) -> tuple[Reversal, ...]:
+        """Return what happens at the four reversals of the axes, in the order of their angle.
+
+        With the angle psi passed since the reversal, the deviation before it and from 15 deg after it is fitted by
+
+            F = a + b psi + c psi^2 + h H(psi) cos(psi),
+
+        H being 0 before and 1 after: a shift h of the axis that reverses, on top of what varies smoothly, as the
+        wrong scale of an axis or a wrong square angle does. The step is h; the spike is the largest magnitude of
+        F less the fit within the 15 deg.
+        """
+        sense = -1.0 if self.clockwise else 1.0
+        return tuple(self._reversal(k % 2, 90.0 * k, sense) for k in range(4))
+
+    def _reversal(self, axis: int, angle: float, sense: float) -> Reversal:
+        since = sense * ((self.angle - angle + 180) % 360 - 180)
+        window = (since > -_FLANK) & (since < _SPIKE_REACH + _FLANK)
+        psi, deviation = np.radians(since[window]), self.deviation[window]
+        after = psi > 0
+        model = np.column_stack([np.ones(psi.size), psi, psi**2, after * np.cos(psi)])
+        within = after & (psi < np.radians(_SPIKE_REACH))
+        if within.sum() < 1 or (~within).sum() < model.shape[1]:
+            raise InputError(f"reversal at {angle:g} deg: has {psi.size} points about it, must have more")
+        fit = np.linalg.lstsq(model[~within], deviation[~within], rcond=None)[0]
+        rest = (deviation - model @ fit)[within]
+        k = int(np.abs(rest).argmax())
+        return Reversal(axis, angle, float(fit[3]), float(rest[k]), float(np.degrees(psi[within][k])))
+
+
+@dataclass(frozen=True)
+class CircularTest:
+    """Both paths of a circular test.
+
+    Args:
+        clockwise: the path run clockwise.
+        counter_clockwise: the other.
+
+    Raises:
+        InputError: paths of other senses, or about other circles.
+    """
+
+    clockwise: Trace
+    counter_clockwise: Trace
+
+    def __post_init__(self) -> None:
+        one, other = self.clockwise, self.counter_clockwise
+        if not one.clockwise or other.clockwise:
+            raise InputError("circular test: must have one path clockwise and one counter-clockwise")
+        if (one.centre, one.radius) != (other.centre, other.radius):
+            raise InputError("circular test: both paths must have one nominal circle")
+
+    @property
+    def _both(self) -> Floats:
+        return np.concatenate([self.clockwise.points, self.counter_clockwise.points])
+
+    @property
+    def bidirectional_circular_deviation(self) -> float:
+        """G(b) [mm]."""
+        return minimum_zone(self._both).width
+
+    @property
+    def mean_bidirectional_radial_deviation(self) -> float:
+        """D: positive where the paths are too large [mm]."""
+        return least_squares_circle(self._both)[1] - self.clockwise.radius
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedPath:
+    """Path accuracy and repeatability along a path that was run several times.
+
+    Attributes:
+        s: places on the command path by arc length, (m,) [mm].
+        command: the same as points c_i, (m, 3) [mm].
+        attained: where each attained path passes them, x_ij, (n, m, 3) [mm].
+    """
+
+    s: Floats
+    command: Floats
+    attained: Floats
+
+    def __post_init__(self) -> None:
+        if self.attained.ndim != 3 or self.attained.shape[1:] != self.command.shape:
+            raise InputError(
+                f"attained paths of shape {self.attained.shape}: must be (n, {len(self.command)}, 3), as the command"
+            )
+        if len(self.attained) < _LEAST_CYCLES:
+            raise InputError(f"{len(self.attained)} attained path: must be at least {_LEAST_CYCLES}, for a scatter")
+
+    @classmethod
+    def of(cls, path: Path, traces: Sequence[ArrayLike], places: int) -> RepeatedPath:
+        """Return the figures of traces held against a path.
+
+        Args:
+            path: the command path.
+            traces: attained paths in the order of the motion, each (k, 3) [mm].
+            places: number m of places, evenly from where the last trace begins to where the first one ends.
+        """
+        offsets = [offset_over_length(path, trace) for trace in traces]
+        s = np.linspace(max(at[0] for at, _ in offsets), min(at[-1] for at, _ in offsets), places)
+        command = path.position(s)
+        attained = [command + interpolated(s, at, offset) for at, offset in offsets]
+        return cls(s, command, np.array(attained))
+
+    @property
+    def barycentre(self) -> Floats:
+        """xbar_i, (m, 3) [mm]."""
+        mean: Floats = self.attained.mean(axis=0)
+        return mean
+
+    @property
+    def accuracy(self) -> Floats:
+        """|xbar_i - c_i|, (m,) [mm]."""
+        distance: Floats = np.linalg.norm(self.barycentre - self.command, axis=1)
+        return distance
+
+    @property
+    def repeatability(self) -> Floats:
+        """lbar_i + 3 S_i, (m,) [mm]."""
+        distance = np.linalg.norm(self.attained - self.barycentre, axis=2)
+        radius: Floats = distance.mean(axis=0) + 3 * distance.std(axis=0, ddof=1)
+        return radius
+
+    @property
+    def path_accuracy(self) -> float:
+        """ATp [mm]."""
+        return float(self.accuracy.max())
+
+    @property
+    def path_repeatability(self) -> float:
+        """RTp [mm]."""
+        return float(self.repeatability.max())
+
+
+def offset_over_length(path: Path, trace: ArrayLike) -> tuple[Floats, Floats]:
+    """Return how far a trace is from a path, over the path's arc length, where it goes forward.
+
+    Args:
+        path: the command path.
+        trace: in the order of the motion, (k, 3) [mm].
+
+    Returns:
+        Arc lengths, ascending (r,) [mm], and offsets square to the path, (r, 3) [mm].
+    """
+    foot = path.follow(trace, begin=0.0)
+    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
+    return foot.s[forward], foot.offset[forward]
+
+
+def interpolated(at: Floats, s: Floats, offset: Floats) -> Floats:
+    """Return offsets (r, 3) given over s (r,) at other arc lengths (m,), (m, 3) [mm]."""
+    return np.stack([np.interp(at, s, offset[:, i]) for i in range(3)], axis=1)
