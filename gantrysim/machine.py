@@ -131,7 +131,7 @@ class Machine:
         machine.model = perturbed_model(
             self.model,
             perturbation,
-            axes=self.axis_names,
+            axes=self.axes,
             joints=[int(joint) for joint in self.model.actuator_trnid[:, 0]],
             nozzle=self.nozzle,
             work=self.work,

@@ -1,4 +1,4 @@
-"""A machine that is not quite the drawing's: payload, friction, stiffness and motor constants that are off.
+"""A machine that is not quite the drawing's: payload, friction, stiffness, motor constants and zeros that are off.
 
 The model's arrays are changed, not its MJCF, and no array changes its size; so the changed fields can just as well be
 one simulation's of a batch.
@@ -7,18 +7,20 @@ one simulation's of a batch.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
 
 import mujoco
 import numpy as np
 
+from gantrysim.axis import PER_SI, Axis
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, finite, positive
 
-__all__ = ["FACTORS", "Factor", "Perturbation", "perturbed_model"]
+__all__ = ["FACTORS", "PerAxis", "Perturbation", "perturbed_model"]
 
-Factor = float | tuple[float, ...]  # of all axes, or one per axis
+PerAxis = float | tuple[float, ...]  # of all axes, or one per axis
+FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 # where MuJoCo keeps a dcmotor's numbers
 _MOTOR_CONSTANT = 1  # in gainprm
@@ -30,7 +32,7 @@ _BRISTLE_STIFFNESS, _BRISTLE_DAMPING = 5, 6  # in dynprm
 class Perturbation:
     """What of a machine differs from its MJCF; as it stands, nothing.
 
-    A factor is one number for all axes, or one per axis in their order.
+    A factor, or an offset, is one number for all axes, or one per axis in their order.
 
     Attributes:
         payload: mass added at the centre of mass of the body that bears the nozzle, or where the nozzle stands still,
@@ -43,35 +45,39 @@ class Perturbation:
         motor_constant: K of the motors. The drive does not know: it turns the torque demand into current by the
             nominal K, so the torque is the demand times the factor. Limits of current and voltage stay, and with
             them goes the peak torque.
+        home_offset: from where the controller takes an axis to be to where it is [mm or deg].
     """
 
     payload: float = 0.0
-    friction: Factor = 1.0
-    viscous: Factor = 1.0
-    stiffness: Factor = 1.0
-    motor_constant: Factor = 1.0
+    friction: PerAxis = 1.0
+    viscous: PerAxis = 1.0
+    stiffness: PerAxis = 1.0
+    motor_constant: PerAxis = 1.0
+    home_offset: PerAxis = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "payload", finite("payload", self.payload, "kg"))
         for name in FACTORS:
-            value = getattr(self, name)
-            factor: Factor
-            if isinstance(value, Iterable) and not isinstance(value, str):
-                factor = tuple(positive(f"factor of {name}", item) for item in value)
-            else:
-                factor = positive(f"factor of {name}", value)
-            object.__setattr__(self, name, factor)
+            self._check(name, f"factor of {name}", positive)
+        self._check("home_offset", "home_offset", finite)
+
+    def _check(self, name: str, called: str, check: Callable[[str, float], float]) -> None:
+        value = getattr(self, name)
+        several = isinstance(value, Iterable) and not isinstance(value, str)
+        checked = tuple(check(called, item) for item in value) if several else check(called, value)
+        object.__setattr__(self, name, checked)
 
     @property
     def nothing(self) -> bool:
         """Whether the machine is left as it is."""
-        return not self.payload and all(np.all(np.equal(getattr(self, name), 1.0)) for name in FACTORS)
+        factors = all(np.all(np.equal(getattr(self, name), 1.0)) for name in FACTORS)
+        return factors and not self.payload and not np.any(self.home_offset)
 
     def per_axis(self, name: str, axes: Sequence[str]) -> Floats:
-        """Return a factor for each axis, (axes,).
+        """Return a factor or an offset for each axis, (axes,).
 
         Args:
-            name: of the factor.
+            name: of the attribute.
             axes: names of the machine's axes.
 
         Raises:
@@ -80,7 +86,7 @@ class Perturbation:
         value = getattr(self, name)
         if isinstance(value, tuple) and len(value) != len(axes):
             raise InputError(
-                f"factor of {name} has {len(value)} values: must be one or {len(axes)}, of the axes {', '.join(axes)}"
+                f"{name} has {len(value)} values: must be one or {len(axes)}, of the axes {', '.join(axes)}"
             )
         return np.broadcast_to(np.asarray(value, float), (len(axes),)).copy()
 
@@ -89,14 +95,11 @@ class Perturbation:
         return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
 
-FACTORS = tuple(field.name for field in fields(Perturbation) if field.name != "payload")
-
-
 def perturbed_model(
     model: mujoco.MjModel,
     perturbation: Perturbation,
     *,
-    axes: Sequence[str],
+    axes: Sequence[Axis],
     joints: Sequence[int],
     nozzle: int,
     work: int,
@@ -106,7 +109,7 @@ def perturbed_model(
     Args:
         model: left as it is.
         perturbation: what differs.
-        axes: names of the axes, in the order of the actuators.
+        axes: of the machine, in the order of the actuators.
         joints: index of the joint of each axis.
         nozzle: index of the site.
         work: index of the body.
@@ -115,8 +118,9 @@ def perturbed_model(
         InputError: a payload that leaves the body no mass, or factors for another number of axes.
     """
     changed = copy.copy(model)
+    names = [axis.name for axis in axes]
     friction, viscous, constant, stiffness = (
-        perturbation.per_axis(name, axes) for name in ("friction", "viscous", "motor_constant", "stiffness")
+        perturbation.per_axis(name, names) for name in ("friction", "viscous", "motor_constant", "stiffness")
     )
     dofs = model.jnt_dofadr[list(joints)]
 
@@ -144,6 +148,9 @@ def perturbed_model(
     if perturbation.payload:
         _load(changed, perturbation.payload, nozzle, work)
         mujoco.mj_setConst(changed, mujoco.MjData(changed))
+    # a joint moves by its position less its reference: with this it is further on than its encoder tells
+    offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
+    changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
     return changed
 
 

@@ -60,6 +60,7 @@ def test_nothing_is_changed_by_nothing_to_the_last_bit(xy):
         (Perturbation(friction=1.2), {"actuator_biasprm", "actuator_dynprm"}),
         (Perturbation(viscous=1.2), {"dof_damping", "actuator_damping"}),
         (Perturbation(stiffness=1.2), {"jnt_stiffness"}),
+        (Perturbation(home_offset=(0.0, 0.1)), {"qpos0"}),
         (Perturbation(motor_constant=1.2), {"actuator_gainprm", "actuator_forcerange", "actuator_ctrlrange"}),
     ],
 )
@@ -249,6 +250,32 @@ def test_an_ideal_torque_source_gives_the_demand_times_the_factor(rigid):
     assert np.diff(run.motor[1:, 0], 2) / run.period**2 == pytest.approx(0.125 / machine.axes[0].inertia, rel=1e-4)
 
 
+def test_a_home_offset_moves_the_nozzle_and_nothing_that_the_controller_sees(xyz):
+    servo = Servo.derive(xyz.axes)
+    offset = (2e-4, -3e-4, 5e-4)
+    run, other = (spiral_run(m, servo) for m in (xyz, xyz.perturbed(Perturbation(home_offset=offset))))
+    assert other.nozzle - run.nozzle == pytest.approx(np.broadcast_to(offset, run.nozzle.shape), abs=1e-9)
+    assert other.encoder == pytest.approx(run.encoder, abs=1e-9)
+    assert other.motor_tip == pytest.approx(run.motor_tip, abs=1e-9)
+
+
+def test_a_home_offset_of_the_table_turns_the_work_by_it():
+    machine = Machine("stage")
+    data = mujoco.MjData(machine.perturbed(Perturbation(home_offset=(0.5, 0.0, 0.0))).model)
+    data.qpos[:] = machine.to_qpos([10.0, 20.0, -30.0])
+    mujoco.mj_forward(machine.model, data)  # of the nominal machine, at the same positions of its encoders
+    nominal = data.body("work").xpos.copy()
+    other = machine.perturbed(Perturbation(home_offset=(0.5, 0.0, 0.0)))
+    mujoco.mj_forward(other.model, data)
+    turn = math.radians(0.5)
+    turned = [
+        nominal[0] * math.cos(turn) - nominal[1] * math.sin(turn),
+        nominal[0] * math.sin(turn) + nominal[1] * math.cos(turn),
+        nominal[2],
+    ]
+    assert data.body("work").xpos == pytest.approx(turned, abs=1e-12)
+
+
 @pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
 def test_every_machine_takes_quasi_random_factors_and_runs(name):
     machine = Machine(name)
@@ -268,6 +295,7 @@ def test_every_machine_takes_quasi_random_factors_and_runs(name):
     [
         ({"payload": math.nan}, "payload = nan kg: must be finite"),
         ({"friction": 0.0}, "factor of friction = 0: must be greater than 0"),
+        ({"home_offset": math.inf}, "home_offset = inf: must be finite"),
         ({"stiffness": (1.0, -1.0)}, "factor of stiffness = -1: must be greater than 0"),
         ({"motor_constant": "much"}, "factor of motor_constant = 'much': must be a number"),
     ],
@@ -283,7 +311,7 @@ def test_bad_values_are_refused_where_they_are_built(values, text):
         (Perturbation(payload=-1.0), "payload = -1 kg: must leave the body 'carriage' a mass, which is 1 kg"),
         (
             Perturbation(viscous=(1, 1, 1)),
-            "factor of viscous has 3 values: must be one or 2, of the axes x, y",
+            "viscous has 3 values: must be one or 2, of the axes x, y",
         ),
     ],
 )
@@ -303,4 +331,5 @@ def test_numbers_are_plain():
         "viscous": 1.0,
         "stiffness": 1.0,
         "motor_constant": 1.0,
+        "home_offset": 0.0,
     }
