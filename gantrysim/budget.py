@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats, Projection
-from gantrysim.metrics import Analysis, Spread
+from gantrysim.metrics import Analysis, Spread, one_way
 
 __all__ = ["LINKS", "Budget", "BudgetFigures", "Part", "PartFigures", "TurnFigures"]
 
@@ -146,14 +146,18 @@ class Budget:
 
     @cached_property
     def turn(self) -> NDArray[np.intp]:
-        """Turn of the path's tangent that the nozzle is in, 0 for the first, (m,); a path that turns back counts down.
+        """Turn of the path's tangent that the nozzle is in, 0 for the first, (m,); -1 where it is in none.
 
-        What is left at the end of a path's whole turns, a hundredth of one, belongs to the last.
+        Of a path that turns now left, now right turns are counted on the stretch that turns furthest one way. What is
+        left of it after its whole turns, a hundredth of one, belongs to the last.
         """
-        heading = self.analysis.run.requested.heading(self.analysis.nozzle.s)
-        turned = np.abs(heading - heading[0]) / (2 * np.pi)
-        last = max(np.ceil(turned.max() - _REST) - 1, 0)
-        return np.clip(np.floor(turned), 0, last).astype(np.intp)
+        foot = np.maximum.accumulate(self.analysis.nozzle.s)
+        turned, (first, last) = one_way(self.analysis.run.requested.heading(foot))
+        turn = np.full(foot.size, -1)
+        if turned.size:
+            whole = np.ceil(turned[-1] / (2 * np.pi) - _REST)
+            turn[first:last] = np.clip(np.floor(turned / (2 * np.pi)), 0, max(whole - 1, 0))
+        return turn
 
     @cached_property
     def figures(self) -> BudgetFigures:
@@ -187,7 +191,7 @@ class Budget:
             return ()
         sizes = {name: part.size for name, part in {**self.parts, "contour": self.contour}.items()}
         figures = []
-        for turn in np.unique(self.turn).tolist():
+        for turn in range(self.turn.max() + 1):
             here = np.flatnonzero(self.turn == turn)
             s = self.analysis.nozzle.s[here]
             parts = {name: Spread.of(size[here]) for name, size in sizes.items()}

@@ -27,6 +27,7 @@ __all__ = [
     "Spacing",
     "Spread",
     "figures",
+    "one_way",
     "path_speed",
     "spacing",
     "speed_ripple",
@@ -36,7 +37,7 @@ __all__ = [
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # in which the errors of an axis are told
 
 _NEWTON_STEPS = 20
-_NEWTON_TOLERANCE = 1e-10  # [mm]
+_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
 _SLOPE_REACH = 0.25  # [mm]
 _LEAST_SLOPE = 0.3
 _START_AND_END = 0.05  # of the dispensing time, each
@@ -77,11 +78,13 @@ class Spacing:
         s: arc length of the points on the requested path, (m,) [mm].
         turn: turns of the tangent since the start of the requested path, (m,).
         distance: to the neighbouring turn, (m,) [mm].
+        next_s: arc length of the points of the neighbouring turn on the requested path, (m,) [mm].
     """
 
     s: Floats
     turn: Floats
     distance: Floats
+    next_s: Floats
 
 
 @dataclass(frozen=True)
@@ -268,10 +271,10 @@ def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
         along: Floats = ahead[:, None] * np.cross(normal, path.frame(at)[:, 2]) + slope(at)[:, None] * normal
         return along
 
-    heading, (first, last) = _one_way(path.heading(s))
+    heading, (first, last) = one_way(path.heading(s))
     s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
-        return Spacing(np.zeros(0), np.zeros(0), np.zeros(0))
+        return Spacing(*np.zeros((4, 0)))
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
     at = s[inner]
     tangent = direction(at)
@@ -279,22 +282,33 @@ def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
     normal = np.cross(path.frame(at)[:, 2], tangent)
     point = place(at)
     guess = np.interp(heading[inner] + 2 * np.pi, heading, s)
-    met_at = guess
+    met_at = guess.copy()
+    active = np.arange(at.size)
     for _ in range(_NEWTON_STEPS):
+        here, ahead = met_at[active], tangent[active]
         # where the two turns' directions differ much the step is kept short
-        step = dot(place(met_at) - point, tangent) / np.maximum(dot(direction(met_at), tangent), _LEAST_SLOPE)
-        met_at = met_at - step
-        if np.max(np.abs(step)) < _NEWTON_TOLERANCE:
+        step = dot(place(here) - point[active], ahead) / np.maximum(dot(direction(here), ahead), _LEAST_SLOPE)
+        met_at[active] -= step
+        active = active[np.abs(step) >= _LAST_STEP]
+        if not active.size:
             break
-    met = (np.abs(step) < 1e3 * _NEWTON_TOLERANCE) & (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
+    met = (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
+    met[active] = False
     after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
     met &= parts[after] == parts[after - 1]
     distance = np.abs(dot(place(met_at) - point, normal))
-    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met])
+    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met])
 
 
-def _one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
-    """Angle turned along the stretch of a heading that turns furthest one way, (k,), and its indices from, to."""
+def one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
+    """Return the angle turned along the stretch of a heading that turns furthest one way, and where that is.
+
+    Args:
+        heading: in the order of the motion, not wrapped, (n,) [rad].
+
+    Returns:
+        The angle since the stretch begins, (k,) [rad], and the indices at which it begins and before which it ends.
+    """
     change = np.diff(heading)
     sense = np.sign(change)
     # a straight stretch goes with the turning before it

@@ -34,6 +34,7 @@ _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)
 _STEPS = 60
 _TOLERANCE = 1e-11  # [mm]
+_INSIDE = 1e-11  # [mm]
 _LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
 
 
@@ -189,12 +190,14 @@ class Path(ABC):
     def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Floats:
         """Arc lengths of the feet of points between two arc lengths, from a guess, (n,) [mm].
 
-        By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s), and by bisection where
-        Newton's step would leave the interval: at the path's ends, where the curvature jumps, near a centre of
-        curvature.
+        By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step would leave the
+        interval, at the path's ends, where the curvature jumps, near a centre of curvature, the end is tried, and then
+        bisection.
         """
+        first, last = low, high
         low, high = low.copy(), high.copy()
         s = np.clip(guess, low, high)
+        tried = np.zeros(len(p), bool)
         active = np.arange(len(p))
         for _ in range(_STEPS):
             at = s[active]
@@ -205,13 +208,18 @@ class Path(ABC):
             high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
             step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
             moved = at - step
-            outside = (moved < low[active]) | (moved > high[active])
-            moved[outside] = 0.5 * (low[active] + high[active])[outside]
+            lowest, highest = low[active], high[active]
+            outside = (moved < lowest) | (moved > highest)
+            # on this side of a corner, whose other side has a tangent of its own
+            end = np.where(ahead > 0, first[active] + _INSIDE, last[active] - _INSIDE)
+            first_time = outside & ~tried[active] & (lowest < end) & (end < highest)
+            moved[outside] = np.where(first_time, end, 0.5 * (lowest + highest))[outside]
+            tried[active] |= outside
             s[active] = moved
             active = active[np.abs(moved - at) > np.where(outside, _TOLERANCE, _LAST_STEP)]
             if not active.size:
                 break
-        return s
+        return np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
 
 
 def _points(points: ArrayLike) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ class Involute(Path):
     heading_start: float = 0.5 * np.pi
     clockwise: bool = True
     height: float = 0.0
+    _last: tuple[Floats, Floats] = field(default=(np.zeros(0), np.zeros(0)), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         positive("radius", self.radius, "mm")
@@ -58,7 +59,7 @@ class Involute(Path):
             )
 
     def parameters(self) -> dict[str, Any]:
-        return asdict(self)
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.init}
 
     @property
     def turn_spacing(self) -> float:
@@ -95,7 +96,13 @@ class Involute(Path):
 
     def phi(self, s: ArrayLike) -> Floats:
         """Angle of the tangent since the start, (n,) [rad]."""
-        return swept_angle(self.radius, -self.a, abs(self._rise), s, self.angle)
+        at = np.atleast_1d(np.asarray(s, float))
+        # position, heading, curvature and climb ask for the same ones in turn
+        if not np.array_equal(self._last[0], at):
+            angles = swept_angle(self.radius, -self.a, abs(self._rise), at, self.angle)
+            angles.flags.writeable = False
+            object.__setattr__(self, "_last", (at.copy(), angles))
+        return self._last[1]
 
     def _place(self, along: Floats, inward: Floats, up: Floats) -> Floats:
         """Turn coordinates along the first heading and square to it, towards the centre, into points."""
