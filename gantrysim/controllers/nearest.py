@@ -17,12 +17,18 @@ AROUND = 12
 
 
 @numba.njit(error_model="numpy")
+def _square(a, b):
+    """Squared distance of two points."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return x * x + y * y + z * z
+
+
+@numba.njit(error_model="numpy")
 def _nearest(table, point, low, high):
     """Index of the entry nearest to a point, the first of several, from low to high, both included."""
     best, least = low, np.inf
     for i in range(max(low, 0), min(high, len(table) - 1) + 1):
-        x, y, z = table[i, 0] - point[0], table[i, 1] - point[1], table[i, 2] - point[2]
-        square = x * x + y * y + z * z
+        square = _square(table[i], point)
         if square < least:
             best, least = i, square
     return best
@@ -32,9 +38,9 @@ def _nearest(table, point, low, high):
 def _first(table, point, spacing):
     """Index of the first entry that is not further from a point than the nearest, but for the table's spacing."""
     nearest = table[_nearest(table, point, 0, len(table) - 1)]
-    bound = np.sqrt(np.sum((nearest - point) ** 2)) + spacing
+    bound = np.sqrt(_square(nearest, point)) + spacing
     for i in range(len(table)):
-        if np.sum((table[i] - point) ** 2) <= bound * bound:
+        if _square(table[i], point) <= bound * bound:
             return i
     return 0
 
@@ -52,12 +58,12 @@ def along(table, trace, spacing, begin):
     n, last_entry = len(trace), len(table) - 1
     travelled = np.zeros(n)
     for k in range(1, n):
-        travelled[k] = travelled[k - 1] + np.sqrt(np.sum((trace[k] - trace[k - 1]) ** 2))
+        travelled[k] = travelled[k - 1] + np.sqrt(_square(trace[k], trace[k - 1]))
     if begin < 0:
         last, reach = _first(table, trace[0], spacing), 2
     else:
         last = min(begin, last_entry)
-        reach = int((2 * np.sqrt(np.sum((trace[0] - table[last]) ** 2)) + _ANCHOR) / spacing)
+        reach = int((2 * np.sqrt(_square(trace[0], table[last])) + _ANCHOR) / spacing)
     found = np.empty(n, np.int64)
     last = _nearest(table, trace[0], last - reach, last + reach)
     found[0] = _nearest(table, trace[0], last - AROUND, last + AROUND)
@@ -90,7 +96,7 @@ def vertices(table, points, nearest):
     for k in range(len(points)):
         middle = min(max(nearest[k], 1), len(table) - 2)
         for i in range(3):
-            square[i] = np.sum((table[middle - 1 + i] - points[k]) ** 2)
+            square[i] = _square(table[middle - 1 + i], points[k])
         bend = square[0] - 2 * square[1] + square[2]
         shift = 0.5 * (square[0] - square[2]) / bend if bend > 0 else 0.0
         found[k] = middle + min(max(shift, -1.0), 1.0)
