@@ -79,12 +79,14 @@ class Spacing:
         turn: turns of the tangent since the start of the requested path, (m,).
         distance: to the neighbouring turn, (m,) [mm].
         next_s: arc length of the points of the neighbouring turn on the requested path, (m,) [mm].
+        link: both points on the trace, (m, 2, 3) [mm].
     """
 
     s: Floats
     turn: Floats
     distance: Floats
     next_s: Floats
+    link: Floats
 
 
 @dataclass(frozen=True)
@@ -274,7 +276,7 @@ def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
     heading, (first, last) = one_way(path.heading(s))
     s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
-        return Spacing(*np.zeros((4, 0)))
+        return Spacing(*np.zeros((4, 0)), link=np.zeros((0, 2, 3)))
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
     at = s[inner]
     tangent = direction(at)
@@ -296,8 +298,9 @@ def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
     met[active] = False
     after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
     met &= parts[after] == parts[after - 1]
-    distance = np.abs(dot(place(met_at) - point, normal))
-    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met])
+    link = np.stack([point, place(met_at)], axis=1)
+    distance = np.abs(dot(link[:, 1] - point, normal))
+    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met], link[met])
 
 
 def one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
