@@ -53,7 +53,6 @@ _LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
 _ZONE_ROUNDS = 60
 _ZONE_TOLERANCE = 1e-12  # of the radius
 _SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
-_FLANK = 20.0  # before a reversal and after the spike: what is taken for the undisturbed path [deg]
 _LEAST_CYCLES = 2
 
 
@@ -245,30 +244,30 @@ class Trace:
     def reversals(self) -> tuple[Reversal, ...]:
         """Return what happens at the four reversals of the axes, in the order of their angle.
 
-        With the angle psi passed since the reversal, the deviation before it and from 15 deg after it is fitted by
+        With psi_k the angle passed since reversal k, negative before it, the deviation is fitted by
 
-            F = a + b psi + c psi^2 + h H(psi) cos(psi),
+            F = a0 + a1 cos(theta) + b1 sin(theta) + a2 cos(2 theta) + b2 sin(2 theta)
+                + sum over k of h_k sign(psi_k) cos(psi_k) / 2, where |psi_k| < 90 deg:
 
-        H being 0 before and 1 after: a shift h of the axis that reverses, on top of what varies smoothly, as the
-        wrong scale of an axis or a wrong square angle does. The step is h; the spike is the largest magnitude of
-        F less the fit within the 15 deg.
+        size, eccentricity, the axes' scales and their square angle, and at each reversal a jump h_k of the axis that
+        reverses, as backlash makes it, seen along the radius. The 15 deg after each reversal are left out of the fit.
+        The step is h_k; the spike is the largest magnitude of F less the fit within the 15 deg.
         """
-        sense = -1.0 if self.clockwise else 1.0
-        return tuple(self._reversal(k % 2, 90.0 * k, sense) for k in range(4))
-
-    def _reversal(self, axis: int, angle: float, sense: float) -> Reversal:
-        since = sense * ((self.angle - angle + 180) % 360 - 180)
-        window = (since > -_FLANK) & (since < _SPIKE_REACH + _FLANK)
-        psi, deviation = np.radians(since[window]), self.deviation[window]
-        after = psi > 0
-        model = np.column_stack([np.ones(psi.size), psi, psi**2, after * np.cos(psi)])
-        within = after & (psi < np.radians(_SPIKE_REACH))
-        if within.sum() < 1 or (~within).sum() < model.shape[1]:
-            raise InputError(f"reversal at {angle:g} deg: has {psi.size} points about it, must have more")
-        fit = np.linalg.lstsq(model[~within], deviation[~within], rcond=None)[0]
-        rest = (deviation - model @ fit)[within]
-        k = int(np.abs(rest).argmax())
-        return Reversal(axis, angle, float(fit[3]), float(rest[k]), float(np.degrees(psi[within][k])))
+        theta, sense = np.radians(self.angle), -1.0 if self.clockwise else 1.0
+        since = [sense * ((self.angle - 90.0 * k + 180) % 360 - 180) for k in range(4)]
+        smooth = [np.ones(theta.size), np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)]
+        jumps = [0.5 * np.sign(psi) * np.maximum(np.cos(np.radians(psi)), 0.0) for psi in since]
+        model = np.column_stack(smooth + jumps)
+        within = [(psi >= 0) & (psi < _SPIKE_REACH) for psi in since]
+        undisturbed = ~np.any(within, axis=0)
+        deviation = self.deviation
+        fit = np.linalg.lstsq(model[undisturbed], deviation[undisturbed], rcond=None)[0]
+        rest = deviation - model @ fit
+        found = []
+        for k, (psi, near) in enumerate(zip(since, within, strict=True)):
+            most = int(np.flatnonzero(near)[np.abs(rest[near]).argmax()])
+            found.append(Reversal(k % 2, 90.0 * k, float(fit[5 + k]), float(rest[most]), float(psi[most])))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
