@@ -36,6 +36,7 @@ LINKS = ("generation", "tracking", "measurement", "structure")
 
 _PERCENTILE = 95.0
 _REST = 0.01  # of a turn
+_NO_ERROR = 1e-9  # rms of what is rounding only [mm]
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ class Budget:
     def _figures(self, part: Part) -> PartFigures:
         size, whole = part.size, self.contour
         product = part.lateral * whole.lateral + part.vertical * whole.vertical
-        square = float(np.sum(whole.size**2))
+        mean, none = float(np.mean(whole.size**2)), _NO_ERROR**2
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()
@@ -180,7 +181,7 @@ class Budget:
             rms=float(np.sqrt(np.mean(size**2))),
             p95=float(np.percentile(size, _PERCENTILE)),
             max=float(size[k]),
-            share=float(product.sum()) / square if square > 0 else 0.0,
+            share=float(np.mean(product)) / mean if mean > none else 0.0,
             s=float(s),
             time=float(self.analysis.run.time[self.analysis.ticks[k]]),
             point=(x, y, z),
