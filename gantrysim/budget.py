@@ -27,7 +27,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats, Projection
+from gantrysim.controllers.path import Floats, Projection, dot
+from gantrysim.machine import Machine
 from gantrysim.metrics import Analysis, Spread, one_way
 
 __all__ = ["LINKS", "Budget", "BudgetFigures", "Part", "PartFigures", "TurnFigures"]
@@ -164,13 +165,38 @@ class Budget:
     def figures(self) -> BudgetFigures:
         """The figures of the budget."""
         return BudgetFigures(
-            parts={name: self._figures(part) for name, part in self.parts.items()},
-            contour=self._figures(self.contour),
+            parts={name: self.figures_of(part) for name, part in self.parts.items()},
+            contour=self.figures_of(self.contour),
             lag=Spread.of(self.lag),
             turns=self._turns(),
         )
 
-    def _figures(self, part: Part) -> PartFigures:
+    def tracking_by_axis(self, machine: Machine) -> dict[str, Part]:
+        """Return what each axis' following error makes of the tracking part, to first order.
+
+        It is the way the nozzle of a rigid machine makes along the path's normals where this axis alone is moved from
+        its commanded to its encoder's position. Their sum is the tracking part but for a remainder of second order.
+
+        Args:
+            machine: that ran.
+        """
+        run, on, foot = self.analysis.run, self.analysis.ticks, self.analysis.commanded
+        normal = run.requested.normal(foot.s)
+        binormal = np.cross(run.requested.tangent(foot.s), normal)
+        parts = {}
+        for a, name in enumerate(run.axes):
+            position = run.commanded[on]
+            position[:, a] = run.encoder[on, a]
+            shift = machine.tip(position) - run.commanded_tip[on]
+            parts[name] = Part(dot(shift, normal), dot(shift, binormal))
+        return parts
+
+    def figures_of(self, part: Part) -> PartFigures:
+        """Return the figures of a part of the error.
+
+        Args:
+            part: one of `parts`, or of a link's own.
+        """
         size, whole = part.size, self.contour
         product = part.lateral * whole.lateral + part.vertical * whole.vertical
         mean, none = float(np.mean(whole.size**2)), _NO_ERROR**2

@@ -203,6 +203,36 @@ def test_structure_is_the_centrifugal_deflection_behind_the_motors(xy):
     assert -found == pytest.approx(mass * speed**2 / radius / stiffness, rel=DEFLECTION)  # kg mm/s2 / (N/m) is mm
 
 
+def test_tracking_by_axis_is_the_following_error_along_the_normal_on_a_gantry(xy):
+    run = simulate(xy, Servo.derive(xy.axes, PERIOD), MoveSpiral(120, 4, 10, 100).setpoints(PERIOD))
+    found = budget(run)
+    normal = run.requested.normal(found.analysis.commanded.s)
+    error = (run.encoder - run.commanded)[found.analysis.ticks]
+    for a, part in enumerate(found.tracking_by_axis(xy).values()):
+        assert part.lateral == pytest.approx(error[:, a] * normal[:, a], abs=EXACT)
+        assert np.abs(part.vertical).max() < EXACT
+
+
+@pytest.mark.parametrize("name", ["fanuc-conical", "softmc-helical", "stage-outline"])
+def test_tracking_by_axis_adds_up_but_for_second_order(name):
+    job = Job.load(name)
+    found = budget(job.run())
+    parts = found.tracking_by_axis(job.built_machine)
+    assert list(parts) == list(job.built_machine.axis_names)
+    lag = found.analysis.commanded.s - found.analysis.encoder.s
+    curvature = np.abs(found.analysis.run.requested.curvature(found.analysis.commanded.s))
+    size = found.parts["tracking"].size + np.abs(lag)
+    smooth = (np.abs(found.lag) < 0.02) & (size < 0.03)  # off the corners
+    assert smooth.mean() > 0.95
+    for direction in ("lateral", "vertical"):
+        whole = sum(getattr(part, direction) for part in parts.values())
+        rest = np.abs(getattr(found.parts["tracking"], direction) - whole)[smooth]
+        # but at the joints of a helix' pieces, where the climb jumps
+        assert np.mean(rest <= ((curvature + 0.02) * size**2)[smooth] + EXACT) > 0.99
+    assert all(part.size.max() > 1e-5 for axis, part in parts.items() if axis != "r")
+    assert "r" not in parts or parts["r"].size.max() < EXACT  # it turns the nozzle about its own tip
+
+
 def test_shares_tell_a_link_that_makes_good_for_another():
     s = inner(INVOLUTE)
     normal = INVOLUTE.normal(s)
