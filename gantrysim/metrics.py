@@ -31,6 +31,7 @@ __all__ = [
     "path_speed",
     "spacing",
     "speed_ripple",
+    "steady",
     "tracking_error",
 ]
 
@@ -214,7 +215,6 @@ def path_speed(run: Run) -> Floats:
 def speed_ripple(run: Run) -> float:
     """Standard deviation of the nozzle's path speed over its mean, in the middle 90 % of the dispensing time.
 
-    The first and the last 5 % of the ticks with the dispenser on are left out: there the motion starts and ends.
     0 where the nozzle does not move.
 
     Raises:
@@ -223,10 +223,15 @@ def speed_ripple(run: Run) -> float:
     on = np.flatnonzero(run.dispense)
     if not on.size:
         raise InputError("the dispenser is never on in this run: its speed ripple is taken while it is")
-    edge = round(_START_AND_END * on.size)
-    speed = path_speed(run)[on[edge : on.size - edge]]
+    speed = path_speed(run)[on[steady(on.size)]]
     mean = float(speed.mean())
     return float(speed.std()) / mean if mean > 0 else 0.0
+
+
+def steady(ticks: int) -> slice:
+    """Return the middle 90 % of a number of ticks: in the first and the last 5 % the motion starts and ends."""
+    edge = round(_START_AND_END * ticks)
+    return slice(edge, ticks - edge)
 
 
 def spacing(path: Path, trace: ArrayLike) -> Spacing:

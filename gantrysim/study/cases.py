@@ -14,9 +14,11 @@ from typing import Any, Literal
 import numpy as np
 
 import gantrysim
+from gantrysim.budget import Budget
+from gantrysim.controllers.path import Floats, dot
 from gantrysim.errors import InputError
 from gantrysim.job import Job
-from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple
+from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple, steady
 from gantrysim.perturbation import Perturbation
 from gantrysim.run import Run
 
@@ -129,23 +131,29 @@ def simulated(case: Case) -> Run:
 def figures_row(run: Run) -> Row:
     """Return the figures of a run as one flat row; a key's unit stands in its name, rms, max and p95 of magnitudes.
 
-    A figure that the run does not have, as the spacing of one turn, is None.
+    generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement and structure are
+    the parts of the error normal to the path, of `gantrysim.budget`; lag is along it, and tracking_along the encoder's
+    share of that. steady_tracking_normal and _along are the following error, `tracking_error` at the nozzle, in the
+    middle 90 % of the dispensing time, where the start and the end have died away. A figure that the run does not
+    have, as the spacing of one turn, is None.
 
     Raises:
         InputError: the dispenser is never on.
     """
     analysis = Analysis(run)
-    figures = analysis.figures
+    figures, budget = analysis.figures, Budget(analysis)
     row: Row = {}
-    for name, error in (("generation", analysis.commanded.distance), ("contour", analysis.nozzle.distance)):
-        row[f"{name}_rms_um"] = _THOUSANDTHS * float(np.sqrt(np.mean(error**2)))
-        row[f"{name}_max_um"] = _THOUSANDTHS * float(error.max())
-        row[f"{name}_p95_um"] = _THOUSANDTHS * float(np.percentile(error, 95))
+    errors = {"generation": analysis.commanded.distance, "contour": analysis.nozzle.distance}
+    errors |= {link: budget.parts[link].size for link in ("tracking", "measurement", "structure")}
+    for name, error in errors.items():
+        row |= _sizes(name, error)
+    row |= _sizes("lag", np.abs(budget.lag))
     row["tracking_along_rms_um"] = _THOUSANDTHS * figures.tracking_along.rms
     row["tracking_along_max_um"] = _THOUSANDTHS * figures.tracking_along.max
     for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
         row[f"tracking_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * spread.rms
         row[f"tracking_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * spread.max
+    row |= _steady(analysis)
     for statistic in ("mean", "std", "min", "max"):
         spacing = figures.spacing
         row[f"spacing_{statistic}_mm"] = None if spacing is None else getattr(spacing, statistic)
@@ -156,6 +164,28 @@ def figures_row(run: Run) -> Row:
     for name, place in zip("xyz", figures.end_point, strict=True):
         row[f"end_{name}_mm"] = place
     return {key: _plain(value) for key, value in row.items()}
+
+
+def _sizes(name: str, error: Floats) -> Row:
+    return {
+        f"{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(error**2))),
+        f"{name}_max_um": _THOUSANDTHS * float(error.max()),
+        f"{name}_p95_um": _THOUSANDTHS * float(np.percentile(error, 95)),
+    }
+
+
+def _steady(analysis: Analysis) -> Row:
+    """The following error along the path and normal to it, in the middle of the dispensing time."""
+    run, on, foot = analysis.run, analysis.ticks, analysis.commanded.s
+    middle = steady(on.size)
+    error = (run.commanded_tip - run.encoder_tip)[on[middle]]
+    tangent = run.requested.tangent(foot[middle])
+    along = dot(error, tangent)
+    normal = np.linalg.norm(error - along[:, None] * tangent, axis=1)
+    return {
+        f"steady_tracking_{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(part**2)))
+        for name, part in (("along", along), ("normal", normal))
+    }
 
 
 def _ascii(unit: str) -> str:

@@ -82,9 +82,10 @@ def loop(
     settings: Settings = None,
     workers: Workers = None,
 ) -> None:
-    """How fast must the program's loop be, and the servo, and how fine the encoder?
+    """Show how fast the program's loop and the servo must be, and how fine the encoder.
 
-    Sweeps the loop's period, the interpreter's time, the servo period, the encoder's resolution and the physics step.
+    Sweeps the loop's period, the interpreter's time, the servo period, the encoder's resolution and the physics step, and
+    holds what comes out against closed forms.
     """
     from gantrysim.job import Job
     from gantrysim.study.loop import LoopStudy
