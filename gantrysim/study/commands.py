@@ -84,8 +84,8 @@ def loop(
 ) -> None:
     """Show how fast the program's loop and the servo must be, and how fine the encoder.
 
-    Sweeps the loop's period, the interpreter's time, the servo period, the encoder's resolution and the physics step, and
-    holds what comes out against closed forms.
+    Sweeps the loop's period, the interpreter's time, the servo period, the encoder's resolution and the physics step,
+    and holds what comes out against closed forms.
     """
     from gantrysim.job import Job
     from gantrysim.study.loop import LoopStudy

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +26,7 @@ __all__ = [
     "FollowingError",
     "SteppedArcs",
     "circle_response",
+    "involute_radius",
     "local_pitch",
     "loop_error",
     "quantisation",
@@ -275,7 +277,7 @@ class FollowingError:
 
 
 def sample_and_hold(
-    servo: Servo, axes: tuple[AxisDynamics, AxisDynamics], speed: float, radius: ArrayLike
+    servo: Servo, axes: Sequence[AxisDynamics], plane: tuple[int, int], speed: float, radius: ArrayLike
 ) -> FollowingError:
     """Return the following error of two axes on a path whose radius of curvature changes slowly.
 
@@ -284,19 +286,36 @@ def sample_and_hold(
     mean squares rho^2 (Im(h)^2 + |d|^2 / 2) along the path and rho^2 (Re(h)^2 + |d|^2 / 2) square to it.
 
     Args:
-        servo: with the gains of these two axes first.
-        axes: that span the plane.
+        servo: with the gains of the machine's axes.
+        axes: of the machine.
+        plane: indices of the two axes that span the plane.
         speed: V [mm/s].
         radius: of curvature at times evenly apart, rho, (m,) [mm].
     """
     along = normal = 0.0
     radii = np.atleast_1d(np.asarray(radius, float)).tolist()
     for rho in radii:
-        first, second = (circle_response(servo, k, axis, speed / rho) for k, axis in enumerate(axes))
+        first, second = (circle_response(servo, k, axes[k], speed / rho) for k in plane)
         mean, half = 0.5 * (first + second), 0.5 * (first - second)
         along += rho**2 * (mean.imag**2 + 0.5 * abs(half) ** 2) / len(radii)
         normal += rho**2 * (mean.real**2 + 0.5 * abs(half) ** 2) / len(radii)
     return FollowingError(math.sqrt(along), math.sqrt(normal))
+
+
+def involute_radius(diameter: float, turns: int, thickness: float, share: ArrayLike) -> Floats:
+    """Return the radius of curvature of the involute asked for after a share of its length, (m,) [mm].
+
+    From ds = rho d(phi) and d(rho) = -a d(phi): rho^2 = R^2 - 2 a s, down to (R - turns thickness)^2 at the end.
+
+    Args:
+        diameter: 2 R [mm].
+        turns: of the involute.
+        thickness: 2 pi a [mm].
+        share: of the length, 0 to 1, (m,).
+    """
+    start = (0.5 * diameter) ** 2
+    rho: Floats = np.sqrt(start - np.asarray(share, float) * (start - (0.5 * diameter - turns * thickness) ** 2))
+    return rho
 
 
 def quantisation(resolution: ArrayLike) -> Floats:
