@@ -1,0 +1,204 @@
+"""The loop study: what the periods and resolutions of the chain do to the bead, one after the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gantrysim.controllers.setpoints import ticks
+from gantrysim.errors import InputError
+from gantrysim.job import Job
+from gantrysim.perturbation import Perturbation
+from gantrysim.study.cases import Case, Mode, Row, measure
+from gantrysim.study.predictions import SteppedArcs
+from gantrysim.study.study import Plot, Rounds
+
+if TYPE_CHECKING:
+    from gantrysim.study.runner import Measure
+
+__all__ = ["AS_IT_IS", "FREE", "LOOP_ALONE", "NO_FRICTION", "NO_LOOP", "PERFECT", "SWEEPS", "LoopStudy"]
+
+# variants of a job
+AS_IT_IS = "as it is"
+LOOP_ALONE = "loop alone"  # without the controller's other limits
+PERFECT = "loop alone, perfect follower"
+NO_LOOP = "no loop"  # the limit of a loop that takes no time
+NO_FRICTION = "no friction"  # nor loop, nor encoder counts: servo and inertia alone
+
+# sweeps, in the order of the report: what is changed, and its unit
+SWEEPS = {
+    "loop_period": ("program loop period", "s"),
+    "interpreter_time": ("interpreter time per pass", "s"),
+    "servo_period": ("servo period", "s"),
+    "encoder_resolution": ("encoder resolution", "mm"),
+    "physics_step": ("physics step", "s"),
+}
+
+_DECADE = (1.0, 1.6, 2.5, 4.0, 6.3)
+_SPIRAL = "trio.MoveSpiral"
+FREE: dict[str, Any] = {
+    "program.acceleration": math.inf,
+    "program.deceleration": None,
+    "program.wait_resolution": 0.0,
+    "program.ratio_bits": None,
+    "program.interpreter_time": 0.0,
+    "program.servo_period": 0.0,
+    "program.as_published": False,
+    "program.mhelical_mode": 1,
+}
+_FRICTIONLESS = Perturbation(friction=1e-9)
+
+
+@dataclass(frozen=True)
+class LoopStudy:
+    """Sweeps of the program loop's period, the interpreter's time, the servo period, the encoder and the physics step.
+
+    A Move Spiral is run in up to five variants: as it is; with its loop alone, the controller's other limits taken away
+    (ACCEL, WA's whole milliseconds, CONNECT's bits, SERVO_PERIOD, the interpreter's time, and mode 0 of MHELICAL); the
+    same on a perfect follower; without the loop, in its continuous limit; and so without friction and encoder counts.
+    Of other programs the loop's sweeps are left out.
+
+    Args:
+        job: to be studied.
+        loop_periods: T, ascending [s].
+        interpreter_times: d, ascending [s].
+        servo_periods: ascending [s].
+        resolutions: of the encoders of the linear axes, ascending; those of rotary axes go in proportion [mm].
+        halvings: of the physics step.
+    """
+
+    job: Job
+    loop_periods: tuple[float, ...] = (*(round(s * d, 5) for d in (1e-3, 1e-2, 1e-1) for s in _DECADE), 1.0)
+    interpreter_times: tuple[float, ...] = (0.0, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
+    servo_periods: tuple[float, ...] = (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+    resolutions: tuple[float, ...] = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+    halvings: int = 3
+
+    name: ClassVar[str] = "loop"
+    plots: ClassVar[tuple[str, ...]] = tuple(SWEEPS)
+
+    @property
+    def title(self) -> str:
+        return f"Loop study of the job {self.job.name}"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {
+            "loop_periods": self.loop_periods,
+            "interpreter_times": self.interpreter_times,
+            "servo_periods": self.servo_periods,
+            "resolutions": self.resolutions,
+            "halvings": self.halvings,
+        }
+
+    @property
+    def measure(self) -> Measure:
+        return measure
+
+    @property
+    def spiral(self) -> bool:
+        """Whether the job's program has a loop."""
+        return bool(self.job.program["controller"] == _SPIRAL)
+
+    def arcs(self, overrides: Mapping[str, Any]) -> SteppedArcs | None:
+        """Return what is predicted of the job's spiral with some of its values changed, by their full dotted keys.
+
+        None where nothing is: another program, no loop, or a spiral that the controller refuses.
+        """
+        if not self.spiral:
+            return None
+        program = {f"program.{key}": value for key, value in self.job.program.items()} | dict(overrides)
+        names = ("diameter", "turns", "thickness", "speed", "loop_period", "interpreter_time", "wait_resolution")
+        if not program["program.loop_period"]:
+            return None
+        try:
+            return SteppedArcs(
+                **{name: program[f"program.{name}"] for name in names},
+                acceleration=program["program.acceleration"],
+                ratio_bits=program.get("program.ratio_bits"),
+            )
+        except InputError:
+            return None
+
+    def rounds(self) -> Rounds:
+        yield self.cases
+
+    @cached_property
+    def cases(self) -> list[Case]:
+        """All cases, those that take longest first."""
+        sweeps = [self._physics_step()]
+        if self.spiral:
+            sweeps += [self._loop_period(), self._interpreter_time()]
+        sweeps += [self._servo_period(), self._encoder_resolution()]
+        return [case for sweep in sweeps for case in sweep]
+
+    def findings(self, rows: list[Row]) -> list[str]:
+        from gantrysim.study.loop_findings import findings
+
+        return findings(self, rows)
+
+    def figures(self, rows: list[Row]) -> list[Plot]:
+        from gantrysim.study.loop_figures import figures
+
+        return figures(self, rows)
+
+    def _case(self, sweep: str, value: float, variant: str, changes: dict[str, Any]) -> Case:
+        mode: Mode = "perfect follower" if variant == PERFECT else "simulated"
+        overrides = dict(changes)
+        if variant != AS_IT_IS and self.spiral:
+            overrides = {**FREE, **overrides}
+        if variant in (NO_LOOP, NO_FRICTION) and self.spiral:
+            overrides["program.loop_period"] = 0.0
+        if variant == NO_FRICTION:
+            overrides = {"servo.resolution": 0.0, **overrides}
+        perturbation = _FRICTIONLESS if variant == NO_FRICTION else None
+        return Case.of(self.job, overrides, mode, perturbation, sweep=sweep, variant=variant, value=value)
+
+    def _loop_period(self) -> Iterable[Case]:
+        for variant in (AS_IT_IS, LOOP_ALONE, PERFECT):
+            for value in self.loop_periods:
+                yield self._case("loop_period", value, variant, {"program.loop_period": value})
+        yield self._case("loop_period", 0.0, NO_LOOP, {})
+
+    def _interpreter_time(self) -> Iterable[Case]:
+        if self.job.program["loop_period"] > 0:
+            for variant in (AS_IT_IS, LOOP_ALONE, PERFECT):
+                for value in self.interpreter_times:
+                    yield self._case("interpreter_time", value, variant, {"program.interpreter_time": value})
+
+    def _servo_period(self) -> Iterable[Case]:
+        bound = self.spiral and self.job.program["servo_period"] > 0
+        for variant in self._servo_variants:
+            for value in self.servo_periods:
+                changes = {"servo.period": value}
+                if bound and variant == AS_IT_IS:
+                    changes["program.servo_period"] = value  # the program's ticks are the servo's
+                yield self._case("servo_period", value, variant, changes)
+
+    def _encoder_resolution(self) -> Iterable[Case]:
+        for variant in (AS_IT_IS, NO_LOOP) if self.spiral else (AS_IT_IS,):
+            for value in self.resolutions:
+                changes = {"servo.resolution": self._resolutions(value)}
+                yield self._case("encoder_resolution", value, variant, changes)
+
+    def _physics_step(self) -> Iterable[Case]:
+        period = self.job.servo.period
+        longest = self.job.simulation.physics_step or float(self.job.built_machine.model.opt.timestep)
+        first = ticks(period, longest)
+        for halvings in range(self.halvings, -1, -1):
+            value = period / (first * 2**halvings)
+            for variant in self._servo_variants:
+                yield self._case("physics_step", value, variant, {"simulation.physics_step": value})
+
+    @property
+    def _servo_variants(self) -> Sequence[str]:
+        return (AS_IT_IS, NO_LOOP, NO_FRICTION) if self.spiral else (AS_IT_IS, NO_FRICTION)
+
+    def _resolutions(self, value: float) -> list[float]:
+        """Resolution of every axis: `value` [mm] of the linear ones, rotary ones changed by the same factor."""
+        axes = self.job.built_machine.axes
+        own = next((axis.resolution for axis in axes if axis.unit == "mm" and axis.resolution > 0), value)
+        return [value if axis.unit == "mm" else axis.resolution * value / own for axis in axes]

@@ -1,0 +1,26 @@
+"""Columns of a study's rows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.study.cases import OK, Row, Value
+
+__all__ = ["series"]
+
+
+def series(rows: list[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:
+    """Return columns of the rows that have all these tags, in the order of the first column, each (m,).
+
+    Rows without figures, and those that lack one of the columns, are left out.
+    """
+    chosen = [
+        [row[column] for column in columns]
+        for row in rows
+        if row["status"] == OK
+        and all(row.get(tag) == value for tag, value in tags.items())
+        and all(row.get(column) is not None for column in columns)
+    ]
+    values = np.array(chosen, float).reshape(-1, len(columns))
+    return tuple(values[np.argsort(values[:, 0], kind="stable")].T)
