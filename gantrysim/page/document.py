@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Column", "Section", "Table", "write_page"]
 
 _NOTHING = "–"
+_PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is a little smaller than the text's
 
 
 @dataclass(frozen=True)
@@ -78,14 +79,15 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page; what it has is shown in the order of the attributes.
+    """A part of a page; what it has is shown in this order.
 
     Attributes:
         title: heads the section, and the page's contents.
         text: a paragraph, or several.
         facts: single figures shown large: what, the value with its unit, and a remark.
+        figure: a matplotlib figure, or several that stand side by side where there is room: one of 10.7 inches
+            fills the width, and so do two of 5.3.
         table: a table, or several.
-        figure: a matplotlib figure, or several that stand side by side where the window is wide.
         alternative: for each figure the text that stands for it; without one it is made from the labels.
         html: markup that is put in as it is; what it holds must have been escaped.
         video: content of an MP4 file.
@@ -166,7 +168,10 @@ def _shown(sections: Sequence[Section]) -> list[dict[str, Any]]:
                 f"section {section.title}: {len(given)} alternative texts, must be {len(drawn)}, one a figure"
             )
         figures = [
-            {"svg": Markup(inline_svg(figure, f"f{k + 1}-{i + 1}", text or section.title)), "wide": _is_wide(figure)}
+            {
+                "svg": Markup(inline_svg(figure, f"f{k + 1}-{i + 1}", text or section.title)),
+                "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0]),
+            }
             for i, (figure, text) in enumerate(zip(drawn, given, strict=True))
         ]
         shown.append(
@@ -191,12 +196,6 @@ def _several(content: Any) -> list[Any]:
     return list(content) if isinstance(content, list | tuple) else [content]
 
 
-def _is_wide(figure: Figure) -> bool:
-    """Whether a figure wants the whole width of the page."""
-    width, height = figure.get_size_inches()
-    return bool(width > 1.5 * height)
-
-
 def _cell(cell: Any, form: str) -> str:
     if cell is None:
         return _NOTHING
@@ -209,4 +208,6 @@ def _cell(cell: Any, form: str) -> str:
     if math.isinf(cell):
         return "∞" if cell > 0 else "−∞"
     text = str(cell) if isinstance(cell, Integral) else format(float(cell), form)
-    return f"−{text[1:]}" if text.startswith("-") else text
+    if not text.startswith("-"):
+        return text
+    return f"−{text[1:]}" if float(text) else text[1:]  # what is rounded to zero has no sign

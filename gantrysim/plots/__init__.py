@@ -6,12 +6,25 @@ from collections.abc import Callable
 from pathlib import Path as FilePath
 
 from gantrysim.metrics import Analysis
+from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
 from gantrysim.plots.plan import draw_plan
-from gantrysim.plots.spacing import draw_spacing
+from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
 
-__all__ = ["AXIS_COLOURS", "COLOURS", "INK", "draw_error", "draw_plan", "draw_spacing", "save_plots", "sheet"]
+__all__ = [
+    "AXIS_COLOURS",
+    "COLOURS",
+    "INK",
+    "draw_budget",
+    "draw_budget_along",
+    "draw_error",
+    "draw_plan",
+    "draw_polar_spacing",
+    "draw_spacing",
+    "save_plots",
+    "sheet",
+]
 
 
 def save_plots(analysis: Analysis, folder: FilePath, progress: Callable[[float], None] | None = None) -> list[FilePath]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats
 from gantrysim.metrics import THOUSANDTH, Analysis, tracking_error
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ def draw_error(figure: Figure, analysis: Analysis) -> None:
     for panel, unit in zip(upper, kinds, strict=True):
         members = [a for a, own in enumerate(run.units) if own == unit]
         for a in members:
-            panel.plot(run.time, error[:, a], color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
+            panel.plot(*thinned(run.time, error[:, a]), color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
         _clip(panel, run.time[on], error[on], members, THOUSANDTH[unit])
         panel.set(ylabel=f"commanded - encoder [{THOUSANDTH[unit]}]")
         panel.set_title(f"Tracking error of the {'axes' if unit == 'mm' else 'rotary axes'}", loc="right")
@@ -38,7 +38,7 @@ def draw_error(figure: Figure, analysis: Analysis) -> None:
     ):
         lateral = np.full(len(run.time), np.nan)
         lateral[on] = UM * foot.lateral
-        lower.plot(run.time, lateral, color=COLOURS[name.partition(":")[0]], lw=1.0, ls=style, label=name)
+        lower.plot(*thinned(run.time, lateral), color=COLOURS[name.partition(":")[0]], lw=1.0, ls=style, label=name)
     lower.set(xlabel="time [s]", ylabel="left of the requested path [µm]")
     lower.set_title("Error normal to the requested path", loc="right")
     lower.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)

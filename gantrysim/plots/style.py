@@ -6,10 +6,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXIS_COLOURS", "COLOURS", "INK", "UM", "sheet"]
+__all__ = ["AXIS_COLOURS", "COLOURS", "INK", "UM", "sheet", "thinned", "turn_colours"]
+
+_COLUMNS = 1000  # of a plot, between which a line is told apart
 
 UM = 1e3  # micrometres in a millimetre
 
@@ -62,3 +68,35 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+
+
+def turn_colours(count: int) -> list[str]:
+    """Return colours for the turns of a spiral in their order: dark to light, told apart by lightness alone."""
+    from matplotlib import colormaps  # slow to import, and needed by the plots alone
+    from matplotlib.colors import to_hex
+
+    return [to_hex(colormaps["viridis"](0.2 + 0.6 * k / max(count - 1, 1))) for k in range(count)]
+
+
+def thinned(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return those points of a line that its picture needs: in each of many columns first, lowest, highest and last.
+
+    What is not a number keeps its place as a gap.
+
+    Args:
+        x: from left to right, (m,).
+        y: (m,).
+    """
+    size = -(-x.size // _COLUMNS)
+    if size <= 4:
+        return x, y
+    rows = np.full((-(-x.size // size), size), np.nan)
+    rows.flat[: x.size] = y
+    first = np.arange(rows.shape[0]) * size
+    low, high = (
+        first + choose(np.where(np.isnan(rows), away, rows), axis=1)
+        for choose, away in ((np.argmin, np.inf), (np.argmax, -np.inf))
+    )
+    gaps = np.flatnonzero(np.isnan(y))
+    kept = np.unique(np.concatenate([first, low, high, first[1:] - 1, gaps, [x.size - 1]]))
+    return x[kept], y[kept]

@@ -1,0 +1,145 @@
+"""The error budget: which link of the chain caused how much of the contour error, and where."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.budget import Budget, Part
+from gantrysim.controllers.path import Floats
+from gantrysim.plots.style import COLOURS, INK, UM, thinned
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_budget", "draw_budget_along", "turn_starts"]
+
+_LEAST_NAMED = 0.07  # share of a bar in which there is room for its number
+_MOST_NAMED = 10  # turns that are marked by their numbers
+_NOTHING = 1e-6  # largest error that is none [mm]
+_VERTICAL = 0.02  # of the largest error, from which the vertical one is drawn
+
+
+def draw_budget(figure: Figure, budget: Budget) -> None:
+    """Draw the links' shares of the contour error's mean square as a stacked bar; below it, one of rms by turn.
+
+    A share below zero, of a link that makes good for others, stands to the left of zero, or below it.
+    """
+    turns = budget.figures.turns
+    whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
+    shares = {name: np.array([part.share]) for name, part in budget.figures.parts.items()}
+    _stack(whole, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
+    at = 0.0
+    for name, share in shares.items():
+        if share[0] >= _LEAST_NAMED:
+            whole.text(at + 50 * share[0], 0, f"{100 * share[0]:.1f} %", ha="center", va="center", color=_on(name))
+        at += 100 * max(share[0], 0.0)
+    whole.set(yticks=[], xlabel="share of the contour error's mean square [%]")
+    whole.grid(visible=False, axis="y")
+    whole.spines["left"].set_visible(False)
+    whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+    for axes in below:
+        number = np.array([turn.turn for turn in turns])
+        rms = np.array([turn.parts["contour"].rms for turn in turns])
+        _stack(axes, number, {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}, upright=True)
+        axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms of the contour error by turn, in the links' shares")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
+        axes.grid(visible=False, axis="x")
+
+
+def draw_budget_along(figure: Figure, budget: Budget) -> None:
+    """Draw the contour error and its parts over the path's length: on one scale above, each on its own below.
+
+    Lateral errors are drawn, positive to the left of the path; vertical ones as thin lines where there are such.
+    """
+    analysis = budget.analysis
+    s, ticks = analysis.nozzle.s, analysis.ticks
+    shown = {name: part for name, part in budget.parts.items() if part.size.max() > _NOTHING}
+    largest = max(float(budget.contour.size.max()), _NOTHING)
+    rows = 1 + len(shown)
+    panels = figure.subplots(rows, sharex=True, squeeze=False, height_ratios=[2.4] + [1.0] * len(shown))[:, 0]
+    whole = panels[0]
+    _line(whole, s, ticks, budget.contour.lateral, lw=2.4, color=COLOURS["contour"], alpha=0.85, label="contour")
+    for name, part in shown.items():
+        _line(whole, s, ticks, part.lateral, lw=1.1, color=COLOURS[name], label=name)
+    for panel, (name, part) in zip(panels[1:], shown.items(), strict=True):
+        _line(panel, s, ticks, part.lateral, lw=1.0, color=COLOURS[name])
+        panel.set_ylabel(name, fontsize=9)
+    for panel, part in zip(panels, (budget.contour, *shown.values()), strict=True):
+        if np.abs(part.vertical).max() > max(_VERTICAL * largest, _NOTHING):
+            label = "vertical" if panel is whole else "_"
+            _line(panel, s, ticks, part.vertical, lw=0.7, ls=":", color=INK, label=label)
+        panel.axhline(0, color=INK, lw=0.6)
+        panel.margins(x=0.01)
+    _mark_turns(panels, budget)
+    whole.set_ylabel("all links")
+    figure.supylabel("left of the requested path [µm]", fontsize="medium")
+    panels[-1].set_xlabel("place along the requested path [mm]")
+    whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if turn_starts(budget).size else 1.0), ncols=6)
+
+
+def turn_starts(budget: Budget) -> Floats:
+    """Return where on the requested path each turn begins, of a path of more than one turn, (t,) [mm]."""
+    return np.array([turn.s[0] for turn in budget.figures.turns])
+
+
+def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:
+    """Mark by lines where turns begin, and write the turns' numbers over the uppermost panel."""
+    starts = turn_starts(budget)
+    step = -(-starts.size // _MOST_NAMED) if starts.size else 1
+    for k, start in enumerate(starts.tolist()):
+        for panel in panels:
+            panel.axvline(start, color=COLOURS["requested"], lw=0.8, ls=(0, (4, 3)))
+        if k % step == 0:
+            place = (start, 1.0)
+            panels[0].annotate(
+                f"turn {k + 1}", place, xycoords=("data", "axes fraction"), xytext=(2, 2), textcoords="offset points",
+                fontsize=8,
+            )  # fmt: skip
+
+
+def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style: object) -> None:
+    """Draw an error over the path, with gaps where ticks are left out."""
+    gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
+    x, y = thinned(np.insert(s, gaps, np.nan), np.insert(UM * error, gaps, np.nan))
+    axes.plot(x, y, **style)  # type: ignore[arg-type]
+
+
+def _shares_by_turn(budget: Budget) -> dict[str, Floats]:
+    """The links' shares of the contour error's mean square within each turn, (turns,)."""
+    whole, turn = budget.contour, budget.turn
+    inside = turn >= 0
+    square = np.bincount(turn[inside], _product(whole, whole)[inside])
+    shares = {}
+    for name, part in budget.parts.items():
+        product = np.bincount(turn[inside], _product(part, whole)[inside])
+        shares[name] = np.divide(product, square, out=np.zeros_like(product), where=square > 0)
+    return shares
+
+
+def _product(one: Part, other: Part) -> Floats:
+    product: Floats = one.lateral * other.lateral + one.vertical * other.vertical
+    return product
+
+
+def _stack(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool) -> None:
+    """Stack bars, what is positive from zero one way and what is negative the other way."""
+    above, below = np.zeros(at.size), np.zeros(at.size)
+    for name, value in values.items():
+        foot = np.where(value >= 0, above, below)
+        if upright:
+            axes.bar(at, value, 0.7, bottom=foot, color=COLOURS[name], label=name)
+        else:
+            axes.barh(at, value, 0.7, left=foot, color=COLOURS[name], label=name)
+        above, below = above + np.maximum(value, 0), below + np.minimum(value, 0)
+    if below.min() < 0:
+        (axes.axhline if upright else axes.axvline)(0, color=INK, lw=0.8)
+
+
+def _on(name: str) -> str:
+    """A colour that can be read on a link's own."""
+    return "#ffffff" if name in ("tracking", "structure") else "#1b1f25"
