@@ -1,221 +1,192 @@
-"""The bead along the nozzle's trace: its cross-section from conservation, and its figures.
-
-With the glue's flow Q and the nozzle's speed v the section is A = Q / v; here it is the volume laid between two
-places of the trace over the way between them, which is the same where the nozzle moves, and holds where it rests.
-"""
+"""The bead that a run lays, along the trace and on the map, and its figures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats
-from gantrysim.errors import InputError, finite, positive
-from gantrysim.metrics import Analysis
-from gantrysim.run import Run
-from gantrysim.section import Section
+from gantrysim.deposit import HeightMap
+from gantrysim.errors import InputError
+from gantrysim.metrics import Range
+from gantrysim.strand import BeadSettings, Strand
 
-__all__ = ["Bead", "BeadSettings"]
+__all__ = ["Bead", "BeadFigures", "BeadSettings"]
 
-_DISTANCE = 0.25  # of the stations [mm]
-_STATIONS = (2, 400_000)
-_SHORTEST = 1e-6  # [mm], of a trace that is no more than a dot
-_LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
+_TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
+_LINKS = 1000  # between neighbouring turns, along which the annulus is looked at
+_ON_A_LINK = 48  # points
 
 
 @dataclass(frozen=True)
-class BeadSettings:
-    """How the glue lies, and the grid on which it is looked at.
+class BeadFigures:
+    """The figures of a bead, in mm, mm² and mm³.
+
+    Start and stop are told twice. By volume: at a start the glue that is missing of what was asked for, up to the
+    middle of the stretch of dispensing, and at a stop what is laid beyond it from there on, each as length of the
+    nominal section; that is what the dispenser's lags and leads make. By place: how far behind the nozzle's place
+    at the program's command half the nominal section is reached first, and last; that is where the bead is seen to
+    begin and to end. The ranges are over the stretches of dispensing.
 
     Attributes:
-        gap: height of the nozzle above the surface where it is on the requested path; None for the machine's [mm].
-        contact_angle: of a drop on the surface, above 0 and at most 90 [deg].
-        squashed: whether a bead that would stand higher than the nozzle stays squashed to the nozzle's height; else it
-            relaxes to a sessile one behind it.
-        cell: of the height map [mm].
+        nominal: section asked for [mm²].
+        width: along the path, while the dispenser is on.
+        section: the same of the cross-section.
+        clearance: distance of neighbouring turns less their mean width, negative where they overlap; None where the
+            trace has no neighbouring turns.
+        overlapping: share of the turns' length on which they overlap; None likewise.
+        gapping: share on which they leave a gap; None likewise.
+        coverage: share of the area between neighbouring turns that is wet, on the height map; None likewise.
+        start: late by so much where positive, by volume.
+        stop: too much where positive, by volume; None where no stretch ends within the record.
+        begins: late by so much where positive, by place; None where no stretch reaches half the section.
+        ends: overrun where positive, by place; None likewise.
+        laid: volume laid.
+        asked: volume of the nominal section along the commanded path, while the dispenser is on.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    gap: float | None = None
-    contact_angle: float = 60.0
-    squashed: bool = True
-    cell: float = 0.25
-
-    def __post_init__(self) -> None:
-        if self.gap is not None:
-            positive("gap", self.gap, "mm")
-        if not 0 < finite("contact_angle", self.contact_angle, "deg") <= 90:
-            raise InputError(f"contact_angle = {self.contact_angle:g} deg: must be above 0 and at most 90 deg")
-        positive("cell", self.cell, "mm")
-
-
-class Bead:
-    """The bead of a run at stations evenly spaced along the nozzle's trace in the work frame.
-
-    More than usual, as at a stop or in a slow corner, spreads along the trace as far as it is wide; volume is
-    conserved: sum of area * ds, the first and the last station for half a length, is the volume laid.
-
-    Args:
-        run: the run.
-        settings: how the glue lies.
-        analysis: of the run, where there is one.
-        stations: their number; by default one every quarter of a millimetre.
-
-    Attributes:
-        run: the run.
-        settings: how the glue lies.
-        gap: the nozzle's height above the surface where it is on the requested path [mm].
-        length: of the nozzle's trace up to each tick, (n,) [mm].
-        place: of the stations along the trace, (r,) [mm].
-    """
-
-    def __init__(
-        self,
-        run: Run,
-        settings: BeadSettings | None = None,
-        analysis: Analysis | None = None,
-        stations: int | None = None,
-    ) -> None:
-        self.run = run
-        self.settings = BeadSettings() if settings is None else settings
-        self.gap = run.gap if self.settings.gap is None else self.settings.gap
-        self._analysis = analysis
-        steps = np.linalg.norm(np.diff(run.nozzle, axis=0), axis=1)
-        self.length: Floats = np.concatenate([[0.0], np.cumsum(steps)])
-        total = max(float(self.length[-1]), _SHORTEST)
-        count = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS)) if stations is None else stations
-        self.place: Floats = np.linspace(0.0, total, count)
+    nominal: float
+    width: Range
+    section: Range
+    clearance: Range | None
+    overlapping: float | None
+    gapping: float | None
+    coverage: float | None
+    start: Range
+    stop: Range | None
+    begins: Range | None
+    ends: Range | None
+    laid: float
+    asked: float
 
     @property
-    def ds(self) -> float:
-        """Distance of the stations [mm]."""
-        return float(self.place[1])
-
-    @cached_property
-    def _ascending(self) -> Floats:
-        """`length`, strictly ascending where the nozzle rests, as np.interp wants it."""
-        return self.length + np.arange(self.length.size) * 1e-12
-
-    def along(self, values: Floats) -> Floats:
-        """Return values at the ticks, (n,), at the stations, (r,)."""
-        return np.interp(self.place, self._ascending, values)
-
-    @cached_property
-    def point(self) -> Floats:
-        """Stations on the nozzle's trace, in the work frame, (r, 3) [mm]."""
-        return np.stack([self.along(self.run.nozzle[:, i]) for i in range(3)], axis=1)
-
-    @cached_property
-    def heading(self) -> Floats:
-        """Angle of the trace in plan view, not wrapped, (r,) [rad]."""
-        along = np.gradient(self.point[:, :2], axis=0)
-        moving = np.flatnonzero(np.abs(along).max(axis=1) > 1e-9 * self.ds)
-        if not moving.size:
-            return np.zeros(self.place.size)
-        # up and down it keeps the direction it had
-        last = moving[np.maximum(np.searchsorted(moving, np.arange(self.place.size), "right") - 1, 0)]
-        return np.unwrap(np.arctan2(along[last, 1], along[last, 0]))
-
-    @cached_property
-    def volume(self) -> Floats:
-        """Volume laid up to each tick, (n,) [mm³]."""
-        return np.concatenate([[0.0], np.cumsum(self.run.flow[:-1]) * self.run.period])
-
-    @cached_property
-    def nominal(self) -> float:
-        """Section asked for, the median over the ticks of the flow asked for over the commanded speed [mm²].
-
-        Of a fixed flow that is the flow over the median speed; 0 where glue is asked for at rest alone, or none.
-        """
-        asked, speed = self.run.asked[:-1], self.commanded_steps / self.run.period
-        moving = (asked > 0) & (speed > 0)
-        return float(np.median(asked[moving] / speed[moving])) if moving.any() else 0.0
-
-    @cached_property
-    def commanded_steps(self) -> Floats:
-        """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
-        steps: Floats = np.linalg.norm(np.diff(self.run.commanded_tip, axis=0), axis=1)
-        return steps
-
-    @cached_property
-    def nozzle_height(self) -> Floats:
-        """Height of the nozzle above the surface, the gap and its vertical error to the requested path, (r,) [mm].
-
-        Where the path climbs the surface climbs with it. Beyond where the dispenser is on the error is that at the end.
-        """
-        run = self.run
-        if not run.dispense.any():
-            return np.full(self.place.size, self.gap)
-        if self._analysis is None:
-            self._analysis = Analysis(run)
-        error = self._analysis.nozzle.offset[:, 2]
-        ticks = np.arange(len(run.time), dtype=np.float64)
-        height = self.gap + np.interp(ticks, self._analysis.ticks, error)
-        return np.maximum(self.along(height), _LEAST_GAP * self.gap)
-
-    @cached_property
-    def area(self) -> Floats:
-        """Cross-section A, (r,) [mm²]."""
-        ds = self.ds
-        edges = np.concatenate([[-ds], self.place]) + 0.5 * ds
-        laid = np.diff(np.interp(edges, self._ascending, self.volume))
-        laid[[0, -1]] *= 2  # the first and the last station stand for half a length
-        return self._spread(np.maximum(laid / ds, 0.0))
-
-    def _spread(self, area: Floats) -> Floats:
-        """Spread what a section holds above the nominal one along the trace, as far as it is wide.
-
-        In turn over one, two, four ... widths of the nominal section that which is wider than so much.
-        """
-        held = self.nominal if self.nominal > 0 else float(area.max())
-        if held <= 0:
-            return area
-        width = float(self._sections(np.array([held]), np.array([self.gap])).width[0])
-        slope = held / width
-        while (excess := np.maximum(area - held, 0.0)).any() and width < 2 * self.place[-1]:
-            area = np.minimum(area, held) + _averaged(excess, int(np.ceil(0.5 * width / self.ds)))
-            width, held = 2 * width, 2 * width * slope
-        return area
-
-    def _sections(self, area: Floats, gap: Floats) -> Section:
-        gap = gap if self.settings.squashed else np.full_like(gap, np.inf)
-        return Section(area, gap, self.settings.contact_angle)
-
-    @cached_property
-    def section(self) -> Section:
-        """The shapes of the sections at the stations."""
-        return self._sections(self.area, self.nozzle_height)
+    def error(self) -> float:
+        """Volume laid beyond what was asked for [mm³]."""
+        return self.laid - self.asked
 
     @property
-    def width(self) -> Floats:
-        """Width of the bead, (r,) [mm]."""
-        return self.section.width
+    def error_percent(self) -> float:
+        """The same, of what was asked for [%]."""
+        return 100 * self.error / self.asked
+
+
+class Bead(Strand):
+    """The bead of a run: stations along the nozzle's trace, the height map, and the figures; see `Strand`."""
+
+    @cached_property
+    def map(self) -> HeightMap:
+        """The height map."""
+        return HeightMap.of(self)
+
+    @cached_property
+    def figures(self) -> BeadFigures:
+        """The figures; of a run that a fault ended, those up to the fault.
+
+        Raises:
+            InputError: no glue is asked for while the nozzle is to move.
+        """
+        if not self.nominal > 0:
+            raise InputError("the run asks for no glue while the nozzle moves: its bead has no figures")
+        on = self._dispensing
+        clearance, weight = self._clearance
+        length = float(weight.sum())
+        turns = clearance.size > 0 and length > 0
+        start, stop, begins, ends = self._ends
+        return BeadFigures(
+            nominal=self.nominal,
+            width=Range.of(self.width[on]),
+            section=Range.of(self.area[on]),
+            clearance=Range.of(clearance) if turns else None,
+            overlapping=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
+            gapping=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,
+            coverage=self._coverage if turns else None,
+            start=Range.of(start),
+            stop=Range.of(stop) if stop.size else None,
+            begins=Range.of(begins) if begins.size else None,
+            ends=Range.of(ends) if ends.size else None,
+            laid=float(self.volume[-1]),
+            asked=self.nominal * float(self.commanded_steps[self.run.dispense[:-1]].sum()),
+        )
+
+    @cached_property
+    def _dispensing(self) -> NDArray[np.bool_]:
+        """Stations that the nozzle passes while the dispenser is on, (r,)."""
+        on = np.zeros(self.place.size, bool)
+        for first, after in self.stretches:
+            low, high = self.length[first], self.length[min(after, self.length.size - 1)]
+            on |= (self.place >= low) & (self.place <= high)
+        if not on.any():  # a stretch shorter than the stations are apart
+            on[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
+        return on
 
     @property
-    def height(self) -> Floats:
-        """Largest height of the bead, (r,) [mm]."""
-        return self.section.height
+    def clearance(self) -> Floats:
+        """Distance of neighbouring turns less their mean width, at the points of the analysis' spacing, (m,) [mm]."""
+        return self._clearance[0]
 
     @cached_property
-    def nominal_section(self) -> Section:
-        """The nominal section's shape, under a nozzle at its nominal height."""
-        return self._sections(np.array([self.nominal]), np.array([self.gap]))
+    def _clearance(self) -> tuple[Floats, Floats]:
+        """Clearance at the points of the spacing, and the length that each stands for, (m,) each [mm]."""
+        spacing, foot = self.analysis.spacing, self.analysis.nozzle
+        if spacing.s.size < 2:
+            return np.zeros(0), np.zeros(0)
+        width = np.interp(self.length[self.analysis.ticks], self.place, self.width)
+        forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
+        s, width = foot.s[forward], width[forward]
+        both = 0.5 * (np.interp(spacing.s, s, width) + np.interp(spacing.next_s, s, width))
+        clearance: Floats = spacing.distance - both
+        return clearance, np.gradient(spacing.s)
 
     @cached_property
-    def stretches(self) -> NDArray[np.intp]:
-        """Ticks at which the program's dispensing begins, and the first at which it is off again, (k, 2)."""
-        edges = np.diff(np.concatenate([[0], self.run.dispense.astype(np.int8), [0]]))
-        return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
+    def _coverage(self) -> float:
+        """Share of the links between neighbouring turns that is wet, by the area that they stand for."""
+        link, distance = self.analysis.spacing.link, self.analysis.spacing.distance
+        _, weight = self._clearance
+        cumulated = np.concatenate([[0.0], np.cumsum(weight)])
+        some = np.minimum(
+            np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, distance.size - 1
+        )
+        share = (np.arange(_ON_A_LINK) + 0.5) / _ON_A_LINK
+        begin, end = link[some, 0, :2], link[some, 1, :2]
+        points = begin[:, None] + share[:, None] * (end - begin)[:, None]
+        wet = self.map.wet(points).mean(axis=1)
+        return float(np.average(wet, weights=distance[some]))
 
+    @cached_property
+    def _ends(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Start and stop by volume, begin and end by place, those that there are of every stretch [mm]."""
+        run, ticks = self.run, len(self.run.time)
+        more = np.concatenate([[0.0], np.cumsum(run.flow - run.asked)]) * run.period / self.nominal
+        wet = np.concatenate([[0.0], (self.area >= 0.5 * self.nominal).astype(float), [0.0]])
+        first, last = (np.flatnonzero(np.diff(wet) == step) for step in (1, -1))
+        rises = np.array([self._crossing(k - 1, k) for k in first.tolist()])
+        falls = np.array([self._crossing(k - 1, k) for k in last.tolist()])
+        found: tuple[list[float], ...] = ([], [], [], [])
+        # what is laid between two stretches belongs half way to the one and half way to the other
+        bounds = np.concatenate([[0], (self.stretches[:-1, 1] + self.stretches[1:, 0]) // 2, [ticks - 1]])
+        for k, (on, off) in enumerate(self.stretches.tolist()):
+            low, middle, high = int(bounds[k]), (on + off) // 2, int(bounds[k + 1])
+            found[0].append(float(more[low] - more[middle]))
+            begun = rises[(rises >= self.length[low]) & (rises <= self.length[middle])]
+            if begun.size:
+                found[2].append(float(begun[0] - self.length[on]))
+            if off >= ticks:
+                continue
+            found[1].append(float(more[high] - more[middle]))
+            ended = falls[(falls >= self.length[middle]) & (falls <= self.length[high])]
+            if ended.size:
+                found[3].append(float(ended[-1] - self.length[off]))
+        start, stop, begins, ends = (np.array(values) for values in found)
+        return start, stop, begins, ends
 
-def _averaged(values: Floats, reach: int) -> Floats:
-    """Moving average over `reach` to both sides, twice, mirrored at the ends, which keeps the sum."""
-    for _ in range(2):
-        cumulated = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
-        values = (cumulated[2 * reach + 1 :] - cumulated[: -2 * reach - 1]) / (2 * reach + 1)
-    return np.maximum(values, 0.0)
+    def _crossing(self, before: int, after: int) -> float:
+        """Place between two stations where the section is half the nominal one; at the trace's ends these [mm]."""
+        if before < 0:
+            return float(self.place[0])
+        if after >= self.place.size:
+            return float(self.place[-1])
+        a, b = float(self.area[before]), float(self.area[after])
+        return float(self.place[before]) + self.ds * (0.5 * self.nominal - a) / (b - a)

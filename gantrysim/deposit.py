@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.bead import Bead
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError
 from gantrysim.pushing import drop, lay, push_aside
 from gantrysim.section import Section
+from gantrysim.strand import Strand
 
 __all__ = ["HeightMap"]
 
@@ -51,7 +51,7 @@ class HeightMap:
     contact: float
 
     @classmethod
-    def of(cls, bead: Bead) -> HeightMap:
+    def of(cls, bead: Strand) -> HeightMap:
         """Return the map of a bead.
 
         Raises:
@@ -125,7 +125,7 @@ class HeightMap:
         return wet
 
 
-def _grid(bead: Bead, cell: float) -> tuple[Floats, Floats]:
+def _grid(bead: Strand, cell: float) -> tuple[Floats, Floats]:
     """Middles of the cells that the bead covers, with some around it, (nx,) and (ny,) [mm]."""
     laid = bead.area > 0
     points = bead.point[laid, :2] if laid.any() else bead.point[:1, :2]
@@ -139,7 +139,7 @@ def _grid(bead: Bead, cell: float) -> tuple[Floats, Floats]:
     return low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)
 
 
-def _round_ends(bead: Bead, volume: Floats) -> Iterator[tuple[Floats, Floats, float]]:
+def _round_ends(bead: Strand, volume: Floats) -> Iterator[tuple[Floats, Floats, float]]:
     """Yield for each end of a stretch of bead points, (k, 2), volumes there, (k,), and the nozzle's height.
 
     An end takes the volume that half a body of revolution of its section holds from the last stations' intervals, whose
@@ -173,12 +173,12 @@ def _round_ends(bead: Bead, volume: Floats) -> Iterator[tuple[Floats, Floats, fl
                 yield _round(bead, station, section, total, bead.heading[station] + away)
 
 
-def _part(bead: Bead, stations: slice) -> Section:
+def _part(bead: Strand, stations: slice) -> Section:
     gap = bead.section.gap[stations]
     return Section(bead.area[stations], gap, bead.settings.contact_angle)
 
 
-def _drop_section(bead: Bead, volume: float, station: int) -> Section:
+def _drop_section(bead: Strand, volume: float, station: int) -> Section:
     """The section that holds a volume as a body of revolution, under the nozzle at a station."""
     gap = bead.section.gap[station : station + 1]
     low, high = 0.0, 1.0
@@ -195,7 +195,7 @@ def _drop_section(bead: Bead, volume: float, station: int) -> Section:
 
 
 def _round(
-    bead: Bead, station: int, section: Section, volume: float, towards: float | None
+    bead: Strand, station: int, section: Section, volume: float, towards: float | None
 ) -> tuple[Floats, Floats, float]:
     """Points of a body of revolution about a station, or of its half `towards` an angle, with their volumes."""
     rim = 0.5 * float(section.width[0])
@@ -210,7 +210,7 @@ def _round(
     return points.reshape(-1, 2), weight.ravel(), float(bead.nozzle_height[station])
 
 
-def _contact(bead: Bead, cell: float) -> float:
+def _contact(bead: Strand, cell: float) -> float:
     """Height that a map shows at the rim of the nominal section: blurred by its cells, and by looking between them.
 
     Both are hats as wide as two cells; together they are the cubic B-spline.

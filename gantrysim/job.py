@@ -22,6 +22,7 @@ from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.machine import Machine, builtin_models
 from gantrysim.programs import Controller, arguments, build, dotted, keys
 from gantrysim.run import Run
+from gantrysim.strand import BeadSettings
 
 __all__ = ["Job", "ServoSettings", "builtin_jobs", "job_text"]
 
@@ -77,6 +78,7 @@ class Job(BaseModel):
         program: the controller's name as `controller`, and its arguments.
         servo: arguments of `Servo.derive`.
         dispenser: arguments of `Dispenser`.
+        bead: how the glue lies, and the grid on which it is looked at, as in `BeadSettings`.
         simulation: physics step and settling time.
     """
 
@@ -87,6 +89,7 @@ class Job(BaseModel):
     program: dict[str, Any]
     servo: ServoSettings = ServoSettings()
     dispenser: Dispenser = Dispenser()
+    bead: BeadSettings = BeadSettings()
     simulation: Simulation = Simulation()
 
     @field_validator("program")
@@ -114,7 +117,7 @@ class Job(BaseModel):
             content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"job {job}: is not TOML: {error}") from None
-        for section in ("program", "servo", "dispenser", "simulation"):
+        for section in ("program", "servo", "dispenser", "bead", "simulation"):
             if not isinstance(content.get(section, {}), dict):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
         for override in overrides:
@@ -239,7 +242,7 @@ def _known_keys(content: dict[str, Any]) -> list[str]:
     sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": Simulation}
     known = ["name", "machine", "program.controller"]
     known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
-    known += [f"dispenser.{key}" for key in dotted(Dispenser)]
+    known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
 
 

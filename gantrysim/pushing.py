@@ -201,7 +201,7 @@ def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> N
                     queue[queued] = p * nx + q
                     queued += 1
         if queued < size:
-            depth *= 2
+            depth = min(2 * depth, nx + ny)
         for k in range(queued - 1, -1, -1):
             j, i = queue[k] // nx, queue[k] % nx
             excess = height[j, i] - ceiling[j, i]

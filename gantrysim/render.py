@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from gantrysim.errors import GantryError, InputError, positive, unknown, whole
 from gantrysim.machine import WORK, Machine
 from gantrysim.run import Run
-from gantrysim.sweep import Bead
+from gantrysim.strand import BeadSettings
+from gantrysim.sweep import Sweep
 
 __all__ = ["NoOpenGLError", "Renderer", "save_video"]
 
@@ -63,6 +64,7 @@ class Renderer:
         run: the record.
         camera: name of a camera of the machine; by default "overview", or a view of everything where there is none.
         size: width and height of the pictures [pixels].
+        bead: how the glue lies.
 
     Raises:
         InputError: no such camera.
@@ -70,14 +72,19 @@ class Renderer:
     """
 
     def __init__(
-        self, machine: Machine, run: Run, camera: str | None = None, size: tuple[int, int] = (640, 480)
+        self,
+        machine: Machine,
+        run: Run,
+        camera: str | None = None,
+        size: tuple[int, int] = (640, 480),
+        bead: BeadSettings | None = None,
     ) -> None:
         width, height = (
             whole(f"{name} of the picture", n, 1) for name, n in zip(("width", "height"), size, strict=True)
         )
         self.size = (width, height)
         self._machine, self._run = machine, run
-        self.bead = Bead(run, machine.gap)
+        self.bead = Sweep(run, bead)
         self.model = _with_bead(machine, self.bead, width, height)
         self.data = mujoco.MjData(self.model)
         self.view = _view(self.model, camera)
@@ -135,6 +142,7 @@ def save_video(
     size: tuple[int, int] = (800, 600),
     fps: float = 25.0,
     speed: float | None = None,
+    bead: BeadSettings | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> int:
     """Write an MP4 of a run and return its number of frames.
@@ -148,6 +156,7 @@ def save_video(
         fps: frames per second.
         speed: seconds of the run in a second of video; by default 1, and more where the video would be longer than
             a minute.
+        bead: how the glue lies.
         progress: called after each frame with the share that is done, 0 to 1.
     """
     import imageio.v2 as imageio
@@ -159,7 +168,7 @@ def save_video(
     per_frame = positive("speed of the video", speed) / positive("frames per second", fps, "1/s")
     ticks = list(_frame_ticks(run, per_frame))
     with (
-        Renderer(machine, run, camera, size) as renderer,
+        Renderer(machine, run, camera, size, bead) as renderer,
         imageio.get_writer(file, fps=fps, codec="libx264", quality=8, macro_block_size=1) as writer,
     ):
         for done, tick in enumerate(ticks, 1):
@@ -189,10 +198,10 @@ def _view(model: mujoco.MjModel, camera: str | None) -> mujoco.MjvCamera:
     return view
 
 
-def _with_bead(machine: Machine, bead: Bead, width: int, height: int) -> mujoco.MjModel:
+def _with_bead(machine: Machine, bead: Sweep, width: int, height: int) -> mujoco.MjModel:
     """Compile the machine once more with the bead's mesh on the work, in the work's own frame."""
     spec = machine.spec.copy()
-    vertices, normals = bead.mesh(len(bead.run.time) - 1)
+    vertices, normals = bead.mesh(len(bead.strand.run.time) - 1)
     faces = bead.faces()
     mesh = spec.add_mesh(name=_BEAD)
     # the compiler wants a body with a volume; the vertices that are drawn are written afterwards
@@ -222,7 +231,9 @@ def _with_bead(machine: Machine, bead: Bead, width: int, height: int) -> mujoco.
     model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     # views and light are scaled to the machine, and to the bead where that is larger
     model.stat.center[:] = machine.model.stat.center
-    model.stat.extent = max(float(machine.model.stat.extent), 2e-3 * float(np.ptp(bead.run.nozzle, axis=0).max()))
+    model.stat.extent = max(
+        float(machine.model.stat.extent), 2e-3 * float(np.ptp(bead.strand.run.nozzle, axis=0).max())
+    )
     return model
 
 

@@ -12,7 +12,8 @@ import pytest
 from gantrysim import Dispenser, InputError, Machine, Servo, cli, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.render import NoOpenGLError, Renderer, save_video
-from gantrysim.sweep import Bead
+from gantrysim.strand import BeadSettings
+from gantrysim.sweep import Sweep
 
 SIZE = (640, 480)
 FLOW = 150.0  # [mm³/s]
@@ -159,16 +160,14 @@ def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
 @pytest.mark.parametrize("tick_share", [0.0, 0.3, 1.0])
 def test_the_mesh_conserves_the_volume_of_the_glue(run, tick_share):
     tick = int(tick_share * (len(run.time) - 1))
-    bead = Bead(run, 0.5)
+    bead = Sweep(run)
     vertices, normals = bead.mesh(tick)
     corners = vertices.astype(float)[bead.faces()] * 1e3
     # divergence theorem, with the flat base of each section closing the surface: it lies at z = -gap
     corners[..., 2] += 0.5
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     laid = float((run.flow[:-1] * np.diff(run.time))[:tick].sum())
-    sides = 8
-    inscribed = np.sin(np.pi / sides) / (np.pi / sides)  # a polygon in the ellipse
-    assert volume == pytest.approx(inscribed * laid, rel=0.01, abs=0.5)
+    assert volume == pytest.approx(laid, rel=0.01, abs=0.5)  # less what facets cut off the sides
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
 
 
@@ -238,25 +237,34 @@ def test_the_camera_is_overview_or_else_one_that_sees_everything(xy, run, rigid)
         assert renderer.frame(len(other.time) - 1).std() > 3
 
 
+def section_areas(rings):
+    """Areas of polygons across a trace, (r,), of rings (r, v, 3): by strips between the vertices."""
+    across = np.einsum("rvi,ri->rv", rings - rings[:, :1], rings[:, -1] - rings[:, 0])
+    across /= np.linalg.norm(rings[:, -1] - rings[:, 0], axis=1)[:, None]
+    height = rings[..., 2] - rings[:, :1, 2]
+    return np.sum(0.5 * (height[:, 1:] + height[:, :-1]) * np.diff(across, axis=1), axis=1)
+
+
 def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
+    area = FLOW / 100
     for gap in (0.3, 0.5, 5.0):
-        bead = Bead(run, gap)
+        bead = Sweep(run, BeadSettings(gap=gap))
         vertices, normals = bead.mesh(len(run.time) - 1)
-        rings = 1e3 * vertices.reshape(-1, 9, 3).astype(float)
+        rings = 1e3 * vertices.reshape(-1, 11, 3).astype(float)
         middle = rings[len(rings) // 2]
-        width = np.linalg.norm(middle[0] - middle[-1])
-        height = middle[:, 2].max() + gap
-        area = FLOW / 100
-        assert height == pytest.approx(min(gap, np.sqrt(2 * area / np.pi)), rel=1e-3)
-        assert 0.25 * np.pi * width * height == pytest.approx(area, rel=0.01)
-        top = normals.reshape(-1, 9, 3)[len(rings) // 2][4]
+        # a drop at 60 deg: A = w^2 / (8 sin^2 60) (2 pi / 3 - sin 120), h = w/2 tan 30
+        drop = np.sqrt(area / 0.2047) * np.tan(np.pi / 6) / 2
+        assert middle[:, 2].max() + gap == pytest.approx(min(gap, drop), rel=1e-3)
+        assert section_areas(middle[None])[0] == pytest.approx(area, rel=0.02)
+        assert np.linalg.norm(middle[0] - middle[-1]) == pytest.approx(bead.strand.width[len(rings) // 2 - 1], rel=1e-3)
+        top = normals.reshape(-1, 11, 3)[len(rings) // 2][5]
         np.testing.assert_allclose(top, [0, 0, 1], atol=1e-6)
 
 
 def test_a_long_trace_gets_more_rings(run):
     long = dataclasses.replace(run, nozzle=run.nozzle * [20, 20, 1])
-    assert Bead(run, 0.5).rings == 1250
-    chord = np.linalg.norm(np.diff(long.nozzle, axis=0), axis=1).sum() / Bead(long, 0.5).rings
+    assert Sweep(run).rings == 1250
+    chord = np.linalg.norm(np.diff(long.nozzle, axis=0), axis=1).sum() / Sweep(long).rings
     assert 1.0 < chord <= 2.0
 
 
@@ -284,19 +292,18 @@ def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
         nozzle=nozzle,
         flow=np.concatenate([np.full(dwell, FLOW), run.flow]),
     )
-    bead = Bead(still, 0.5)
+    bead = Sweep(still)
     vertices, _ = bead.mesh(len(nozzle) - 1)
-    rings = 1e3 * vertices.reshape(-1, 9, 3).astype(float)[1:-1]
+    rings = 1e3 * vertices.reshape(-1, 11, 3).astype(float)[1:-1]
     width = np.linalg.norm(rings[:, 0] - rings[:, -1], axis=1)
-    height = rings[..., 2].max(axis=1) + 0.5
-    area = 0.25 * np.pi * width * height
+    area = section_areas(rings)
     length = np.linalg.norm(np.diff(nozzle, axis=0), axis=1).sum()
     drawn = np.trapezoid(area, dx=length / (bead.rings - 1))
-    assert drawn == pytest.approx(still.flow[:-1].sum() * run.period, rel=2e-3)
-    # the heap spreads as far as the bead is wide, to either side twice
+    assert drawn == pytest.approx(still.flow[:-1].sum() * run.period, rel=0.01)
+    # the heap spreads no further than it is wide, to either side twice
     usual = area[len(area) // 2]
-    assert area[0] > 3 * usual
-    near = np.linspace(0, length, bead.rings) < 2.5 * width[len(area) // 2]
+    assert area[0] > 2 * usual
+    near = np.linspace(0, length, bead.rings) < 2.5 * width.max()
     assert area[~near][:-9] == pytest.approx(np.full((~near).sum() - 9, usual), rel=0.05)
 
 
