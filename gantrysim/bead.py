@@ -91,7 +91,7 @@ class Bead(Strand):
         if not self.nominal > 0:
             raise InputError("the run asks for no glue while the nozzle moves: its bead has no figures")
         on = self._dispensing
-        clearance, weight = self._clearance
+        clearance, weight = self.clearance, self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
         start, stop, begins, ends = self._ends
@@ -128,24 +128,27 @@ class Bead(Strand):
         return self._clearance[0]
 
     @cached_property
-    def _clearance(self) -> tuple[Floats, Floats]:
-        """Clearance at the points of the spacing, and the length that each stands for, (m,) each [mm]."""
+    def _turn_lengths(self) -> Floats:
+        """Length of the path that each point of the spacing stands for, (m,) [mm]."""
+        s = self.analysis.spacing.s
+        return np.gradient(s) if s.size > 1 else np.zeros(s.size)
+
+    @cached_property
+    def clearance(self) -> Floats:
+        """Distance of neighbouring turns less their mean width, at the points of `analysis.spacing`, (m,) [mm]."""
         spacing, foot = self.analysis.spacing, self.analysis.nozzle
-        if spacing.s.size < 2:
-            return np.zeros(0), np.zeros(0)
         width = np.interp(self.length[self.analysis.ticks], self.place, self.width)
         forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
         s, width = foot.s[forward], width[forward]
         both = 0.5 * (np.interp(spacing.s, s, width) + np.interp(spacing.next_s, s, width))
         clearance: Floats = spacing.distance - both
-        return clearance, np.gradient(spacing.s)
+        return clearance
 
     @cached_property
     def _coverage(self) -> float:
         """Share of the links between neighbouring turns that is wet, by the area that they stand for."""
         link, distance = self.analysis.spacing.link, self.analysis.spacing.distance
-        _, weight = self._clearance
-        cumulated = np.concatenate([[0.0], np.cumsum(weight)])
+        cumulated = np.concatenate([[0.0], np.cumsum(self._turn_lengths)])
         some = np.minimum(
             np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, distance.size - 1
         )

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 import gantrysim
+from gantrysim.bead import Bead, BeadFigures
 from gantrysim.errors import GantryError
 from gantrysim.job import Job
 from gantrysim.metrics import THOUSANDTH, Analysis, Figures, Spread
@@ -71,17 +72,21 @@ def run(
         with _progress("simulate") as advance:
             record = loaded.run(advance)
         analysis = Analysis(record)
-        report.write_run(scratch, loaded, loaded.built_machine, record, analysis.figures)
+        bead = Bead(record, loaded.bead, analysis)
+        laid = bead.figures if bead.nominal > 0 else None
+        report.write_run(scratch, loaded, loaded.built_machine, record, analysis.figures, laid)
         with _progress("plot") as advance:
             plots.save_plots(analysis, scratch / report.PLOTS, advance)
         if video:
             try:
                 with _progress("video") as advance:
-                    render.save_video(loaded.built_machine, record, scratch / report.VIDEO, progress=advance)
+                    render.save_video(
+                        loaded.built_machine, record, scratch / report.VIDEO, bead=loaded.bead, progress=advance
+                    )
             except render.NoOpenGLError as error:
                 no_video = f"no video: {error}"
         written = sorted(item.name for item in scratch.iterdir())
-    _output.print(*_tables(loaded, record, analysis.figures), sep="\n")
+    _output.print(*_tables(loaded, record, analysis.figures, laid), sep="\n")
     for note in loaded.notes:
         _output.print(escape(f"note: {note}"), soft_wrap=True, highlight=False)
     if no_video:
@@ -114,7 +119,7 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: progress.update(bar, completed=share)
 
 
-def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
+def _tables(job: Job, run: Run, result: Figures, bead: BeadFigures | None) -> tuple[Table, Table]:
     """The chain's links from top to bottom, each with its error; and what came out at its end."""
     until = "" if run.fault is None else ", until the fault"
     title = escape(f"{job.name} on {run.machine}: error of each link of the chain{until}")
@@ -146,7 +151,25 @@ def _tables(job: Job, run: Run, result: Figures) -> tuple[Table, Table]:
     outcome.add_row("path speed", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f}")
     outcome.add_row("path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s{until}")
     outcome.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*result.end_point))
+    if bead is not None:
+        _add_bead(outcome, bead)
     return links, outcome
+
+
+def _add_bead(outcome: Table, bead: BeadFigures) -> None:
+    width = bead.width
+    outcome.add_row(
+        "bead's width",
+        f"{width.mean:.3f} mm",
+        f"std {width.std:.3f}, {width.min:.3f} to {width.max:.3f}; section asked for {bead.nominal:.3f} mm²",
+    )
+    if bead.clearance is not None and bead.coverage is not None:
+        between = "gap" if bead.clearance.mean > 0 else "overlap"
+        covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; {100 * bead.coverage:.1f} % covered"
+        outcome.add_row(f"{between} of turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
+    stop = "" if bead.stop is None else f", {bead.stop.mean:+.2f} mm at the stop"
+    outcome.add_row("glue late by", f"{bead.start.mean:+.2f} mm", f"at the start{stop}")
+    outcome.add_row("volume", f"{bead.laid:.1f} mm³", f"{bead.error_percent:+.2f} % of {bead.asked:.1f} asked for")
 
 
 def main() -> None:

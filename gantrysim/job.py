@@ -183,7 +183,7 @@ class Job(BaseModel):
 
     @cached_property
     def setpoints(self) -> Setpoints:
-        """The program's setpoints, with what is waited for the dispenser's start lead and at the end for the machine."""
+        """The program's setpoints, with what is waited for the dispenser's start lead and, at the end, the machine."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
         return self.dispenser.held_back(self.controller.setpoints(self.built_servo.period)).hold(settle)
 

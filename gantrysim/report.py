@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import gantrysim
+from gantrysim.bead import BeadFigures
 from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job import Job
@@ -114,24 +115,27 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
                     parent.rmdir()
 
 
-def write_run(folder: Path, job: Job, machine: Machine, run: Run, figures: Figures) -> None:
+def write_run(
+    folder: Path, job: Job, machine: Machine, run: Run, figures: Figures, bead: BeadFigures | None = None
+) -> None:
     """Write the job, the record, the summary, and what the controller has recorded into a folder."""
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
     run.save(folder / RUN)
-    content = json.dumps(summary(job, machine, run, figures), indent=2, allow_nan=False)
+    content = json.dumps(summary(job, machine, run, figures, bead), indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
     if isinstance(job.controller, softmc.Program) and job.controller.record is not None:
         job.controller.record.write(run, folder / RECORD, job.controller.group.position_error_delay)
 
 
-def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str, Any]:
+def summary(job: Job, machine: Machine, run: Run, figures: Figures, bead: BeadFigures | None = None) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
     requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace has no
     neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that of
     the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
     the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
-    the work frame when the run ends; notes are what the controller had to say of its program; fault is null where the
+    the work frame when the run ends; bead holds the figures of `BeadFigures`, and is null where no glue is asked for; notes are what the
+    controller had to say of its program; fault is null where the
     run went through.
     """
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
@@ -151,6 +155,7 @@ def summary(job: Job, machine: Machine, run: Run, figures: Figures) -> dict[str,
         "path_length_mm": figures.path_length,
         "duration_s": figures.duration,
         "end_point_mm": list(figures.end_point),
+        "bead": None if bead is None else _bead(bead),
         "notes": list(job.notes),
         "fault": _fault(run),
         "versions": versions(machine),
@@ -165,6 +170,29 @@ def versions(machine: Machine) -> dict[str, str]:
         **packages,
         "python": platform.python_version(),
         "machine_sha256": machine.digest,
+    }
+
+
+def _bead(figures: BeadFigures) -> dict[str, Any]:
+    def of(values: Range | None) -> dict[str, float] | None:
+        return None if values is None else asdict(values)
+
+    return {
+        "nominal_section_mm2": figures.nominal,
+        "section_mm2": of(figures.section),
+        "width_mm": of(figures.width),
+        "clearance_of_turns_mm": of(figures.clearance),
+        "overlapping_share": figures.overlapping,
+        "gapping_share": figures.gapping,
+        "coverage": figures.coverage,
+        "start_late_mm": of(figures.start),
+        "stop_late_mm": of(figures.stop),
+        "seen_to_begin_late_mm": of(figures.begins),
+        "seen_to_end_late_mm": of(figures.ends),
+        "volume_mm3": figures.laid,
+        "volume_asked_mm3": figures.asked,
+        "volume_error_mm3": figures.error,
+        "volume_error_percent": figures.error_percent,
     }
 
 
