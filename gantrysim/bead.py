@@ -122,11 +122,6 @@ class Bead(Strand):
             on[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
         return on
 
-    @property
-    def clearance(self) -> Floats:
-        """Distance of neighbouring turns less their mean width, at the points of the analysis' spacing, (m,) [mm]."""
-        return self._clearance[0]
-
     @cached_property
     def _turn_lengths(self) -> Floats:
         """Length of the path that each point of the spacing stands for, (m,) [mm]."""
@@ -135,7 +130,7 @@ class Bead(Strand):
 
     @cached_property
     def clearance(self) -> Floats:
-        """Distance of neighbouring turns less their mean width, at the points of `analysis.spacing`, (m,) [mm]."""
+        """Distance of neighbouring turns less their mean width, at the points of the analysis' spacing, (m,) [mm]."""
         spacing, foot = self.analysis.spacing, self.analysis.nozzle
         width = np.interp(self.length[self.analysis.ticks], self.place, self.width)
         forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])

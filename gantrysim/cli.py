@@ -161,7 +161,7 @@ def _add_bead(outcome: Table, bead: BeadFigures) -> None:
     outcome.add_row(
         "bead's width",
         f"{width.mean:.3f} mm",
-        f"std {width.std:.3f}, {width.min:.3f} to {width.max:.3f}; section asked for {bead.nominal:.3f} mm²",
+        f"{width.min:.3f} to {width.max:.3f}; section asked for {bead.nominal:.3f} mm²",
     )
     if bead.clearance is not None and bead.coverage is not None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"

@@ -134,9 +134,8 @@ def summary(job: Job, machine: Machine, run: Run, figures: Figures, bead: BeadFi
     neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that of
     the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
     the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
-    the work frame when the run ends; bead holds the figures of `BeadFigures`, and is null where no glue is asked for; notes are what the
-    controller had to say of its program; fault is null where the
-    run went through.
+    the work frame when the run ends; bead holds the figures of `BeadFigures` and is null where no glue is asked for;
+    notes are what the controller had to say of its program; fault is null where the run went through.
     """
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
     for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
