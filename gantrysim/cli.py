@@ -20,6 +20,7 @@ from gantrysim.errors import GantryError
 from gantrysim.job import Job
 from gantrysim.metrics import THOUSANDTH, Analysis, Figures, Spread
 from gantrysim.run import Run
+from gantrysim.study.commands import study_app
 
 __all__ = ["app", "main"]
 
@@ -31,6 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
 )
+app.add_typer(study_app, name="study")
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
 
@@ -59,11 +61,12 @@ def run(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
 ) -> None:
-    """Run a job: simulate it, print its figures, and write record, plots, summary and video.
+    """Run a job: simulate it, print its figures, and write record, plots, summary, report and video.
 
     Exit status: 0 after a whole run, 2 for bad input, 3 where a fault ended the run.
     """
     from gantrysim import plots, render, report
+    from gantrysim.page.run import write_run_page
 
     loaded = Job.load(job, settings or (), model)
     folder = out if out is not None else Path("out") / loaded.name
@@ -76,7 +79,7 @@ def run(
         laid = bead.figures if bead.nominal > 0 else None
         report.write_run(scratch, loaded, loaded.built_machine, record, analysis.figures, laid)
         with _progress("plot") as advance:
-            plots.save_plots(analysis, scratch / report.PLOTS, advance)
+            plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
         if video:
             try:
                 with _progress("video") as advance:
@@ -85,6 +88,8 @@ def run(
                     )
             except render.NoOpenGLError as error:
                 no_video = f"no video: {error}"
+        with _progress("report") as advance:
+            write_run_page(scratch / report.REPORT, loaded, loaded.built_machine, bead, scratch / report.VIDEO, advance)
         written = sorted(item.name for item in scratch.iterdir())
     _output.print(*_tables(loaded, record, analysis.figures, laid), sep="\n")
     for note in loaded.notes:
@@ -119,7 +124,7 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: progress.update(bar, completed=share)
 
 
-def _tables(job: Job, run: Run, result: Figures, bead: BeadFigures | None) -> tuple[Table, Table]:
+def _tables(job: Job, run: Run, result: Figures, bead: BeadFigures | None = None) -> tuple[Table, Table]:
     """The chain's links from top to bottom, each with its error; and what came out at its end."""
     until = "" if run.fault is None else ", until the fault"
     title = escape(f"{job.name} on {run.machine}: error of each link of the chain{until}")

@@ -1,4 +1,4 @@
-"""What is written of a run: the job, the record, the plots, the summary, the video; whole or not at all."""
+"""What is written of a run: the job, the record, the plots, the summary, the report, the video; whole or not at all."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ __all__ = [
     "JOB",
     "PLOTS",
     "RECORD",
+    "REPORT",
     "RUN",
     "SUMMARY",
     "VIDEO",
@@ -38,8 +39,10 @@ __all__ = [
 ]
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
+REPORT = "report.html"
 RECORD = "record.csv"  # what the controller itself writes down, where its program asks for it
-_FILES = (JOB, RUN, SUMMARY, VIDEO, RECORD, *(f"{PLOTS}/{name}.png" for name in ("plan", "error", "spacing")))
+_DRAWN = ("plan", "error", "budget", "spacing", "bead")
+_FILES = (JOB, RUN, SUMMARY, VIDEO, REPORT, RECORD, *(f"{PLOTS}/{name}.png" for name in _DRAWN))
 
 _THOUSANDTHS = 1e3
 

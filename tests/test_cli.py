@@ -23,10 +23,12 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
     out = tmp_path / "deep" / "out"
     status, printed, _ = gantrysim_command("run", "an225", "--out", out, *SHORT)
     assert status == 0
-    assert sorted(p.name for p in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
-    assert sorted(p.name for p in (out / "plots").iterdir()) == ["error.png", "plan.png", "spacing.png"]
+    assert sorted(p.name for p in out.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
+    drawn = ["bead.png", "budget.png", "error.png", "plan.png", "spacing.png"]
+    assert sorted(p.name for p in (out / "plots").iterdir()) == drawn
     assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
-    for word in ("generation", "tracking x", "contour", "asked for 5", "path speed", "end point"):
+    words = ("generation", "tracking x", "contour", "asked for 5", "path speed", "end point")
+    for word in (*words, "bead's width", "gap of turns", "% covered", "glue late by", "volume"):
         assert word in printed
 
 
@@ -45,6 +47,7 @@ def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantr
         "path_length_mm",
         "duration_s",
         "end_point_mm",
+        "bead",
         "notes",
         "fault",
         "versions",
@@ -83,18 +86,18 @@ def test_a_later_run_leaves_nothing_of_an_earlier_one(gantrysim_command, tmp_pat
     (tmp_path / "notes.txt").write_text("mine")
     gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")  # has no neighbouring turns
     assert not (tmp_path / "video.mp4").exists()
-    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == ["error.png", "plan.png"]
+    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == ["bead.png", "budget.png", "error.png", "plan.png"]
     assert json.loads((tmp_path / "summary.json").read_text())["bead_spacing_mm"] is None
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("plot", ["plan", "error", "spacing"])
+@pytest.mark.parametrize("plot", ["plan", "error", "budget", "spacing", "bead"])
 def test_plots_are_pictures_with_something_on_them(gantrysim_command, tmp_path, plot):
     gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
     picture = np.asarray(Image.open(tmp_path / "plots" / f"{plot}.png").convert("RGB"), float)
     assert min(picture.shape[:2]) > 500
     coloured = picture.max(axis=2) - picture.min(axis=2) > 60
-    assert 0.002 < coloured.mean() < 0.2
+    assert 0.002 < coloured.mean() < 0.3
 
 
 def test_another_machine_by_name_and_by_file(gantrysim_command, tmp_path, rigid):
@@ -212,7 +215,7 @@ def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command
     for _ in range(2):
         assert gantrysim_command("run", "job.toml", "--out", out, "--no-video")[0] == 0
     assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
-    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
 
 
 def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):

@@ -90,4 +90,4 @@ def test_rotary_axes_have_a_panel_of_their_own_in_thousandths_of_a_degree(tmp_pa
     peak = next(text.get_text() for text in figure.axes[1].texts if text.get_text().startswith("peak"))
     assert " mdeg at 0.0" in peak
     saved = plots.save_plots(Analysis(run), tmp_path)
-    assert [file.name for file in saved] == ["plan.png", "error.png"]
+    assert [file.name for file in saved] == ["plan.png", "error.png", "budget.png"]

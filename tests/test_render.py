@@ -212,7 +212,7 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
     arguments = ["gantrysim", "run", "--out", str(tmp_path), "--set", "diameter=40", "--set", "turns=1"]
     monkeypatch.setattr(sys, "argv", arguments)
     cli.app(standalone_mode=False)
-    assert sorted(item.name for item in tmp_path.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
     message = capsys.readouterr().err
     assert message.startswith("no video: ")
     assert "libegl1" in message

@@ -6,7 +6,7 @@ import base64
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from numbers import Integral
@@ -111,6 +111,7 @@ def write_page(
     subtitle: str,
     sections: Sequence[Section],
     warning: str | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
     """Write a page: one HTML file with style, figures and video in it, whole or not at all.
 
@@ -122,6 +123,7 @@ def write_page(
         subtitle: one line below the title.
         sections: from top to bottom.
         warning: what the reader must know before all else, as that a fault ended the run.
+        progress: called with the share that is done.
 
     Raises:
         InputError: a section has more alternative texts than figures, or fewer.
@@ -138,7 +140,7 @@ def write_page(
         subtitle=subtitle,
         warning=warning,
         style=Markup((own / "page.css").read_text(encoding="utf-8")),
-        sections=_shown(sections),
+        sections=_shown(sections, progress or (lambda share: None)),
     )
     target = Path(file)
     partial = target.with_name(f".partial-{target.name}")
@@ -149,7 +151,7 @@ def write_page(
         partial.unlink(missing_ok=True)
 
 
-def _shown(sections: Sequence[Section]) -> list[dict[str, Any]]:
+def _shown(sections: Sequence[Section], progress: Callable[[float], None]) -> list[dict[str, Any]]:
     """What the template shows of the sections."""
     from markupsafe import Markup
 
@@ -187,6 +189,7 @@ def _shown(sections: Sequence[Section]) -> list[dict[str, Any]]:
                 "code": section.code,
             }
         )
+        progress((k + 1) / len(sections))
     return shown
 
 

@@ -1,46 +1,75 @@
-"""Plots of one run: plan view with the error magnified, errors over time, spacing by turn."""
+"""Plots of one run: plan view with the error magnified, error budget, errors over time, spacing by turn, bead."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from gantrysim.bead import Bead
+from gantrysim.budget import Budget
 from gantrysim.metrics import Analysis
+from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
-from gantrysim.plots.plan import draw_plan
+from gantrysim.plots.plan import draw_plan, plan_extent
 from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet, view_height
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "AXIS_COLOURS",
     "COLOURS",
     "INK",
+    "draw_bead_along",
     "draw_budget",
     "draw_budget_along",
     "draw_error",
+    "draw_height_map",
     "draw_plan",
     "draw_polar_spacing",
     "draw_spacing",
+    "plan_extent",
     "save_plots",
     "sheet",
+    "view_height",
 ]
 
 
-def save_plots(analysis: Analysis, folder: FilePath, progress: Callable[[float], None] | None = None) -> list[FilePath]:
-    """Write plan.png, error.png and, where the trace has neighbouring turns, spacing.png.
+def save_plots(
+    analysis: Analysis, folder: FilePath, bead: Bead | None = None, progress: Callable[[float], None] | None = None
+) -> list[FilePath]:
+    """Write plan.png, error.png, budget.png, spacing.png of a trace with neighbouring turns, and bead.png.
+
+    Args:
+        analysis: of the run.
+        folder: to write into.
+        bead: of the run; without it, or where it has no glue, there is no bead.png.
+        progress: called with the share that is done.
 
     Returns:
         The files written.
     """
     tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axes, and one for the path
-    drawings = {"plan": (draw_plan, (7.0, 7.0)), "error": (draw_error, (9.0, tall))}
+    drawings: dict[str, tuple[Callable[[Figure], None], tuple[float, float]]] = {
+        "plan": (partial(draw_plan, analysis=analysis), (7.0, view_height(*plan_extent(analysis), 7.0))),
+        "error": (partial(draw_error, analysis=analysis), (9.0, tall)),
+        "budget": (partial(draw_budget_along, budget=Budget(analysis)), (9.0, 7.5)),
+    }
     if analysis.spacing.distance.size:
-        drawings["spacing"] = (draw_spacing, (8.0, 4.6))
+        drawings["spacing"] = (partial(draw_spacing, analysis=analysis), (8.0, 4.6))
+    if bead is not None and bead.volume[-1] > 0:
+        extent = float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y))
+        drawings["bead"] = (partial(draw_height_map, bead=bead), (7.0, 0.9 * view_height(*extent, 7.0)))
     written = []
     for name, (draw, size) in drawings.items():
         with sheet(*size) as figure:
-            draw(figure, analysis)
+            draw(figure)
             if analysis.run.fault is not None:
                 figure.supxlabel(f"fault: {analysis.run.fault}", color=COLOURS["fault"], fontsize="medium")
             written.append(folder / f"{name}.png")

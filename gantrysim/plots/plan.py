@@ -12,7 +12,7 @@ from gantrysim.plots.style import COLOURS, INK, UM
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_plan"]
+__all__ = ["draw_plan", "plan_extent"]
 
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
@@ -36,6 +36,13 @@ def draw_plan(figure: Figure, analysis: Analysis) -> None:
         axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
     figure.legend(loc="outside lower center", ncols=3)
+
+
+def plan_extent(analysis: Analysis) -> tuple[float, float]:
+    """Return the size of the requested path in plan view, along x and along y [mm]."""
+    path = analysis.run.requested
+    x, y = np.ptp(path.position(np.linspace(0, path.length, 1000))[:, :2], axis=0).tolist()
+    return x, y
 
 
 def _magnification(analysis: Analysis) -> int:

@@ -13,7 +13,7 @@ from gantrysim.controllers.path import Floats
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXIS_COLOURS", "COLOURS", "INK", "UM", "sheet", "thinned", "turn_colours"]
+__all__ = ["AXIS_COLOURS", "COLOURS", "INK", "UM", "sheet", "thinned", "turn_colours", "view_height"]
 
 _COLUMNS = 1000  # of a plot, between which a line is told apart
 
@@ -76,6 +76,17 @@ def turn_colours(count: int) -> list[str]:
     from matplotlib.colors import to_hex
 
     return [to_hex(colormaps["viridis"](0.2 + 0.6 * k / max(count - 1, 1))) for k in range(count)]
+
+
+def view_height(wide: float, high: float, width: float) -> float:
+    """Return the height of a view from above, in which both directions have one scale, with room for a legend [inch].
+
+    Args:
+        wide: what it shows from left to right.
+        high: and from bottom to top, in the same unit.
+        width: of the figure [inch].
+    """
+    return float(np.clip(0.85 * width * high / max(wide, 1e-9), 0.25 * width, 1.1 * width)) + 1.2
 
 
 def thinned(x: Floats, y: Floats) -> tuple[Floats, Floats]:

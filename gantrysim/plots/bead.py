@@ -1,0 +1,68 @@
+"""The bead: its height on the map, its width along the trace, and what lies between its turns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.bead import Bead
+from gantrysim.plots.style import COLOURS, INK, thinned
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_bead_along", "draw_height_map"]
+
+_DRY = 1e-3  # of the nozzle's height, below which there is nothing on the map
+_GLUE, _GAP, _OVERLAP = "#8f5f00", "#3a9fc7", "#d55e00"
+
+
+def draw_height_map(figure: Figure, bead: Bead) -> None:
+    """Draw the height of the glue over the surface, in plan view."""
+    axes = figure.add_subplot()
+    heights, x, y = bead.map.height, bead.map.x, bead.map.y
+    half = 0.5 * bead.map.cell
+    image = axes.imshow(
+        np.ma.masked_less(heights, _DRY * bead.gap),
+        origin="lower",
+        extent=(x[0] - half, x[-1] + half, y[0] - half, y[-1] + half),
+        cmap="viridis",
+        vmin=0.0,
+        interpolation="none",
+        zorder=2,
+    )
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="Height of the bead")
+    figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
+
+
+def draw_bead_along(figure: Figure, bead: Bead) -> None:
+    """Draw the bead's width along the trace and, of neighbouring turns, the gap or overlap between them."""
+    turns = bead.clearance.size > 0
+    upper, *lower = figure.subplots(2 if turns else 1, sharex=True, squeeze=False)[:, 0]
+    upper.plot(*thinned(bead.place, bead.width), color=_GLUE, lw=1.2, label="width")
+    nominal = float(bead.nominal_section.width[0])
+    upper.axhline(nominal, color=INK, lw=1.0, ls="--", label=f"nominal: {nominal:.3f} mm")
+    upper.set(ylabel="width [mm]")
+    upper.set_ylim(bottom=0)
+    upper.set_title("Width of the bead", loc="right")
+    upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    for axes in lower:
+        analysis = bead.analysis
+        on = bead.length[analysis.ticks]
+        at = np.interp(analysis.spacing.s, np.maximum.accumulate(analysis.nozzle.s), on)
+        at, clearance = thinned(at, bead.clearance)
+        axes.fill_between(at, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
+        axes.fill_between(at, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")
+        axes.plot(at, clearance, color=INK, lw=0.8)
+        axes.axhline(0, color=INK, lw=0.8)
+        axes.set(ylabel="clearance [mm]")
+        axes.set_title("Distance to the next turn less the bead's width", loc="right")
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    for axes in (upper, *lower):
+        axes.margins(x=0.01)
+        edges = np.concatenate([[0], bead.stretches.ravel(), [len(bead.length) - 1]])
+        for first, last in edges.clip(max=len(bead.length) - 1).reshape(-1, 2):
+            if bead.length[last] > bead.length[first]:
+                axes.axvspan(bead.length[first], bead.length[last], color=COLOURS["requested"], alpha=0.2, lw=0)
+    (lower[-1] if lower else upper).set_xlabel("place along the nozzle's trace [mm]")
