@@ -26,19 +26,20 @@ AS_IT_IS = "as it is"
 LOOP_ALONE = "loop alone"  # without the controller's other limits
 PERFECT = "loop alone, perfect follower"
 NO_LOOP = "no loop"  # the limit of a loop that takes no time
-NO_FRICTION = "no friction"  # nor loop, nor encoder counts: servo and inertia alone
+NO_FRICTION = "no friction"  # nor loop, nor encoder counts, nor integral term: what the theory of the servo is of
 
-# sweeps, in the order of the report: what is changed, and its unit
+# sweeps, in the order of the report, and what is changed
 SWEEPS = {
-    "loop_period": ("program loop period", "s"),
-    "interpreter_time": ("interpreter time per pass", "s"),
-    "servo_period": ("servo period", "s"),
-    "encoder_resolution": ("encoder resolution", "mm"),
-    "physics_step": ("physics step", "s"),
+    "loop_period": "Program loop period",
+    "interpreter_time": "Interpreter time per pass",
+    "servo_period": "Servo period",
+    "encoder_resolution": "Encoder resolution",
+    "physics_step": "Physics step",
 }
 
-_DECADE = (1.0, 1.6, 2.5, 4.0, 6.3)
+_DECADE = (1.0, 2.0, 3.0, 5.0)
 _SPIRAL = "trio.MoveSpiral"
+# what takes a Move Spiral's controller all limits but its loop
 FREE: dict[str, Any] = {
     "program.acceleration": math.inf,
     "program.deceleration": None,
@@ -49,6 +50,7 @@ FREE: dict[str, Any] = {
     "program.as_published": False,
     "program.mhelical_mode": 1,
 }
+_FINER = 4  # times, the physics step against which a theory in continuous time is held
 _FRICTIONLESS = Perturbation(friction=1e-9)
 
 
@@ -58,7 +60,8 @@ class LoopStudy:
 
     A Move Spiral is run in up to five variants: as it is; with its loop alone, the controller's other limits taken away
     (ACCEL, WA's whole milliseconds, CONNECT's bits, SERVO_PERIOD, the interpreter's time, and mode 0 of MHELICAL); the
-    same on a perfect follower; without the loop, in its continuous limit; and so without friction and encoder counts.
+    same on a perfect follower; without the loop, in its continuous limit; and so without friction, encoder counts and
+    integral term, at a finer physics step, as the theory of the sampled servo has it.
     Of other programs the loop's sweeps are left out.
 
     Args:
@@ -153,7 +156,7 @@ class LoopStudy:
         if variant in (NO_LOOP, NO_FRICTION) and self.spiral:
             overrides["program.loop_period"] = 0.0
         if variant == NO_FRICTION:
-            overrides = {"servo.resolution": 0.0, **overrides}
+            overrides = {"servo.resolution": 0.0, "servo.integral_time": math.inf, **overrides}
         perturbation = _FRICTIONLESS if variant == NO_FRICTION else None
         return Case.of(self.job, overrides, mode, perturbation, sweep=sweep, variant=variant, value=value)
 
@@ -176,6 +179,8 @@ class LoopStudy:
                 changes = {"servo.period": value}
                 if bound and variant == AS_IT_IS:
                     changes["program.servo_period"] = value  # the program's ticks are the servo's
+                if variant == NO_FRICTION:
+                    changes["simulation.physics_step"] = self._physics / _FINER
                 yield self._case("servo_period", value, variant, changes)
 
     def _encoder_resolution(self) -> Iterable[Case]:
@@ -186,12 +191,16 @@ class LoopStudy:
 
     def _physics_step(self) -> Iterable[Case]:
         period = self.job.servo.period
-        longest = self.job.simulation.physics_step or float(self.job.built_machine.model.opt.timestep)
-        first = ticks(period, longest)
+        first = ticks(period, self._physics)
         for halvings in range(self.halvings, -1, -1):
             value = period / (first * 2**halvings)
-            for variant in self._servo_variants:
+            for variant in (AS_IT_IS, NO_FRICTION):
                 yield self._case("physics_step", value, variant, {"simulation.physics_step": value})
+
+    @property
+    def _physics(self) -> float:
+        """The job's physics step [s]."""
+        return self.job.simulation.physics_step or float(self.job.built_machine.model.opt.timestep)
 
     @property
     def _servo_variants(self) -> Sequence[str]:

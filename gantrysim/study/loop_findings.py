@@ -20,7 +20,6 @@ CONVERGING = {
     "tracking_rms_um": "tracking error",
     "tracking_along_rms_um": "tracking error along the path",
     "spacing_std_mm": "spread of the spacing",
-    "speed_mean_mm_s": "path speed",
 }
 _PER_CENT = 100.0
 _TURNED = 1.05  # of the least error, from which a rise is one

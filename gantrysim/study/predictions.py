@@ -35,7 +35,7 @@ __all__ = [
 
 Points = NDArray[np.complex128]
 
-_SAMPLES = 20_000  # points of the arcs that figures are taken over
+_SAMPLES = 10_000  # points of the arcs that figures are taken over
 _ROUNDING = 1e-9  # of a wait, in parts of wait_resolution
 
 
@@ -112,7 +112,7 @@ class SteppedArcs:
     def _ratios(self) -> Floats:
         """The ratio of every pass that could be run, down to zero, (k,)."""
         most = math.ceil(1 / self.change) - 1
-        ratios: Floats = 1 - self.change * np.arange(1, most + 1)
+        ratios: Floats = 1 - self.change * np.arange(1.0, most + 1)
         return ratios[ratios > 0]
 
     @cached_property
@@ -182,7 +182,8 @@ class SteppedArcs:
         begin, radius, _ = self._arcs
         angle = np.concatenate([begin, [self._end]])
         way = np.concatenate([[0.0], np.cumsum(radius * np.diff(angle))])
-        return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * way[-1], way, angle)
+        evenly: Floats = np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * way[-1], way, angle)
+        return evenly
 
     @cached_property
     def generation(self) -> Spread:
@@ -216,7 +217,11 @@ def loop_error(thickness: float, radius: float, speed: float, loop_period: float
 
 
 def local_pitch(
-    thickness: float, loop_period: float, ratio: ArrayLike, interpreter_time: float = 0.0, wait_resolution: float = 0.0
+    thickness: float,
+    loop_period: float,
+    ratio: ArrayLike,
+    interpreter_time: ArrayLike = 0.0,
+    wait_resolution: float = 0.0,
 ) -> Floats:
     """Return the pitch where the ratio is x: thickness / (1 + (d - r/2) / (T x)) [mm].
 
@@ -226,11 +231,11 @@ def local_pitch(
     Args:
         thickness: pitch asked for [mm].
         loop_period: T [s].
-        ratio: x, (m,).
-        interpreter_time: d [s].
+        ratio: x, (m,) or one.
+        interpreter_time: d, (m,) or one [s].
         wait_resolution: r [s].
     """
-    late = (interpreter_time - 0.5 * wait_resolution) / (loop_period * np.asarray(ratio, float))
+    late = (np.asarray(interpreter_time, float) - 0.5 * wait_resolution) / (loop_period * np.asarray(ratio, float))
     pitch: Floats = thickness / (1 + late)
     return pitch
 

@@ -29,6 +29,8 @@ __all__ = ["CURVES", "REPORT", "ROWS", "STUDY", "Outcome", "Plot", "Rounds", "St
 
 ROWS, CURVES, STUDY, REPORT = "study.csv", "curves.csv", "study.toml", "report.html"
 
+_DPI = 130
+
 Rounds = Generator[Sequence[Case], list[Row], None]
 
 
@@ -202,7 +204,7 @@ def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, ide
         _write_curves(rows, curves, folder / CURVES)
     plots = study.figures(rows)
     for plot in plots:
-        plot.figure.savefig(folder / PLOTS / f"{plot.name}.png")
+        plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
     sections = [Section("Findings", findings)]
     sections += [Section(plot.title, plot.text, plot.figure, plot.tables or None) for plot in plots]
     failed = [row for row in rows if row["status"] != OK]

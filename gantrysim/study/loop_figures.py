@@ -1,0 +1,344 @@
+"""The plots of a loop study: what was measured as points, the closed forms as lines over them, knees marked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.controllers.servo import Servo
+from gantrysim.plots.style import COLOURS, INK, UM, sheet
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.loop import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy
+from gantrysim.study.loop_findings import CONVERGING, convergence, loop_knee
+from gantrysim.study.predictions import involute_radius, local_pitch, loop_error, quantisation, sample_and_hold
+from gantrysim.study.series import series
+from gantrysim.study.study import Plot
+from gantrysim.study.trends import knee
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["figures"]
+
+_SIZE = (11.0, 6.6)
+_LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis of errors: shown, and labelled only at each
+_WIDTH, _HANDLE = 160, 6  # of the legend, and of a sample in it, in letters
+_FEW = 8  # swept values, up to which each is labelled
+_LINE = 60  # points of a predicted line
+_MS, _PER_CENT = 1e3, 100.0
+_LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
+_LEAST_DEVIATION = 1e-7
+# Points have a shape by variant and a colour by figure.
+_SHAPES: dict[str, dict[str, Any]] = {
+    AS_IT_IS: {"marker": "o", "ms": 5.5},
+    LOOP_ALONE: {"marker": "o", "ms": 5.5, "mfc": "white"},
+    PERFECT: {"marker": "D", "ms": 4.5},
+    NO_LOOP: {"marker": "s", "ms": 5.0, "mfc": "white"},
+    NO_FRICTION: {"marker": "^", "ms": 5.5, "mfc": "white"},
+}
+_FIGURE_COLOURS = (INK, COLOURS["tracking"], COLOURS["structure"], COLOURS["generation"])
+
+
+class _Sheet:
+    """Three panels over one swept value: errors on the left, spacing and speed ripple on the right."""
+
+    def __init__(self, axes: list[Axes], rows: list[Row], sweep: str, scale: float, label: str) -> None:
+        self.errors, self.spacing, self.ripple = axes
+        self.rows, self.sweep, self.scale = rows, sweep, scale
+        self.unit = label.rpartition("[")[2].rstrip("]")
+        for panel in axes:
+            panel.set(xscale="log", yscale="log")
+            panel.xaxis.set_major_formatter("{x:g}")
+        self.errors.set(xlabel=label, ylabel="rms error [µm]", title="Errors")
+        self.spacing.set(ylabel="[µm]", title="Spacing of the turns")
+        self.spacing.tick_params(labelbottom=False)
+        self.ripple.set(xlabel=label, ylabel="[%]", title="Ripple of the path speed, std over mean")
+
+    def points(
+        self, panel: Axes, column: str, variant: str, colour: str, label: str, factor: float = 1.0, minus: float = 0.0
+    ) -> None:
+        """Draw a column of a variant; zeros and what is not there are left out."""
+        x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
+        shown = (x > 0) & (y != minus)
+        if shown.any():
+            shape = {"mfc": colour, **_SHAPES[variant]}
+            panel.plot(
+                self.scale * x[shown], factor * np.abs(y[shown] - minus), color=colour, ls="none", label=label, **shape
+            )
+
+    def line(self, panel: Axes, x: Floats, y: Floats, colour: str, label: str, style: str = "-") -> None:
+        """Draw a predicted line, where there is one."""
+        good = np.isfinite(y)
+        if good.any():
+            panel.plot(self.scale * x[good], y[good], color=colour, ls=style, lw=1.3, label=label, zorder=1.5)
+
+    def mark(self, at: float | None, text: str) -> None:
+        """Mark a knee, where there is one."""
+        if at is None or not math.isfinite(at):
+            return
+        x = self.scale * at
+        self.errors.axvline(x, color=COLOURS["fault"], lw=1.0, ls="--", zorder=1)
+        low, high = self.errors.get_xlim()
+        right = x > math.sqrt(low * high)
+        self.errors.annotate(
+            f"{text}: knee at {x:.3g} {self.unit}",
+            (x, 0.02),
+            xycoords=("data", "axes fraction"),
+            xytext=(-5 if right else 5, 0),
+            textcoords="offset points",
+            ha="right" if right else "left",
+            va="bottom",
+            color=COLOURS["fault"],
+        )
+
+    def failures(self) -> None:
+        """Mark the values at which the job as it is has no figures."""
+        at = [
+            self.scale * float(row["value"])  # type: ignore[arg-type]
+            for row in self.rows
+            if row["sweep"] == self.sweep and row["variant"] == AS_IT_IS and row["status"] != OK
+        ]
+        if at:
+            height = np.full(len(at), 0.985)
+            transform = self.errors.get_xaxis_transform()
+            self.errors.plot(
+                at,
+                height,
+                "x",
+                color=COLOURS["fault"],
+                transform=transform,
+                ls="none",
+                label="as it is: refused or fault",
+            )
+
+    def ripples(self, *variants: str) -> None:
+        for variant in variants:
+            self.points(self.ripple, "speed_ripple", variant, INK, variant, _PER_CENT)
+
+    def finish(self) -> None:
+        """Label axes in plain numbers, and say what the points and lines are."""
+        from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
+
+        values = sorted({self.scale * float(row["value"]) for row in self.rows if self._own(row)})  # type: ignore[arg-type]
+        few = [value for value in values if value > 0]
+        for panel in (self.errors, self.spacing, self.ripple):
+            if not panel.lines:
+                panel.set_axis_off()
+                panel.text(0.5, 0.5, "nothing to show", transform=panel.transAxes, ha="center")
+                continue
+            if len(few) <= _FEW:
+                panel.xaxis.set_major_locator(FixedLocator(few))
+                panel.xaxis.set_minor_locator(NullLocator())
+            panel.xaxis.set_minor_formatter(NullFormatter())
+            if panel.get_yscale() == "log":
+                low, high = panel.get_ylim()
+                decades = math.log10(high / low)
+                if decades < _LEAST_DECADES:
+                    reach = 10 ** (0.5 * _LEAST_DECADES)
+                    panel.set_ylim(math.sqrt(low * high) / reach, math.sqrt(low * high) * reach)
+                panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if decades > _MANY_DECADES else (1.0, 2.0, 5.0)))
+                panel.yaxis.set_major_formatter("{x:g}")
+                panel.yaxis.set_minor_formatter(NullFormatter())
+            if panel is not self.errors:
+                panel.legend(fontsize="x-small")
+        figure = self.errors.figure
+        handles, labels = self.errors.get_legend_handles_labels()
+        columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
+
+    def _own(self, row: Row) -> bool:
+        return row["sweep"] == self.sweep
+
+
+def figures(study: LoopStudy, rows: list[Row]) -> list[Plot]:
+    """Return a plot for each sweep that has cases."""
+    drawn: dict[str, tuple[Callable[[LoopStudy, _Sheet], str], float, str]] = {
+        "loop_period": (_loop_period, _MS, "program loop period T [ms]"),
+        "interpreter_time": (_interpreter_time, _MS, "interpreter time per pass d [ms]"),
+        "servo_period": (_servo_period, _MS, "servo period [ms]"),
+        "encoder_resolution": (_encoder_resolution, UM, "encoder resolution q [µm]"),
+        "physics_step": (_physics_step, _MS, "physics step [ms]"),
+    }
+    plots = []
+    for sweep, (draw, scale, label) in drawn.items():
+        if not any(row["sweep"] == sweep for row in rows):
+            continue
+        with sheet(*_SIZE) as figure:
+            grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
+            left, top = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
+            panels = _Sheet([left, top, figure.add_subplot(grid[1, 1], sharex=top)], rows, sweep, scale, label)
+            text = draw(study, panels)
+            panels.finish()
+        plots.append(Plot(sweep, SWEEPS[sweep], text, figure))
+    return plots
+
+
+def _spread(values: tuple[float, ...]) -> Floats:
+    """Points from the first to the last of ascending values above zero, evenly in the logarithm."""
+    positive = [value for value in values if value > 0]
+    line: Floats = np.geomspace(positive[0], positive[-1], _LINE)
+    return line
+
+
+def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any]) -> dict[str, Floats]:
+    """Figures of the stepped arcs over a swept value, nan where the spiral is refused, each (m,) [µm]."""
+    found = []
+    for value in values.tolist():
+        arcs = study.arcs({**base, key: value})
+        if arcs is None or arcs.spacings is None:
+            found.append([math.nan if arcs is None else UM * arcs.generation.rms, *[math.nan] * 4])
+            continue
+        s = arcs.spacings
+        found.append([UM * v for v in (arcs.generation.rms, s.mean, s.std, s.min, s.max)])
+    return dict(zip(("rms", "mean", "std", "min", "max"), np.array(found).T, strict=True))
+
+
+def _loop_period(study: LoopStudy, on: _Sheet) -> str:
+    amber, program = COLOURS["generation"], study.job.program
+    period, key = _spread(study.loop_periods), "program.loop_period"
+    alone, limited = _predicted(study, key, period, FREE), _predicted(study, key, period, {})
+    radius = 0.5 * program["diameter"]
+    first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
+    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
+    on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
+    on.line(on.errors, period, alone["rms"], amber, "stepped arcs against the involute")
+    on.line(on.errors, period, np.array(first), INK, "$\\sqrt{3/2}\\;a V T / 2 R$", ":")
+    on.line(on.errors, period, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
+    found = loop_knee(on.rows)
+    if found is not None:
+        on.errors.axhline(found[1], color=COLOURS["tracking"], lw=1.2, ls="--", label="contour without any loop")
+        on.mark(found[0], "loop alone")
+    on.failures()
+    asked = program["thickness"]
+    on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "mean off, as it is", UM, asked)
+    on.line(on.spacing, period, np.abs(limited["mean"] - UM * asked), COLOURS["requested"], "predicted")
+    on.points(on.spacing, "spacing_std_mm", PERFECT, amber, "std, loop alone, follower", UM)
+    on.line(on.spacing, period, alone["std"], amber, "predicted")
+    on.points(on.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
+    on.spacing.set_ylim(bottom=_LEAST_SPACING)
+    on.ripples(AS_IT_IS, LOOP_ALONE)
+    return (
+        "The program loop's period alone is changed. Where the controller's other limits are taken away (loop alone), "
+        "the generation error is that of arcs tangent to one another, in closed form; the dotted line is its law of "
+        "first order. As the job is, ACCEL adds an error that no loop period takes away, and WA, which waits whole "
+        "multiples of its resolution, makes short loops worse. The dashed line is what servo and machine leave of a "
+        "spiral without any loop."
+    )
+
+
+def _interpreter_time(study: LoopStudy, on: _Sheet) -> str:
+    amber, program = COLOURS["generation"], study.job.program
+    time, key = _spread(study.interpreter_times), "program.interpreter_time"
+    alone, limited = _predicted(study, key, time, FREE), _predicted(study, key, time, {})
+    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
+    on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
+    on.line(on.errors, time, alone["rms"], amber, "stepped arcs against the involute")
+    on.line(on.errors, time, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
+    on.failures()
+    on.spacing.set(yscale="linear", ylabel="[mm]")
+    for column, colour in (("max", INK), ("mean", amber), ("min", INK)):
+        on.points(on.spacing, f"spacing_{column}_mm", PERFECT, colour, f"{column}, loop alone, follower")
+        on.line(on.spacing, time, alone[column] / UM, colour, "")
+    end = 1 - 2 * program["turns"] * program["thickness"] / program["diameter"]
+    for ratio, name in ((1.0, "start"), (end, "end")):
+        if ratio > 0:
+            pitch = local_pitch(program["thickness"], program["loop_period"], ratio, time)
+            on.line(on.spacing, time, pitch, COLOURS["structure"], f"local pitch, {name}", ":")
+    on.ripples(AS_IT_IS, LOOP_ALONE)
+    return (
+        "In every pass the interpreter takes its time besides the wait, while the virtual circles turn on: the turns "
+        "come closer, the more so towards the centre where the waits are short. Lines are the stepped arcs in closed "
+        "form; dotted, the local pitch at the start and at the end. As the job is, a little of it makes good for what "
+        "WA cuts from every wait: half of WA's resolution on average."
+    )
+
+
+def _servo_period(study: LoopStudy, on: _Sheet) -> str:
+    blue, green = COLOURS["tracking"], COLOURS["structure"]
+    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
+    on.points(on.errors, "tracking_rms_um", AS_IT_IS, blue, "tracking, as it is")
+    normal, along = "steady_tracking_normal_rms_um", "steady_tracking_along_rms_um"
+    on.points(on.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
+    on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
+    machine = study.job.built_machine
+    if study.spiral and {"x", "y"} <= set(machine.axis_names):
+        program, period = study.job.program, _spread(study.servo_periods)
+        plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
+        middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured
+        radius = involute_radius(program["diameter"], program["turns"], program["thickness"], middle)
+        smooth = {"integral_time": math.inf, "resolution": 0.0}
+        settings: list[dict[str, Any]] = [{**dict(study.job.servo), **smooth, "period": p} for p in period.tolist()]
+        servos = [Servo.derive(machine.axes, **setting) for setting in settings]
+        errors = [sample_and_hold(servo, machine.axes, plane, program["speed"], radius) for servo in servos]
+        on.line(on.errors, period, UM * np.array([e.normal for e in errors]), green, "sample, hold and winding lag")
+        on.line(on.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along")
+    x, y = series(on.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
+    if x.size > 1:
+        on.mark(knee(x, y, float(y.min())), "as it is")
+    on.failures()
+    _spacings(on, AS_IT_IS, NO_LOOP)
+    on.ripples(AS_IT_IS, NO_LOOP)
+    return (
+        "The gains follow from the servo period: the slower the servo, the lower the frequency that leaves the loop "
+        "its phase margin. Most of the tracking error is friction. Without it, and without the loop, the encoder's "
+        "counts and the integral term, there remains what the theory of the sampled servo says (lines): the "
+        "feed-forward comes late by one and a half servo periods and the winding's lag. These are taken in the middle "
+        "90 % of the time, when the start has died away, at a quarter of the physics step."
+    )
+
+
+def _encoder_resolution(study: LoopStudy, on: _Sheet) -> str:
+    pink, count = COLOURS["measurement"], _spread(study.resolutions)
+    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    if study.spiral:
+        on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
+    on.points(on.errors, "tracking_rms_um", AS_IT_IS, COLOURS["tracking"], "tracking, as it is")
+    on.points(on.errors, "measurement_rms_um", AS_IT_IS, pink, "measurement, as it is")
+    if all(axis.unit == "mm" for axis in study.job.built_machine.axes):
+        on.line(on.errors, count, UM * quantisation(count), pink, "$q / \\sqrt{12}$")
+    variant = NO_LOOP if study.spiral else AS_IT_IS
+    x, y = series(on.rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
+    if x.size > 1:
+        on.mark(knee(x, y, float(y[0])), variant)
+    on.failures()
+    _spacings(on, AS_IT_IS, NO_LOOP)
+    on.ripples(AS_IT_IS, NO_LOOP)
+    return (
+        "All linear axes have counts of this size, rotary ones in proportion. The measurement part of the error is "
+        "that of counts evenly distributed within one, q / sqrt(12). The servo's derivative makes torque of the "
+        "counts: the path speed ripples long before the contour shows it."
+    )
+
+
+def _physics_step(study: LoopStudy, on: _Sheet) -> str:
+    on.errors.set(ylabel="from the limit, in parts of it", title="Convergence of the figures")
+    for variant in (AS_IT_IS, NO_FRICTION):
+        for (column, figure), colour in zip(convergence(on.rows, variant).items(), _FIGURE_COLOURS, strict=False):
+            step = np.array(figure.steps)
+            away = np.abs(np.array(figure.values) / figure.limit - 1) if figure.limit else np.zeros(step.size)
+            order = "scatter" if figure.order is None else f"order {figure.order:.2f}"
+            shown = away > _LEAST_DEVIATION
+            shape = {"mfc": colour, **_SHAPES[variant]}
+            label = f"{CONVERGING[column]}, {variant}: {order}"
+            on.errors.plot(on.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
+            if figure.order is not None and away[0] > _LEAST_DEVIATION:
+                on.line(on.errors, step, away[0] * (step / step[0]) ** figure.order, colour, "")
+    _spacings(on, AS_IT_IS, NO_FRICTION)
+    on.ripples(AS_IT_IS, NO_FRICTION)
+    return (
+        "The physics step is halved again and again, and each figure extrapolated to a step of zero where it has an "
+        "order of convergence; lines have that order's slope. A figure that only scatters is held against its value at "
+        "the finest step. Without friction, which is not smooth, the integrator's first order is plain."
+    )
+
+
+def _spacings(on: _Sheet, *variants: str) -> None:
+    for variant in variants:
+        on.points(on.spacing, "spacing_std_mm", variant, INK, f"std, {variant}", UM)
