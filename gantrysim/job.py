@@ -156,6 +156,20 @@ class Job(BaseModel):
         except ValidationError as error:
             raise InputError(f"job {self.name}: {_one_line(error)}") from None
 
+    def overridden(self, overrides: Iterable[str]) -> Job:
+        """Return the job with values changed by "key=value", as `load` takes them.
+
+        Raises:
+            InputError: a key or value that is not in order.
+        """
+        content = self.model_dump(exclude_none=True)
+        for override in overrides:
+            _override(content, override)
+        try:
+            return Job(**content)
+        except ValidationError as error:
+            raise InputError(f"job {self.name}: {_one_line(error)}") from None
+
     def toml(self) -> str:
         """Return the job as TOML, with every default spelt out."""
         return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)

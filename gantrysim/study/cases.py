@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -100,16 +100,20 @@ class Case:
         return job.changed(self.settings) if self.overrides else job
 
 
-def measure(case: Case) -> Row:
+def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:
     """Run a case and return its figures; `status` first, "ok" or why there are none.
 
     A case that is refused ("refused: ..."), or that a fault ends ("fault: ..."), has its status alone.
+
+    Args:
+        case: to be run.
+        figures: from the record to the row, by default `figures_row`.
     """
     try:
         run = simulated(case)
         if run.fault is not None:
             return {"status": f"{_FAULT}{run.fault}"}
-        return {"status": OK, **figures_row(run)}
+        return {"status": OK, **(figures or figures_row)(run)}
     except InputError as error:
         return {"status": f"{_REFUSED}{error}"}
 
