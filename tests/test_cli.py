@@ -96,8 +96,8 @@ def test_plots_are_pictures_with_something_on_them(gantrysim_command, tmp_path, 
     gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
     picture = np.asarray(Image.open(tmp_path / "plots" / f"{plot}.png").convert("RGB"), float)
     assert min(picture.shape[:2]) > 500
-    coloured = picture.max(axis=2) - picture.min(axis=2) > 60
-    assert 0.002 < coloured.mean() < 0.3
+    drawn = picture.min(axis=2) < 150  # not the paper, nor the grid
+    assert 0.005 < drawn.mean() < 0.5
 
 
 def test_another_machine_by_name_and_by_file(gantrysim_command, tmp_path, rigid):
@@ -222,7 +222,7 @@ def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
     folder = tmp_path / "o[red]x"
     status, printed, _ = gantrysim_command("run", "an225", "--out", folder, *SHORT)
     assert status == 0
-    assert "o[red]x/: job.toml, plots, run.npz, summary.json" in printed
+    assert "o[red]x/: job.toml, plots, report.html, run.npz, summary.json" in printed
 
 
 def test_a_machine_without_cameras_gets_its_video_all_the_same(gantrysim_command, tmp_path, rigid):
