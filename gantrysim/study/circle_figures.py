@@ -1,0 +1,108 @@
+"""Plots of `gantrysim study circle`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.iso import CircularTest, Trace, minimum_zone
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
+
+__all__ = ["draw_chart", "draw_deviation"]
+
+_PATHS = {"clockwise": AXIS_COLOURS[1], "counter-clockwise": AXIS_COLOURS[0]}
+_DIVISIONS = (1, 2, 5)
+_RINGS = 4  # divisions from the nominal circle to the largest deviation, at most
+_INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviations
+
+
+def draw_chart(test: CircularTest) -> Figure:
+    """Draw the radial deviation of both paths on a circle, magnified, with the zone that envelops them."""
+    paths = {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise}
+    reach = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
+    division = _division(reach)
+    rings = int(np.ceil(reach / division))
+    with sheet(7.4, 7.9) as figure:
+        axes = cast("PolarAxes", figure.add_subplot(projection="polar"))
+        for name, trace in paths.items():
+            order = np.argsort(trace.angle)
+            angle, deviation = np.radians(trace.angle[order]), UM * trace.deviation[order]
+            closed = np.append(angle, angle[0] + 2 * np.pi), np.append(deviation, deviation[0])
+            axes.plot(*closed, lw=1.3, color=_PATHS[name], label=f"{name}, G = {UM * trace.circular_deviation:.1f} µm")
+        round_ = np.linspace(0, 2 * np.pi, 721)
+        zone = minimum_zone(np.concatenate([trace.points for trace in paths.values()]))
+        shift = np.subtract(zone.centre, test.clockwise.centre)
+        for radius, label in ((zone.inner, f"minimum zone, G(b) = {UM * zone.width:.1f} µm"), (zone.outer, None)):
+            off = radius - test.clockwise.radius + shift[0] * np.cos(round_) + shift[1] * np.sin(round_)
+            axes.plot(round_, UM * off, lw=1.0, ls="--", color=COLOURS["structure"], label=label)
+        axes.plot(
+            round_, np.zeros(round_.size), lw=1.6, color=INK, label=f"nominal, radius {test.clockwise.radius:g} mm"
+        )
+        steps = division * np.arange(-rings, rings + 1)
+        axes.set_yticks(steps, [f"{step:+g}" if step else "0" for step in steps])
+        axes.tick_params(axis="y", labelsize=8)
+        axes.set_rlabel_position(22.5)
+        axes.set_ylim(-_INSIDE * rings * division, 1.05 * rings * division)
+        places = ["+x", "45°", "+y", "135°", "-x", "225°", "-y", "315°"]
+        axes.set_xticks(np.radians(range(0, 360, 45)), places)
+        axes.spines["polar"].set_visible(False)
+        axes.set_title(f"Radial deviation [µm], {division:g} µm per division", pad=14)
+        figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats]) -> Figure:
+    """Draw the radial deviation over the angle, a panel for each direction, and what of it the structure makes below.
+
+    Args:
+        traces: of the nozzle, by direction.
+        structure: radial deviation of the nozzle less that of the motors, at the points of the traces, (n,) [mm].
+    """
+    with sheet(9.0, 7.2) as figure:
+        *panels, last = figure.subplots(len(traces) + 1, sharex=True, height_ratios=(3,) * len(traces) + (2,))
+        for panel, (name, trace) in zip(panels, traces.items(), strict=True):
+            order = np.argsort(trace.angle)
+            angle = trace.angle[order]
+            panel.plot(angle, UM * trace.deviation[order], color=_PATHS[name], lw=1.3)
+            last.plot(angle, UM * structure[name][order], color=_PATHS[name], lw=0.7, label=name)
+            for reversal in trace.reversals():
+                panel.axvline(reversal.angle, color=COLOURS["requested"], lw=0.8, ls=":")
+                at = (reversal.angle + (-1 if trace.clockwise else 1) * reversal.spike_at) % 360
+                near = int(np.abs((trace.angle - at + 180) % 360 - 180).argmin())
+                top = UM * float(trace.deviation[near])
+                panel.plot(at, top, "v" if reversal.spike > 0 else "^", ms=5, color=COLOURS["fault"])
+                right = at < 180
+                panel.annotate(
+                    f"{UM * reversal.spike:+.1f}",
+                    (at, top),
+                    xytext=(7 if right else -7, -3),
+                    textcoords="offset points",
+                    ha="left" if right else "right",
+                    color=COLOURS["fault"],
+                    fontsize=9,
+                )
+            panel.set_title(f"nozzle, run {name}", loc="right")
+            panel.set_ylabel("outward [µm]")
+        panels[-1].sharey(panels[0])
+        last.set_title("nozzle less motors: the structure's part", loc="right")
+        last.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+        last.set(xlabel="angle, counter-clockwise from +x [deg]", xlim=(0, 360), ylabel="outward [µm]")
+        last.set_xticks(range(0, 361, 45))
+    return figure
+
+
+def _division(reach: float) -> float:
+    """The least of 1, 2, 5, 10, ... that has the reach in few divisions."""
+    decade = 10.0 ** np.floor(np.log10(max(reach, 1e-3)) - 1)
+    return next(
+        float(step * decade * ten)
+        for ten in (1, 10, 100)
+        for step in _DIVISIONS
+        if reach <= _RINGS * step * decade * ten
+    )
