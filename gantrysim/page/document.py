@@ -167,7 +167,7 @@ def _shown(sections: Sequence[Section], progress: Callable[[float], None]) -> li
         given = _several(section.alternative) or [description(figure) for figure in drawn]
         if len(given) != len(drawn):
             raise InputError(
-                f"section {section.title}: {len(given)} alternative texts, must be {len(drawn)}, one a figure"
+                f"section {section.title}: {len(given)} alternative texts, must be {len(drawn)}, one for each figure"
             )
         figures = [
             {

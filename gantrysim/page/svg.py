@@ -22,7 +22,9 @@ _SAVING: dict[Any, Any] = {
 }
 _HREF = "{http://www.w3.org/1999/xlink}href"
 _NUMBER = re.compile(r"-?\d+\.\d+")
-_FONT = re.compile(r"font: ([^;']*px) [^;]*")
+_FONT = re.compile(r"font: ([^;']*px) [^;]*")  # as matplotlib writes it in one, or the family by itself
+_FAMILY = re.compile(r"font-family: [^;]*; ?")
+_UPRIGHT = re.compile(r" ?rotate\(-?0 [^)]*\)")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COORDINATES = ("d", "x", "y")
 _DECIMALS = 2  # a hundredth of a point
@@ -107,10 +109,13 @@ def _make_local(element: ElementTree.Element, prefix: str, used: set[str]) -> No
         else:
             text = _REFERENCE.sub(rf"url(#{prefix}-\1)", value)
             if key == "style":
-                text = _FONT.sub(r"font: \1 var(--sans)", text)
+                text = _FAMILY.sub("", _FONT.sub(r"font: \1 var(--sans)", text))
                 for ink in ("#000000", INK):
                     text = text.replace(ink, "currentColor")
-            own[key] = text
+            elif key == "transform":
+                text = _UPRIGHT.sub("", text)
+            if text:
+                own[key] = text
     element.attrib.clear()
     element.attrib.update(own)
     if element.text is not None and not element.text.strip():
