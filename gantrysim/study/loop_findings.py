@@ -79,9 +79,9 @@ def _loop(rows: list[Row]) -> str | None:
     if at is None:
         return (
             f"The program loop matters at every period down to T = {_ms(period[0])}: the contour error (rms) is "
-            f"{_um(contour[0])} there with the loop alone, more than {EXCESS:.0%} above the {left}."
+            f"{_um(contour[0])} there with the loop alone, more than {_PER_CENT * EXCESS:.0f} % above the {left}."
         )
-    within = f"the contour error (rms) is within {EXCESS:.0%} of the {left}"
+    within = f"the contour error (rms) is within {_PER_CENT * EXCESS:.0f} % of the {left}"
     if at == math.inf:
         return f"Up to T = {_ms(period[-1])} the program loop does not matter: {within}."
     text = f"Below T = {_ms(at)} the program loop no longer matters: with the loop alone {within}."
