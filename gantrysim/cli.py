@@ -12,15 +12,15 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 import gantrysim
-from gantrysim.bead import Bead, BeadFigures
+from gantrysim.bead import Bead
+from gantrysim.budget import Budget
 from gantrysim.errors import GantryError
 from gantrysim.job import Job
-from gantrysim.metrics import THOUSANDTH, Analysis, Figures, Spread
-from gantrysim.run import Run
+from gantrysim.metrics import Analysis
 from gantrysim.study.commands import study_app
+from gantrysim.tables import links_table, outcome_table
 
 __all__ = ["app", "main"]
 
@@ -66,7 +66,7 @@ def run(
     Exit status: 0 after a whole run, 2 for bad input, 3 where a fault ended the run.
     """
     from gantrysim import plots, render, report
-    from gantrysim.page.run import write_run_page
+    from gantrysim.page.run import headline, write_run_page
 
     loaded = Job.load(job, settings or (), model)
     folder = out if out is not None else Path("out") / loaded.name
@@ -75,9 +75,10 @@ def run(
         with _progress("simulate") as advance:
             record = loaded.run(advance)
         analysis = Analysis(record)
+        budget = Budget(analysis)
         bead = Bead(record, loaded.bead, analysis)
         laid = bead.figures if bead.nominal > 0 else None
-        report.write_run(scratch, loaded, loaded.built_machine, record, analysis.figures, laid)
+        report.write_run(scratch, loaded, loaded.built_machine, budget, laid)
         with _progress("plot") as advance:
             plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
         if video:
@@ -91,7 +92,9 @@ def run(
         with _progress("report") as advance:
             write_run_page(scratch / report.REPORT, loaded, loaded.built_machine, bead, scratch / report.VIDEO, advance)
         written = sorted(item.name for item in scratch.iterdir())
-    _output.print(*_tables(loaded, record, analysis.figures, laid), sep="\n")
+    _output.print(links_table(loaded.name, loaded.built_machine, budget))
+    _output.print(outcome_table(record, analysis.figures, laid))
+    _output.print(escape(headline(budget)), highlight=False)
     for note in loaded.notes:
         _output.print(escape(f"note: {note}"), soft_wrap=True, highlight=False)
     if no_video:
@@ -122,59 +125,6 @@ def _progress(task: str) -> Iterator[Callable[[float], None]]:
     with Progress(*columns, console=_messages, transient=True, disable=not _messages.is_terminal) as progress:
         bar = progress.add_task(task, total=1.0)
         yield lambda share: progress.update(bar, completed=share)
-
-
-def _tables(job: Job, run: Run, result: Figures, bead: BeadFigures | None = None) -> tuple[Table, Table]:
-    """The chain's links from top to bottom, each with its error; and what came out at its end."""
-    until = "" if run.fault is None else ", until the fault"
-    title = escape(f"{job.name} on {run.machine}: error of each link of the chain{until}")
-    links = Table(title=title, title_justify="left")
-    links.add_column("link", no_wrap=True)
-    links.add_column("rms [µm]", justify="right")
-    links.add_column("max [µm]", justify="right")
-    links.add_column("from one end of the link to the other")
-
-    def add(label: str, spread: Spread, note: str, unit: str = "") -> None:
-        links.add_row(label, f"{1e3 * spread.rms:.1f}{unit}", f"{1e3 * spread.max:.1f}{unit}", note)
-
-    add("generation", result.generation, "requested path to commanded")
-    for unit, (name, spread) in zip(run.units, result.tracking.items(), strict=True):
-        own = "" if unit == "mm" else f" {THOUSANDTH[unit]}"  # not the columns' unit
-        add(f"tracking {name}", spread, "commanded to encoder", own)
-    add("tracking along", result.tracking_along, "the same along the path")
-    links.add_section()
-    add("contour", result.contour, "requested path to nozzle")
-
-    outcome = Table.grid(padding=(0, 2))
-    if result.spacing is not None:
-        s = result.spacing
-        asked = f"std {s.std:.4f}, {s.min:.4f} to {s.max:.4f}"
-        if run.requested.turn_spacing is not None:
-            asked = f"asked for {run.requested.turn_spacing:g}, {asked}"
-        outcome.add_row("spacing of turns", f"{s.mean:.4f} mm", asked)
-    v = result.speed
-    outcome.add_row("path speed", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f}")
-    outcome.add_row("path length", f"{result.path_length:.3f} mm", f"in {result.duration:.3f} s{until}")
-    outcome.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*result.end_point))
-    if bead is not None:
-        _add_bead(outcome, bead)
-    return links, outcome
-
-
-def _add_bead(outcome: Table, bead: BeadFigures) -> None:
-    width = bead.width
-    outcome.add_row(
-        "bead's width",
-        f"{width.mean:.3f} mm",
-        f"{width.min:.3f} to {width.max:.3f}; section asked for {bead.nominal:.3f} mm²",
-    )
-    if bead.clearance is not None and bead.coverage is not None:
-        between = "gap" if bead.clearance.mean > 0 else "overlap"
-        covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; {100 * bead.coverage:.1f} % covered"
-        outcome.add_row(f"{between} of turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
-    stop = "" if bead.stop is None else f", {bead.stop.mean:+.2f} mm at the stop"
-    outcome.add_row("glue late by", f"{bead.start.mean:+.2f} mm", f"at the start{stop}")
-    outcome.add_row("volume", f"{bead.laid:.1f} mm³", f"{bead.error_percent:+.2f} % of {bead.asked:.1f} asked for")
 
 
 def main() -> None:

@@ -16,11 +16,12 @@ from typing import Any
 
 import gantrysim
 from gantrysim.bead import BeadFigures
+from gantrysim.budget import Budget, PartFigures
 from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job import Job
 from gantrysim.machine import Machine
-from gantrysim.metrics import Figures, Range, Spread
+from gantrysim.metrics import Range, Spread
 from gantrysim.run import Run
 
 __all__ = [
@@ -118,28 +119,30 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
                     parent.rmdir()
 
 
-def write_run(
-    folder: Path, job: Job, machine: Machine, run: Run, figures: Figures, bead: BeadFigures | None = None
-) -> None:
+def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None = None) -> None:
     """Write the job, the record, the summary, and what the controller has recorded into a folder."""
+    run = budget.analysis.run
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
     run.save(folder / RUN)
-    content = json.dumps(summary(job, machine, run, figures, bead), indent=2, allow_nan=False)
+    content = json.dumps(summary(job, machine, budget, bead), indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
     if isinstance(job.controller, softmc.Program) and job.controller.record is not None:
         job.controller.record.write(run, folder / RECORD, job.controller.group.position_error_delay)
 
 
-def summary(job: Job, machine: Machine, run: Run, figures: Figures, bead: BeadFigures | None = None) -> dict[str, Any]:
+def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None = None) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
-    requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace has no
+    error_budget holds by link, and for the whole as contour, what it adds to the error normal to the path
+    (`PartFigures`), by axis what the following error of each makes of the tracking part, and the links' errors by
+    turn of a spiral; requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace has no
     neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that of
     the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
     the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
     the work frame when the run ends; bead holds the figures of `BeadFigures` and is null where no glue is asked for;
     notes are what the controller had to say of its program; fault is null where the run went through.
     """
+    run, figures = budget.analysis.run, budget.analysis.figures
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
     for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
         tracking[unit][name] = _thousandths(spread)
@@ -147,6 +150,7 @@ def summary(job: Job, machine: Machine, run: Run, figures: Figures, bead: BeadFi
     return {
         "job": job.name,
         "machine": machine.name,
+        "error_budget": _budget(budget, machine),
         "requested_spacing_mm": run.requested.turn_spacing,
         "bead_spacing_mm": None if figures.spacing is None else asdict(figures.spacing),
         "tracking_error_um": {**tracking["mm"], "path": _thousandths(figures.tracking_along)},
@@ -173,6 +177,32 @@ def versions(machine: Machine) -> dict[str, str]:
         "python": platform.python_version(),
         "machine_sha256": machine.digest,
     }
+
+
+def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
+    def of(part: PartFigures) -> dict[str, Any]:
+        lengths = {f"{name}_um": _THOUSANDTHS * getattr(part, name) for name in ("rms", "p95", "max")}
+        where = {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)}
+        return {**lengths, "share": part.share, "at_max": where}
+
+    figures = budget.figures
+    turns = [
+        {"turn": turn.turn, "s_mm": list(turn.s), **{name: _um(spread) for name, spread in turn.parts.items()}}
+        for turn in figures.turns
+    ]
+    return {
+        **{link: of(part) for link, part in figures.parts.items()},
+        "contour": of(figures.contour),
+        "tracking_by_axis": {
+            axis: of(budget.figures_of(part)) for axis, part in budget.tracking_by_axis(machine).items()
+        },
+        "lag_um": _thousandths(figures.lag),
+        "turns": turns,
+    }
+
+
+def _um(spread: Spread) -> dict[str, float]:
+    return {f"{name}_um": value for name, value in _thousandths(spread).items()}
 
 
 def _bead(figures: BeadFigures) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from PIL import Image
 
 import gantrysim
 from gantrysim import Fault, Job, Run, cli, metrics, report
+from gantrysim.budget import LINKS, Budget
 from gantrysim.job import builtin_jobs
 
 from runs import turn, turntable
@@ -27,8 +28,9 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
     drawn = ["bead.png", "budget.png", "error.png", "plan.png", "spacing.png"]
     assert sorted(p.name for p in (out / "plots").iterdir()) == drawn
     assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
-    words = ("generation", "tracking x", "contour", "asked for 5", "path speed", "end point")
-    for word in (*words, "bead's width", "gap of turns", "% covered", "glue late by", "volume"):
+    links = (*LINKS, "by x", "contour")
+    outcome = ("following error x", "asked for 5", "path speed", "end point", "error comes from")
+    for word in (*links, *outcome, "bead's width", "gap of turns", "% covered", "glue late by", "volume"):
         assert word in printed
 
 
@@ -38,6 +40,7 @@ def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantr
     assert list(summary) == [
         "job",
         "machine",
+        "error_budget",
         "requested_spacing_mm",
         "bead_spacing_mm",
         "tracking_error_um",
@@ -59,6 +62,17 @@ def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantr
         assert list(group) == ["rms", "max"]
     run = Run.load(tmp_path / "run.npz")
     figures = metrics.figures(run)
+    written = summary["error_budget"]
+    assert list(written) == [*LINKS, "contour", "tracking_by_axis", "lag_um", "turns"]
+    assert sum(written[link]["share"] for link in LINKS) == pytest.approx(1)
+    part = Budget(metrics.Analysis(run)).figures.parts["tracking"]
+    assert [written["tracking"][f"{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx(
+        [1e3 * part.rms, 1e3 * part.p95, 1e3 * part.max]
+    )
+    assert written["tracking"]["at_max"] == {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)}
+    assert list(written["tracking_by_axis"]) == ["x", "y"]
+    assert [turn["turn"] for turn in written["turns"]] == [1, 2]
+    assert written["turns"][0]["generation"]["rms_um"] > written["turns"][0]["structure"]["rms_um"]
     assert summary["job"] == "an225"
     assert summary["machine"] == "xy"
     assert summary["requested_spacing_mm"] == 5.0
@@ -215,7 +229,13 @@ def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command
     for _ in range(2):
         assert gantrysim_command("run", "job.toml", "--out", out, "--no-video")[0] == 0
     assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
-    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
+    assert sorted(item.name for item in out.iterdir()) == [
+        "job.toml",
+        "plots",
+        "report.html",
+        "run.npz",
+        "summary.json",
+    ]
 
 
 def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
@@ -238,7 +258,7 @@ def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
     run = Job.load("an225", ["diameter=40", "turns=1"]).run()
     faulted = dataclasses.replace(run, fault=Fault("diverged", "x", 0.1, math.nan, math.inf, "mm"))
     job = Job.load("an225")
-    written = report.summary(job, job.built_machine, faulted, metrics.figures(faulted))
+    written = report.summary(job, job.built_machine, Budget(metrics.Analysis(faulted)))
     assert written["fault"] == {
         "kind": "diverged",
         "axis": "x",
@@ -265,14 +285,15 @@ def test_what_cannot_be_written_is_one_line(gantrysim_command, tmp_path, monkeyp
 def test_errors_of_rotary_axes_are_told_in_thousandths_of_a_degree(tmp_path, capsys):
     machine = turntable(tmp_path)
     run = turn(machine, 90.0)
-    figures = metrics.figures(run)
+    budget = Budget(metrics.Analysis(run))
+    figures = budget.analysis.figures
     error = 1e3 * (run.commanded - run.encoder)
     assert figures.tracking["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
     job = Job.load("an225")
-    written = report.summary(job, machine, run, figures)
+    written = report.summary(job, machine, budget)
     assert list(written["tracking_error_um"]) == ["x", "path"]
     assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
-    assert list(written)[4:6] == ["tracking_error_um", "tracking_error_mdeg"]
+    assert list(written)[5:7] == ["tracking_error_um", "tracking_error_mdeg"]
     cli._output.print(*cli._tables(job, run, figures))
     printed = capsys.readouterr().out
     rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()
