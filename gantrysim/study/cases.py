@@ -22,7 +22,7 @@ from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple, steady
 from gantrysim.perturbation import Perturbation
 from gantrysim.run import Run
 
-__all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "measure", "simulated"]
+__all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "judged", "measure", "simulated"]
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve, which goes into a file of its own
 Row = dict[str, Value]
@@ -109,11 +109,16 @@ def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:
         case: to be run.
         figures: from the record to the row, by default `figures_row`.
     """
+    return judged(lambda: simulated(case), figures or figures_row)
+
+
+def judged(run_it: Callable[[], Run], figures: Callable[[Run], Row]) -> Row:
+    """Return the figures of a run with its status, as `measure` does; `run_it` may refuse."""
     try:
-        run = simulated(case)
+        run = run_it()
         if run.fault is not None:
             return {"status": f"{_FAULT}{run.fault}"}
-        return {"status": OK, **(figures or figures_row)(run)}
+        return {"status": OK, **figures(run)}
     except InputError as error:
         return {"status": f"{_REFUSED}{error}"}
 

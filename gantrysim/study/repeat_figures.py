@@ -1,0 +1,71 @@
+"""Plots of `gantrysim study repeat`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.iso import RepeatedPath
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_along", "draw_plan"]
+
+
+def draw_along(paths: dict[str, RepeatedPath], every: str) -> Figure:
+    """Draw accuracy and repeatability along the path, and the repeatability by what was varied.
+
+    Args:
+        paths: by what was varied.
+        every: name of that in which everything was.
+    """
+    path = paths[every]
+    accuracy, reach = UM * path.accuracy, UM * path.repeatability
+    with sheet(9.0, 6.6) as figure:
+        above, below = figure.subplots(2, sharex=True)
+        low, high = np.maximum(accuracy - reach, 0), accuracy + reach
+        above.fill_between(path.s, low, high, color=COLOURS["tracking"], alpha=0.25, lw=0, label="± repeatability RT")
+        above.plot(path.s, accuracy, color=INK, lw=1.2, label="accuracy AT: mean of the repeats to the path")
+        k = int(accuracy.argmax())
+        above.plot(path.s[k], accuracy[k], "v", ms=7, color=COLOURS["fault"], label=f"ATp = {accuracy[k]:.2f} µm")
+        below.plot(path.s, reach, color=INK, lw=1.4, label=f"{every} varied, RTp = {reach.max():.2f} µm")
+        for colour, (varied, one) in zip(AXIS_COLOURS, ((n, p) for n, p in paths.items() if n != every), strict=False):
+            label = f"{varied} alone, {UM * one.path_repeatability:.2f} µm"
+            below.plot(one.s, UM * one.repeatability, color=colour, lw=1.0, label=label)
+        above.set(ylabel="to the requested path [µm]")
+        below.set(ylabel="repeatability [µm]", xlabel="arc length along the requested path [mm]")
+        for axes in (above, below):
+            axes.set_ylim(bottom=0)
+            axes.set_xlim(path.s[0], path.s[-1])
+            axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=9, borderaxespad=0.2)
+    return figure
+
+
+def draw_plan(path: RepeatedPath) -> Figure:
+    """Draw the path seen from above, coloured by the repeatability."""
+    from matplotlib.collections import LineCollection
+
+    points, reach = path.command[:, :2], UM * path.repeatability
+    steps = np.diff(path.s)
+    joined = steps < 1.5 * np.median(steps)  # where no glue is laid there is no line
+    segments = np.stack([points[:-1], points[1:]], axis=1)[joined]
+    with sheet(7.4, 6.4) as figure:
+        axes = figure.add_subplot()
+        lines = LineCollection(list(segments), cmap="viridis", linewidths=3.0, capstyle="round")
+        lines.set_array(0.5 * (reach[:-1] + reach[1:])[joined])
+        lines.set_clim(0, float(reach.max()) or 1.0)
+        axes.add_collection(lines)
+        k = int(reach.argmax())
+        label = f"RTp = {reach[k]:.2f} µm"
+        axes.plot(*points[k], "o", ms=11, mfc="none", mew=1.6, color=COLOURS["fault"], ls="none", label=label)
+        k = int(path.accuracy.argmax())
+        label = f"ATp = {UM * path.path_accuracy:.2f} µm"
+        axes.plot(*points[k], "s", ms=11, mfc="none", mew=1.6, color=INK, ls="none", label=label)
+        axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+        axes.margins(0.06)
+        figure.colorbar(lines, ax=axes, label="repeatability RT [µm]", shrink=0.85)
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    return figure
