@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_bead_along", "draw_height_map"]
 
 _DRY = 1e-3  # of the nozzle's height, below which there is nothing on the map
-_GLUE, _GAP, _OVERLAP = "#8f5f00", "#3a9fc7", "#d55e00"
+_GLUE, _GAP, _OVERLAP = "#b87a00", "#3a9fc7", "#d55e00"
 
 
 def draw_height_map(figure: Figure, bead: Bead) -> None:

@@ -75,7 +75,7 @@ def turn_colours(count: int) -> list[str]:
     from matplotlib import colormaps  # slow to import, and needed by the plots alone
     from matplotlib.colors import to_hex
 
-    return [to_hex(colormaps["viridis"](0.2 + 0.6 * k / max(count - 1, 1))) for k in range(count)]
+    return [to_hex(colormaps["viridis"](0.28 + 0.54 * k / max(count - 1, 1))) for k in range(count)]
 
 
 def view_height(wide: float, high: float, width: float) -> float:
