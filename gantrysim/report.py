@@ -135,9 +135,9 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None
 
     error_budget holds by link, and for the whole as contour, what it adds to the error normal to the path
     (`PartFigures`), by axis what the following error of each makes of the tracking part, and the links' errors by
-    turn of a spiral; requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace has no
-    neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that of
-    the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
+    turn of a spiral; requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace
+    has no neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that
+    of the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
     the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
     the work frame when the run ends; bead holds the figures of `BeadFigures` and is null where no glue is asked for;
     notes are what the controller had to say of its program; fault is null where the run went through.

@@ -17,7 +17,7 @@ _UM = 1e3
 _BETWEEN = {
     "generation": "requested to commanded",
     "tracking": "commanded to encoder",
-    "measurement": "encoder to motor (its counts)",
+    "measurement": "encoder to motor: counts",
     "structure": "motor to nozzle",
 }
 

@@ -9,11 +9,13 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 
 import gantrysim
-from gantrysim import Fault, Job, Run, cli, metrics, report
+from gantrysim import Fault, Job, Run, metrics, report
 from gantrysim.budget import LINKS, Budget
 from gantrysim.job import builtin_jobs
+from gantrysim.tables import outcome_table
 
 from runs import turn, turntable
 
@@ -294,7 +296,7 @@ def test_errors_of_rotary_axes_are_told_in_thousandths_of_a_degree(tmp_path, cap
     assert list(written["tracking_error_um"]) == ["x", "path"]
     assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
     assert list(written)[5:7] == ["tracking_error_um", "tracking_error_mdeg"]
-    cli._output.print(*cli._tables(job, run, figures))
+    Console().print(outcome_table(run, figures, None))
     printed = capsys.readouterr().out
     rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()
     assert f"{rms:.1f} mdeg" in printed

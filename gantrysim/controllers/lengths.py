@@ -28,7 +28,9 @@ def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Fl
     With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b; by Gauss and
     Legendre's quadrature where the radius hardly changes and that difference would cancel.
     """
-    return np.atleast_1d(_arc_lengths(*_floats(r, b, c, angle)))
+    values, shape = _together(r, b, c, angle)
+    length: Floats = _arc_lengths(*values).reshape(shape)
+    return length
 
 
 def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
@@ -36,11 +38,15 @@ def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: Ar
 
     Up to there the radius r + b phi is at least 0.
     """
-    return np.atleast_1d(_swept_angles(*_floats(r, b, c, s, most)))
+    values, shape = _together(r, b, c, s, most)
+    angle: Floats = _swept_angles(*values).reshape(shape)
+    return angle
 
 
-def _floats(*values: ArrayLike) -> list[Floats]:
-    return [np.asarray(value, float) for value in values]
+def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
+    """Values broadcast against each other as flat arrays, and their common shape, of one dimension at least."""
+    whole = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
+    return [np.ascontiguousarray(value).ravel() for value in whole], whole[0].shape
 
 
 @numba.njit(error_model="numpy")
@@ -61,13 +67,24 @@ def _antiderivative(rho, c):
     return 0.5 * (rho * np.hypot(rho, c) + square * (np.arcsinh(rho / abs(c)) if square > 0 else 0.0))
 
 
-@numba.vectorize(["f8(f8, f8, f8, f8)"], cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _arc_lengths(r, b, c, angle):
-    return _length(r, b, c, angle)
+    found = np.empty(r.size)
+    for k in range(r.size):
+        found[k] = _length(r[k], b[k], c[k], angle[k])
+    return found
 
 
-@numba.vectorize(["f8(f8, f8, f8, f8, f8)"], cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _swept_angles(r, b, c, s, most):
+    found = np.empty(r.size)
+    for k in range(r.size):
+        found[k] = _angle(r[k], b[k], c[k], s[k], most[k])
+    return found
+
+
+@numba.njit(error_model="numpy")
+def _angle(r, b, c, s, most):
     rate = np.hypot(r, c)
     guess = 2 * s / max(rate + np.sqrt(max(rate * rate + 2 * b * s, 0.0)), 1e-300)
     angle = min(max(guess, 0.0), most)
