@@ -38,6 +38,7 @@ from gantrysim.controllers.path import Floats, Path
 from gantrysim.errors import InputError, positive
 
 __all__ = [
+    "SPIKE_REACH",
     "CircularTest",
     "MinimumZone",
     "RepeatedPath",
@@ -52,7 +53,8 @@ __all__ = [
 _LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
 _ZONE_ROUNDS = 60
 _ZONE_TOLERANCE = 1e-12  # of the radius
-_SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
+SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
+_LARGEST_REACH = 45.0  # [deg]
 _LEAST_CYCLES = 2
 
 
@@ -241,7 +243,7 @@ class Trace:
         """Circular deviation G [mm]."""
         return minimum_zone(self.points).width
 
-    def reversals(self) -> tuple[Reversal, ...]:
+    def reversals(self, reach: float = SPIKE_REACH) -> tuple[Reversal, ...]:
         """Return what happens at the four reversals of the axes, in the order of their angle.
 
         With psi_k the angle passed since reversal k, negative before it, the deviation is fitted by
@@ -250,15 +252,23 @@ class Trace:
                 + sum over k of h_k sign(psi_k) cos(psi_k) / 2, where |psi_k| < 90 deg:
 
         size, eccentricity, the axes' scales and their square angle, and at each reversal a jump h_k of the axis that
-        reverses, as backlash makes it, seen along the radius. The 15 deg after each reversal are left out of the fit.
-        The step is h_k; the spike is the largest magnitude of F less the fit within the 15 deg.
+        reverses, as backlash makes it, seen along the radius. The reach after each reversal is left out of the fit. The
+        step is h_k; the spike is the largest magnitude of F less the fit within the reach.
+
+        Args:
+            reach: after a reversal, within which a spike is looked for [deg].
+
+        Raises:
+            InputError: a reach beyond 45 deg, which leaves too little for the fit.
         """
+        if not 0 < reach <= _LARGEST_REACH:
+            raise InputError(f"reach = {reach:g} deg: must be above 0 deg and at most {_LARGEST_REACH:g} deg")
         theta, sense = np.radians(self.angle), -1.0 if self.clockwise else 1.0
         since = [sense * ((self.angle - 90.0 * k + 180) % 360 - 180) for k in range(4)]
         smooth = [np.ones(theta.size), np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)]
         jumps = [0.5 * np.sign(psi) * np.maximum(np.cos(np.radians(psi)), 0.0) for psi in since]
         model = np.column_stack(smooth + jumps)
-        within = [(psi >= 0) & (psi < _SPIKE_REACH) for psi in since]
+        within = [(psi >= 0) & (psi < reach) for psi in since]
         undisturbed = ~np.any(within, axis=0)
         deviation = self.deviation
         fit = np.linalg.lstsq(model[undisturbed], deviation[undisturbed], rcond=None)[0]

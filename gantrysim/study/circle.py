@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.errors import InputError, positive
-from gantrysim.iso import CircularTest, Reversal, Trace, minimum_zone
+from gantrysim.iso import SPIKE_REACH, CircularTest, Reversal, Trace, minimum_zone
 from gantrysim.job import Job
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, measure
@@ -29,6 +29,8 @@ _CALM = 0.3  # at the full speed before it counts, at least [s]
 _ACCELERATION = 3000.0  # along the path, at begin and end [mm/s²]
 _SENSES = {"clockwise": -1.0, "counter-clockwise": 1.0}
 _AXES = ("x", "y")
+_DECAY = 0.1  # within which a spike has decayed [s]
+_LARGEST_REACH = 40.0  # of a spike [deg]
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,15 @@ class CircleStudy:
         more = math.degrees(way / self.radius) - _LEAD
         return _LEAD + 360 * max(math.ceil(more / 360), 0)
 
+    @property
+    def reach(self) -> float:
+        """Angle after a reversal within which its spike has decayed [deg]."""
+        return min(max(SPIKE_REACH, self._decay), _LARGEST_REACH)
+
+    @property
+    def _decay(self) -> float:
+        return math.degrees(self.speed * _DECAY / self.radius)
+
     def _program(self, sense: float) -> str:
         angle = sense * (360 + 2 * self.lead)
         return f"Circle G1 Angle={angle:.10g} CircleCenter={{0, 0}}"
@@ -108,7 +119,7 @@ class CircleStudy:
     @property
     def measure(self) -> Measure:
         """From a case to its row, with the radial deviation as a curve."""
-        figures = partial(circle_row, centre=self.centre, radius=self.radius, lead=self.lead)
+        figures = partial(circle_row, centre=self.centre, radius=self.radius, lead=self.lead, reach=self.reach)
         return partial(measure, figures=figures)
 
     def rounds(self) -> Rounds:
@@ -144,13 +155,19 @@ class CircleStudy:
         return [text, self._largest(traces), self._structure_share(rows, one, other), self._followed()]
 
     def _largest(self, traces: dict[str, Trace]) -> str:
-        found = [(direction, one) for direction, trace in traces.items() for one in trace.reversals()]
+        found = [(direction, one) for direction, trace in traces.items() for one in trace.reversals(self.reach)]
         direction, spike = max(found, key=lambda item: abs(item[1].spike))
         _, step = max(found, key=lambda item: abs(item[1].step))
+        late = ""
+        if self._decay > self.reach:
+            late = (
+                f" At this speed {_DECAY:g} s are {self._decay:.0f} deg, so that a spike is not over where the step is "
+                "taken: the two are not clearly told apart."
+            )
         return (
             f"The largest spike is {_UM * spike.spike:+.1f} µm, {direction}, {spike.spike_at:.1f} deg after "
             f"{_AXES[spike.axis]} reverses at {spike.angle:g} deg; the largest step is {_UM * step.step:+.1f} µm, at a "
-            f"reversal of {_AXES[step.axis]}."
+            f"reversal of {_AXES[step.axis]}.{late}"
         )
 
     def _structure_share(self, rows: list[Row], *nozzle: float) -> str:
@@ -185,19 +202,19 @@ class CircleStudy:
                 "The nominal circle is the bold ring; outside of it the path is too large. The dashed rings are the "
                 "minimum zone of both paths.",
                 draw_chart(test),
-                tables=[_figures_table(test), _reversals_table(traces)],
+                tables=[_figures_table(test), _reversals_table(traces, self.reach)],
             ),
             Plot(
                 "deviation",
                 "Radial deviation over the angle",
                 "At 0 and 180 deg x reverses, at 90 and 270 deg y; the marks are the spikes. Below, what of it arises "
                 "behind the motors.",
-                draw_deviation(traces, structure),
+                draw_deviation(traces, structure, self.reach),
             ),
         ]
 
 
-def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float) -> Row:
+def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float, reach: float) -> Row:
     """Return the figures of one circle, and its radial deviation as curves over the angle.
 
     Args:
@@ -205,6 +222,7 @@ def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float
         centre: of the nominal circle [mm].
         radius: of the nominal circle [mm].
         lead: angle that is commanded before the circle counts [deg].
+        reach: as in `Trace.reversals` [deg].
     """
     commanded = run.commanded_tip[:, :2] - centre
     swept = np.degrees(np.abs(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0]))))
@@ -216,7 +234,7 @@ def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float
         "radial_deviation_max_um": _UM * float(nozzle.deviation.max()),
         "radial_deviation_min_um": _UM * float(nozzle.deviation.min()),
     }
-    for reversal in nozzle.reversals():
+    for reversal in nozzle.reversals(reach):
         row |= _reversal_row(reversal)
     # the motors' deviation is told at the nozzle's angle: what they are apart changes it by their distance squared
     curves = {
@@ -250,10 +268,10 @@ def _figures_table(test: CircularTest) -> Table:
     return Table(columns, rows, caption="Figures in the manner of ISO 230-4.")
 
 
-def _reversals_table(traces: dict[str, Trace]) -> Table:
+def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
     from gantrysim.page import Column, Table
 
-    found = {name: trace.reversals() for name, trace in traces.items()}
+    found = {name: trace.reversals(reach) for name, trace in traces.items()}
     rows = [
         [
             f"{angle:g} deg",

@@ -57,12 +57,13 @@ def draw_chart(test: CircularTest) -> Figure:
     return figure
 
 
-def draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats]) -> Figure:
+def draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
     """Draw the radial deviation over the angle, a panel for each direction, and what of it the structure makes below.
 
     Args:
         traces: of the nozzle, by direction.
         structure: radial deviation of the nozzle less that of the motors, at the points of the traces, (n,) [mm].
+        reach: of the spikes after reversals [deg].
     """
     with sheet(9.0, 7.2) as figure:
         *panels, last = figure.subplots(len(traces) + 1, sharex=True, height_ratios=(3,) * len(traces) + (2,))
@@ -71,7 +72,7 @@ def draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats]) -> Fi
             angle = trace.angle[order]
             panel.plot(angle, UM * trace.deviation[order], color=_PATHS[name], lw=1.3)
             last.plot(angle, UM * structure[name][order], color=_PATHS[name], lw=0.7, label=name)
-            for reversal in trace.reversals():
+            for reversal in trace.reversals(reach):
                 panel.axvline(reversal.angle, color=COLOURS["requested"], lw=0.8, ls=":")
                 at = (reversal.angle + (-1 if trace.clockwise else 1) * reversal.spike_at) % 360
                 near = int(np.abs((trace.angle - at + 180) % 360 - 180).argmin())

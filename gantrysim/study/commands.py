@@ -32,6 +32,10 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder to write into; by default out/, the study's name and the job's.")
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Number of processes; by default all cores.")]
+Tolerance = Annotated[float, typer.Option(help="Largest value of the figure that will do, in its unit.")]
+Figure = Annotated[str, typer.Option(help="Figure of a run that the tolerance is for, as study.csv names it.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of the random numbers.")]
+_TOLERANCE = 50.0  # [µm]
 
 study_app = typer.Typer(
     add_completion=False,
@@ -91,6 +95,91 @@ def loop(
     from gantrysim.study.loop import LoopStudy
 
     carry_out(LoopStudy(Job.load(job, settings or (), model)), out, workers)
+
+
+@study_app.command()
+def speed(
+    job: JobArgument = "fanuc-spiral",
+    tolerance: Tolerance = _TOLERANCE,
+    figure: Figure = "contour_max",
+    out: Out = None,
+    model: Model = None,
+    settings: Settings = None,
+    workers: Workers = None,
+) -> None:
+    """Find the fastest path speed at which a job keeps to a tolerance.
+
+    Sweeps two octaves to both sides of the program's own speed, then narrows the bracket. Faults count as not within.
+    """
+    from gantrysim.job import Job
+    from gantrysim.study.speed import SpeedStudy
+
+    carry_out(SpeedStudy(Job.load(job, settings or (), model), tolerance, figure), out, workers)
+
+
+@study_app.command()
+def machine(
+    job: JobArgument = "fanuc-spiral",
+    tolerance: Tolerance = _TOLERANCE,
+    figure: Figure = "contour_max",
+    samples: Annotated[int, typer.Option(help="Number of machines.")] = 128,
+    spread: Annotated[
+        str,
+        typer.Option(
+            help="How far machines differ: payload=KG, and for friction, viscous, stiffness and motor_constant a "
+            "share, as in friction=0.5 for factors of 1/1.5 to 1.5; 0 for what does not differ."
+        ),
+    ] = "",
+    seed: Seed = 1,
+    out: Out = None,
+    model: Model = None,
+    settings: Settings = None,
+    workers: Workers = None,
+) -> None:
+    """Draw many machines that differ, and tell how many keep to a tolerance and what matters.
+
+    The servo of each keeps the gains of the nominal machine.
+    """
+    from gantrysim.job import Job
+    from gantrysim.study.machine import MachineStudy, Spread
+
+    loaded = Job.load(job, settings or (), model)
+    carry_out(MachineStudy(loaded, tolerance, figure, samples, Spread.parse(spread), seed), out, workers)
+
+
+@study_app.command()
+def circle(
+    model: Annotated[str, typer.Option("--machine", help="A built-in machine, or an MJCF file.")] = "xy",
+    radius: Annotated[float, typer.Option(help="Of the circle [mm].")] = 50.0,
+    path_speed: Annotated[float, typer.Option("--speed", help="Along it [mm/s].")] = 100.0,
+    out: Out = None,
+    settings: Settings = None,
+    workers: Workers = None,
+) -> None:
+    """Run a circle both ways and draw the circular-test chart, in the manner of ISO 230-4."""
+    from gantrysim.study.circle import CircleStudy
+
+    study = CircleStudy(model, radius, path_speed, tuple(settings or ()))
+    carry_out(study, out if out is not None else Path("out") / f"circle-{study.job.built_machine.name}", workers)
+
+
+@study_app.command()
+def repeat(
+    job: JobArgument = "softmc-arc",
+    repeats: Annotated[int, typer.Option(help="Number of repeats.")] = 10,
+    friction: Annotated[float, typer.Option(help="Scatter of the friction, a standard deviation, relative.")] = 0.03,
+    seed: Seed = 1,
+    out: Out = None,
+    model: Model = None,
+    settings: Settings = None,
+    workers: Workers = None,
+) -> None:
+    """Repeat a job as real repeats differ: path accuracy and repeatability, in the manner of ISO 9283."""
+    from gantrysim.job import Job
+    from gantrysim.study.repeat import RepeatStudy
+
+    loaded = Job.load(job, settings or (), model)
+    carry_out(RepeatStudy(loaded, repeats=repeats, friction=friction, seed=seed), out, workers)
 
 
 @contextmanager

@@ -39,10 +39,12 @@ class Criterion:
         Raises:
             InputError: it has none of that name.
         """
+        names = list(row)
+        figures = names[names.index("status") + 1 :]  # before it stand the tags
         known = {
             key: _without_unit(key)
-            for key, value in row.items()
-            if isinstance(value, float) and not key.startswith(_NOT_FIGURES)
+            for key in figures
+            if isinstance(row[key], float) and not key.startswith(_NOT_FIGURES)
         }
         for key, name in known.items():
             if self.figure in (key, name):

@@ -228,8 +228,8 @@ class RepeatStudy:
         )
         if repeatability > 0:
             text += (
-                f" What the repeats have in common, at its largest, is {accuracy / repeatability:.3g} times the largest "
-                "scatter: it is the part that a correction of the program could take away."
+                f" What the repeats have in common, at its largest, is {accuracy / repeatability:.3g} times the "
+                "largest scatter: it is the part that a correction of the program could take away."
             )
         paragraphs = [text]
         alone = {varied: _UM * one.path_repeatability for varied, one in paths.items() if varied != ALL}
@@ -268,8 +268,8 @@ class RepeatStudy:
         left = f" {lost} runs did not finish and are left out." if lost else ""
         return (
             f"ATp and RTp are formed after public descriptions of ISO 9283:1998 at {self._places.size} places along "
-            "the path where glue is laid, in planes square to it; load, speed and path are the job's, not the standard's "
-            f"(see gantrysim.iso).{left}"
+            "the path where glue is laid, in planes square to it; load, speed and path are the job's, not the "
+            f"standard's (see gantrysim.iso).{left}"
         )
 
     def figures(self, rows: list[Row]) -> list[Plot]:

@@ -52,7 +52,8 @@ def draw_plan(path: RepeatedPath) -> Figure:
     steps = np.diff(path.s)
     joined = steps < 1.5 * np.median(steps)  # where no glue is laid there is no line
     segments = np.stack([points[:-1], points[1:]], axis=1)[joined]
-    with sheet(7.4, 6.4) as figure:
+    width, depth = np.maximum(np.ptp(points, axis=0), 1e-9)
+    with sheet(7.4, float(np.clip(5.6 * depth / width + 1.1, 3.0, 7.4))) as figure:
         axes = figure.add_subplot()
         lines = LineCollection(list(segments), cmap="viridis", linewidths=3.0, capstyle="round")
         lines.set_array(0.5 * (reach[:-1] + reach[1:])[joined])
