@@ -147,8 +147,9 @@ class _Sheet:
                 panel.legend(fontsize="x-small")
         figure = self.errors.figure
         handles, labels = self.errors.get_legend_handles_labels()
-        columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
+        if labels:
+            columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
+            figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
 
     def _own(self, row: Row) -> bool:
         return row["sweep"] == self.sweep

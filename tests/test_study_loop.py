@@ -1,0 +1,319 @@
+"""The loop study: its cases, what it says of rows that are known, and a small one from end to end."""
+
+import functools
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gantrysim import Job
+from gantrysim.study import run_study
+from gantrysim.study.loop import (
+    AS_IT_IS,
+    FREE,
+    LOOP_ALONE,
+    NO_FRICTION,
+    NO_LOOP,
+    PERFECT,
+    SWEEPS,
+    LoopStudy,
+)
+from gantrysim.study.loop_findings import convergence, findings, loop_knee
+from gantrysim.study.trends import Convergence, crossing, knee, power
+
+SMALL = {
+    "loop_periods": (0.01, 0.05, 0.25),
+    "interpreter_times": (0.0, 1e-3, 4e-3),
+    "servo_periods": (5e-4, 1e-3, 4e-3),
+    "resolutions": (1e-3, 1e-2),
+    "halvings": 2,
+}
+SHORT = ["turns=2", "diameter=40", "thickness=5", "speed=150", "loop_period=0.05", "simulation.settle=0.05"]
+INTERPOLATED = 0.02  # of a knee between points a tenth of a decade apart
+
+
+@pytest.fixture(scope="module")
+def study():
+    return LoopStudy(Job.load("an225"))
+
+
+# trends
+
+
+@given(st.floats(0.5, 50), st.floats(0.1, 10), st.floats(0.05, 0.5))
+def test_knee_of_a_floor_and_a_line(floor, slope, excess):
+    exact = floor * math.sqrt((1 + excess) ** 2 - 1) / slope
+    x = np.geomspace(exact / 30, exact * 30, 31)
+    assert knee(x, np.hypot(floor, slope * x), floor, excess) == pytest.approx(exact, rel=INTERPOLATED)
+
+
+def test_knee_at_the_ends():
+    x = np.array([1.0, 2.0, 4.0])
+    assert knee(x, [1.05, 1.0, 1.09], 1.0) == math.inf
+    assert knee(x, [1.2, 1.0, 1.0], 1.0) is None
+    assert knee(x, [1.0, 1.1, 2.0], 1.0) == pytest.approx(2.0)
+    assert knee(x, [1.0, 3.0, 1.0], 1.0) < 2.0  # the first time that it leaves the floor
+
+
+def test_crossing_and_power_of_power_laws():
+    x = np.geomspace(1, 100, 12)
+    assert crossing(x, x**2, 30.0) == pytest.approx(math.sqrt(30.0), rel=1e-12)
+    assert crossing(x, x**2, 7 * x) == pytest.approx(7.0, rel=1e-12)
+    assert crossing(x, x, 1000.0) is None
+    assert crossing(x, 100 / x, 10.0) is None  # it falls below
+    assert power(x, 3 * x**1.7) == pytest.approx(1.7, rel=1e-12)
+
+
+@given(st.floats(1, 100), st.floats(-0.2, 0.2).filter(lambda c: abs(c) > 1e-3), st.sampled_from([1.0, 1.5, 2.0]))
+def test_convergence_of_a_power_law(limit, share, order):
+    steps = 1e-3 * 0.5 ** np.arange(4)
+    found = Convergence.of(steps, limit * (1 + share * (steps / steps[0]) ** order))
+    assert found.order == pytest.approx(order, rel=1e-6)
+    assert found.limit == pytest.approx(limit, rel=1e-9)
+    assert found.deviation == pytest.approx(abs(share), rel=1e-6)
+
+
+def test_scatter_has_no_order_and_counts_in_full():
+    found = Convergence.of([4, 2, 1], [10.0, 10.3, 10.1])
+    assert (found.order, found.limit) == (None, 10.1)
+    assert found.deviation == pytest.approx(0.3 / 10.1)
+    assert Convergence.of([4, 2, 1], [10.0, 10.1, 10.3]).order is None  # it runs away
+    still = Convergence.of([4, 2, 1], [5.0, 5.0, 5.0])
+    assert (still.order, still.deviation) == (None, 0.0)
+
+
+# cases
+
+
+def test_the_default_study_has_at_least_60_simulations(study):
+    simulated = {case.key for case in study.cases if case.mode == "simulated"}
+    assert len(simulated) >= 60
+    assert len({case.key for case in study.cases}) == len(study.cases)
+    assert {dict(case.tags)["sweep"] for case in study.cases} == set(SWEEPS)
+    periods = [dict(c.tags)["value"] for c in study.cases if dict(c.tags)["sweep"] == "loop_period"]
+    assert (min(p for p in periods if p), max(periods)) == (1e-3, 1.0)
+    servo = [dict(c.tags)["value"] for c in study.cases if dict(c.tags)["sweep"] == "servo_period"]
+    assert (min(servo), max(servo)) == (2.5e-4, 8e-3)
+
+
+def chosen(study, sweep, variant):
+    return [case for case in study.cases if {"sweep": sweep, "variant": variant}.items() <= dict(case.tags).items()]
+
+
+def test_variants_of_a_move_spiral(study):
+    for case in chosen(study, "loop_period", AS_IT_IS):
+        changed = case.settings
+        assert changed == {"program.loop_period": dict(case.tags)["value"]}
+    job = chosen(study, "loop_period", LOOP_ALONE)[-1].job()
+    assert (job.program["acceleration"], job.program["wait_resolution"]) == (math.inf, 0.0)
+    assert "ratio_bits" not in job.program
+    assert {case.mode for case in chosen(study, "loop_period", PERFECT)} == {"perfect follower"}
+    (no_loop,) = chosen(study, "loop_period", NO_LOOP)
+    assert no_loop.job().program["loop_period"] == 0
+    smooth = chosen(study, "servo_period", NO_FRICTION)[0]
+    assert smooth.perturbation.friction < 1e-6
+    assert smooth.job().servo.resolution == 0
+    assert smooth.job().servo.integral_time == math.inf
+
+
+def test_a_program_bound_to_servo_ticks_keeps_to_them():
+    study = LoopStudy(Job.load("an225", ["program.servo_period=0.001"]))
+    for case in chosen(study, "servo_period", AS_IT_IS):
+        job = case.job()
+        assert job.program["servo_period"] == job.servo.period == dict(case.tags)["value"]
+
+
+def test_physics_steps_halve_and_divide_the_servo_period(study):
+    values = [dict(case.tags)["value"] for case in chosen(study, "physics_step", AS_IT_IS)]
+    assert values == pytest.approx([2.5e-4 / 8, 2.5e-4 / 4, 2.5e-4 / 2, 2.5e-4])
+    odd = LoopStudy(Job.load("an225", ["servo.period=0.0007"]), halvings=1)
+    assert [dict(c.tags)["value"] for c in chosen(odd, "physics_step", AS_IT_IS)] == pytest.approx([7e-4 / 6, 7e-4 / 3])
+
+
+def test_resolutions_of_rotary_axes_go_in_proportion():
+    study = LoopStudy(Job.load("stage-outline"))
+    own = {axis.name: axis.resolution for axis in study.job.built_machine.axes}
+    case = chosen(study, "encoder_resolution", AS_IT_IS)[-1]
+    given_ = dict(zip(own, case.job().servo.resolution, strict=True))
+    assert given_["x"] == given_["y"] == dict(case.tags)["value"]
+    assert given_["th"] / own["th"] == pytest.approx(given_["x"] / own["x"])
+
+
+def test_a_program_without_a_loop_is_swept_in_what_it_has():
+    study = LoopStudy(Job.load("fanuc-spiral"))
+    assert {dict(case.tags)["sweep"] for case in study.cases} == {"servo_period", "encoder_resolution", "physics_step"}
+    assert {dict(case.tags)["variant"] for case in study.cases} == {AS_IT_IS, NO_FRICTION}
+    said = findings(study, [])
+    assert said[0] == "No sweep has enough cases that went through to say anything of."
+    assert said[1] == (
+        "fanuc.Program has no program loop in the way of Trio's Move Spiral: the sweeps of its period and of the "
+        "interpreter's time are left out."
+    )
+
+
+def test_the_continuous_limit_has_no_interpreter(study):
+    continuous = study.job.changed({**FREE, "program.loop_period": 0.0})
+    sweeps = {dict(case.tags)["sweep"] for case in LoopStudy(continuous).cases}
+    assert sweeps == set(SWEEPS) - {"interpreter_time"}
+
+
+# findings, of rows that are known
+
+
+def row(sweep, variant, value, **figures):
+    return {"sweep": sweep, "variant": variant, "value": value, "status": "ok", **figures}
+
+
+def known_rows(floor=10.0, slope=2000.0, least=0.1):
+    """A loop whose error is slope T over a floor, alone; as it is, with a least error at a period."""
+    periods = np.geomspace(1e-3, 1.0, 31)
+    rows = [row("loop_period", NO_LOOP, 0.0, contour_rms_um=floor)]
+    for t in periods.tolist():
+        rows.append(row("loop_period", LOOP_ALONE, t, contour_rms_um=math.hypot(floor, slope * t)))
+        rows.append(row("loop_period", PERFECT, t, generation_rms_um=slope * t))
+        if t > 4e-3:
+            rows.append(row("loop_period", AS_IT_IS, t, contour_rms_um=300 * (t / least + least / t)))
+        else:
+            refused = {"sweep": "loop_period", "variant": AS_IT_IS, "value": t, "status": "refused: too fast"}
+            rows.append(refused)
+    return rows
+
+
+def test_the_knee_of_known_rows(study):
+    exact = 10 * math.sqrt(1.1**2 - 1) / 2000
+    at, floor = loop_knee(known_rows())
+    assert (at, floor) == (pytest.approx(exact, rel=INTERPOLATED), 10.0)
+    text = findings(study, known_rows())[0]
+    said = re.match(r"Below T = ([\d.]+) ms the program loop no longer matters: .* within 10 % of the 10 µm ", text)
+    assert float(said[1]) == pytest.approx(1e3 * exact, rel=INTERPOLATED)
+    assert "The loop's own part grows as T^1.00, 2 µm for each millisecond." in text
+
+
+def test_a_faster_loop_that_is_worse_is_said_so_with_its_cause(study):
+    text = findings(study, known_rows())[0]
+    assert (
+        "As the job is, the error is least at T = 100 ms, with 600 µm where the loop by itself would cost 200 µm"
+        in text
+    )
+    assert "(ACCEL costs as much as a loop of 100 ms does)" in text
+    said = re.search(r"a faster loop makes it worse, up to (\d+) µm at ([\d.]+) ms, ([\d.]+) times as much", text)
+    worst = 300 * (float(said[2]) * 1e-2 + 1e2 / float(said[2]))
+    assert float(said[1]) == pytest.approx(worst, rel=0.01)
+    assert float(said[3]) == pytest.approx(worst / 600, rel=0.02)
+    assert re.search(r"because WA cuts every wait to a multiple of 1 ms \(17\d µm if it did not\)", text)
+    assert "and at 3.98 ms and below the spiral does not come to its end at all" in text
+
+
+def test_the_cause_is_not_wa_where_wa_does_not_cut():
+    free = LoopStudy(Job.load("an225", ["wait_resolution=0"]))
+    text = findings(free, known_rows())[0]
+    assert "a faster loop makes it worse" in text
+    assert "WA" not in text
+
+
+def test_knees_at_the_ends_of_the_sweep(study):
+    assert findings(study, known_rows(floor=1e5))[0].startswith("Up to T = 1e+03 ms the program loop does not matter")
+    text = findings(study, known_rows(floor=0.5))[0]
+    assert text.startswith("The program loop matters at every period down to T = 1 ms")
+
+
+def test_servo_and_encoder_of_known_rows(study):
+    rows = []
+    for p in (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3):
+        tracking = 10 * (p / 1e-3) ** 2
+        values = {
+            "contour_rms_um": math.hypot(100.0, tracking),
+            "tracking_rms_um": tracking,
+            "generation_rms_um": 100.0,
+        }
+        rows.append(row("servo_period", AS_IT_IS, p, **values))
+        rows.append(row("servo_period", NO_FRICTION, p, steady_tracking_normal_rms_um=0.05))
+    for q in (1e-4, 1e-3, 1e-2, 1e-1):
+        rows.append(row("encoder_resolution", NO_LOOP, q, contour_rms_um=math.hypot(10, 290 * q)))
+        rows.append(row("encoder_resolution", AS_IT_IS, q, speed_ripple=q))
+    text = findings(study, rows)[0]
+    at = float(re.search(r"Below a servo period of ([\d.]+) ms the servo no longer matters", text)[1])
+    assert at == pytest.approx(math.sqrt(10 * math.sqrt(0.21)), rel=0.15)  # points an octave apart
+    assert "the tracking error is 0.625 µm at 0.25 ms and 640 µm at 8 ms (as period^2.0" in text
+    assert "exceeds the program's part above 3.16 ms" in text
+    assert "Of the 40 µm at 2 ms sample, hold and winding lag alone, without friction, leave 50 nm" in text
+    count = float(re.search(r"Below ([\d.]+) µm per count the encoder no longer matters", text)[1])
+    assert count == pytest.approx(1e3 * 10 * math.sqrt(0.21) / 290, rel=0.3)  # points a decade apart
+    assert "the speed ripple goes from 0.01 % at 0.1 µm to 10 % at 100 µm" in text
+
+
+def test_the_integrator_s_part_is_told(study):
+    rows = []
+    for k, h in enumerate((2.5e-4, 1.25e-4, 6.25e-5)):
+        values = dict.fromkeys(("tracking_rms_um", "tracking_along_rms_um", "spacing_std_mm"), 2 + 0.1 * 0.5**k)
+        rows.append(row("physics_step", AS_IT_IS, h, contour_rms_um=10.0 + (0.1, 0.0, 0.05)[k], **values))
+    assert convergence(rows, AS_IT_IS)["tracking_rms_um"].order == pytest.approx(1.0)
+    text = findings(study, rows)[1]
+    assert "As it is, the figures at 0.25 ms differ from their limits over steps down to 0.0625 ms by" in text
+    assert "contour error 1 % (scatter), tracking error 5 % (order 1.00)" in text
+
+
+# from end to end
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("loop")
+    small = LoopStudy(Job.load("an225", SHORT), **SMALL)
+    return small, folder, run_study(small, folder, workers=1)
+
+
+def test_a_small_study_from_end_to_end(done):
+    small, folder, outcome = done
+    assert len(outcome.rows) == len(small.cases)
+    assert outcome.findings[0].startswith(("Below T = ", "The program loop matters at every period"))
+    assert outcome.findings[1].startswith("The figures are no artefact of the integrator.")
+    for sweep in SWEEPS:
+        assert (folder / "plots" / f"{sweep}.png").read_bytes().startswith(b"\x89PNG")
+    report = (folder / "report.html").read_text()
+    assert all(f">{title}</h2>" in report for title in SWEEPS.values())
+
+
+def test_predictions_stand_over_the_points_of_the_plot(done):
+    small, _, outcome = done
+    (plot,) = [plot for plot in small.figures(outcome.rows) if plot.name == "loop_period"]
+    drawn = {line.get_label(): line.get_xydata() for line in plot.figure.axes[0].lines}
+    points, line = drawn["generation, loop alone"], drawn["stepped arcs against the involute"]
+    on_line = np.exp(np.interp(np.log(points[:, 0]), np.log(line[:, 0]), np.log(line[:, 1])))
+    np.testing.assert_allclose(points[:, 1], on_line, rtol=0.01)
+    assert points[:, 0].tolist() == pytest.approx([10, 50, 250])  # in ms
+
+
+def test_plots_of_a_study_in_which_nothing_went_through(study):
+    rows = [{**dict(case.tags), "status": "refused: no"} for case in study.cases]
+    plots = study.figures(rows)
+    assert [plot.name for plot in plots] == list(SWEEPS)
+    for plot in plots:
+        plot.figure.draw_without_rendering()
+
+
+def test_the_command(tmp_path, monkeypatch, gantrysim_command):
+    from gantrysim.study import loop
+
+    tiny = {**SMALL, "loop_periods": (0.05, 0.1), "servo_periods": (1e-3,), "halvings": 0}
+    monkeypatch.setattr(loop, "LoopStudy", functools.partial(LoopStudy, **tiny))
+    settings = [part for setting in SHORT for part in ("--set", setting)]
+    status, output, said = gantrysim_command(
+        "study", "loop", "an225", *settings, "--out", tmp_path / "a", "--workers", 1
+    )
+    assert (status, said) == (0, "")
+    assert "As the job is, the error is least at T = " in " ".join(output.split())
+    assert output.endswith(f"written to {tmp_path / 'a'}/: job.toml, plots, report.html, study.csv, study.toml\n")
+    assert 'command = "gantrysim study loop job.toml"' in (tmp_path / "a" / "study.toml").read_text()
+
+
+def test_the_command_refuses_what_is_not_in_order(tmp_path, gantrysim_command):
+    status, _, said = gantrysim_command("study", "loop", "an226", "--out", tmp_path / "new")
+    assert (status, said.split(":")[:2]) == (2, ["error", " unknown job 'an226'"])
+    status, _, said = gantrysim_command("study", "loop", "--workers", "0", "--out", tmp_path / "new")
+    assert status == 2
+    assert "'--workers'" in said
+    assert not (tmp_path / "new").exists()
