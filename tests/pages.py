@@ -3,6 +3,7 @@
 import re
 from html.parser import HTMLParser
 
+BLOCKS = {"dd", "dt", "div", "h2", "p", "td", "th", "tr"}
 VOID = {"meta", "br", "link", "img"}
 REFERENCE = re.compile(r"url\(([^)]*)\)")
 
@@ -32,6 +33,8 @@ class Page(HTMLParser):
             self._open.pop()
 
     def handle_endtag(self, tag):
+        if tag in BLOCKS:
+            self.handle_data(" ")
         assert self._open.pop()["tag"] == tag
 
     def handle_data(self, text):

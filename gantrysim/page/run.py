@@ -63,7 +63,7 @@ def run_sections(job: Job, machine: Machine, bead: Bead, video: Path | None = No
     analysis = bead.analysis
     budget = Budget(analysis)
     yield _summary(analysis, budget)
-    yield budget_section(budget)
+    yield budget_section(budget, machine)
     yield plan_section(analysis)
     if analysis.spacing.distance.size:
         yield spacing_section(analysis)

@@ -10,6 +10,7 @@ import numpy as np
 from gantrysim import plots
 from gantrysim.bead import Bead
 from gantrysim.budget import Budget, PartFigures
+from gantrysim.machine import Machine
 from gantrysim.metrics import THOUSANDTH, Analysis, Range
 from gantrysim.page.document import Column, Section, Table
 
@@ -33,7 +34,7 @@ _MEANS = {
 }
 
 
-def budget_section(budget: Budget) -> Section:
+def budget_section(budget: Budget, machine: Machine) -> Section:
     """Return the section of the error budget."""
     figures = budget.figures
     columns: list[str | Column] = [
@@ -48,21 +49,26 @@ def budget_section(budget: Budget) -> Section:
         "x, y, z [mm]",
     ]
 
-    def row(name: str, part: PartFigures) -> list[str | float | None]:
+    def row(name: str, meaning: str, part: PartFigures) -> list[str | float | None]:
         numbers = [100 * part.share, *(_UM * value for value in (part.rms, part.p95, part.max))]
         point = ", ".join(f"{value:.1f}".replace("-", "−") for value in part.point)
         where = [None] * 3 if part.rms < _NOTHING else [part.s, part.time, point]
-        return [name, _MEANS[name], *numbers, *where]
+        return [name, meaning, *numbers, *where]
 
-    rows = [row(name, part) for name, part in figures.parts.items()]
-    rows.append(row("contour", figures.contour))
+    rows = [row(name, _MEANS[name], part) for name, part in figures.parts.items()]
+    rows.append(row("contour", _MEANS["contour"], figures.contour))
     links = Table(
         columns,
         rows,
         "Error normal to the requested path; its share of the mean square, and where it is largest",
         plots.COLOURS,
     )
-    tables = [links]
+    by_axis = [
+        row(name, f"following error of the axis {name}", budget.figures_of(part))
+        for name, part in budget.tracking_by_axis(machine).items()
+    ]
+    axes = Table(["axis", *columns[1:]], by_axis, "What every axis makes of the tracking part, to first order")
+    tables = [links, axes]
     if figures.turns:
         tables.append(_turns(budget))
     text = [

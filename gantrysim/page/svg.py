@@ -48,12 +48,12 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     with matplotlib.rc_context(_SAVING):
         figure.savefig(file, format="svg", dpi=_raster_dpi(figure), transparent=True, metadata={"Date": None})
     root = ElementTree.fromstring(file.getvalue())
-    used = _references(root)
+    names = _names(root, prefix)
     for element in list(root.iter()):
         for child in list(element):
             if _local(child.tag) in ("metadata", "style"):
                 element.remove(child)
-        _make_local(element, prefix, used)
+        _make_local(element, names)
     for key in ("width", "height", "version"):
         root.attrib.pop(key, None)
     title = ElementTree.Element("title", {"id": f"{prefix}-title"})
@@ -84,30 +84,33 @@ def _raster_dpi(figure: Figure) -> float:
     return max(figure.dpi, 150.0)
 
 
-def _references(root: ElementTree.Element) -> set[str]:
+def _names(root: ElementTree.Element, prefix: str) -> dict[str, str]:
+    """Names of the page for the ids that are referred to, in the order in which they are given.
+
+    Matplotlib's own come from numbers whose last digits the layout's solver leaves open.
+    """
     used: set[str] = set()
     for element in root.iter():
-        for key, value in element.attrib.items():
-            if key == _HREF and value.startswith("#"):
-                used.add(value[1:])
-            used.update(_REFERENCE.findall(value))
-    return used
+        used.update(value[1:] for key, value in element.attrib.items() if key == _HREF and value.startswith("#"))
+        used.update(*(_REFERENCE.findall(value) for value in element.attrib.values()))
+    given = [element.attrib["id"] for element in root.iter() if element.attrib.get("id") in used]
+    return {name: f"{prefix}-{k + 1}" for k, name in enumerate(given)}
 
 
-def _make_local(element: ElementTree.Element, prefix: str, used: set[str]) -> None:
+def _make_local(element: ElementTree.Element, names: dict[str, str]) -> None:
     """Take an element out of its name space, its ids into the page's, its colours and fonts to the page's."""
     element.tag = _local(element.tag)
     own: dict[str, str] = {}
     for key, value in element.attrib.items():
         if key == "id":
-            if value in used:
-                own["id"] = f"{prefix}-{value}"
+            if value in names:
+                own["id"] = names[value]
         elif key == _HREF:
-            own["href"] = f"#{prefix}-{value[1:]}" if value.startswith("#") else value
+            own["href"] = f"#{names[value[1:]]}" if value.startswith("#") else value
         elif key in _COORDINATES:
             own[key] = _NUMBER.sub(_rounded, value)
         else:
-            text = _REFERENCE.sub(rf"url(#{prefix}-\1)", value)
+            text = _REFERENCE.sub(lambda match: f"url(#{names[match[1]]})", value)
             if key == "style":
                 text = _FAMILY.sub("", _FONT.sub(r"font: \1 var(--sans)", text))
                 for ink in ("#000000", INK):
