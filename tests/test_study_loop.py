@@ -239,21 +239,46 @@ def test_servo_and_encoder_of_known_rows(study):
     assert at == pytest.approx(math.sqrt(10 * math.sqrt(0.21)), rel=0.15)  # points an octave apart
     assert "the tracking error is 0.625 µm at 0.25 ms and 640 µm at 8 ms (as period^2.0" in text
     assert "exceeds the program's part above 3.16 ms" in text
-    assert "Of the 40 µm at 2 ms sample, hold and winding lag alone, without friction, leave 50 nm" in text
+    assert "Of the 40 µm at 2 ms, 50 nm would be left without friction, encoder counts and integral term" in text
     count = float(re.search(r"Below ([\d.]+) µm per count the encoder no longer matters", text)[1])
     assert count == pytest.approx(1e3 * 10 * math.sqrt(0.21) / 290, rel=0.3)  # points a decade apart
     assert "the speed ripple goes from 0.01 % at 0.1 µm to 10 % at 100 µm" in text
 
 
-def test_the_integrator_s_part_is_told(study):
+def stepped_rows(share, variant=AS_IT_IS):
+    """Figures that come closer to 2 by half at each step, and a contour error that scatters by a share of 10."""
     rows = []
+    columns = ("tracking_rms_um", "tracking_along_rms_um", "structure_rms_um", "spacing_std_mm")
     for k, h in enumerate((2.5e-4, 1.25e-4, 6.25e-5)):
-        values = dict.fromkeys(("tracking_rms_um", "tracking_along_rms_um", "spacing_std_mm"), 2 + 0.1 * 0.5**k)
-        rows.append(row("physics_step", AS_IT_IS, h, contour_rms_um=10.0 + (0.1, 0.0, 0.05)[k], **values))
+        values = dict.fromkeys(columns, 2 + 0.06 * 0.5**k)
+        rows.append(row("physics_step", variant, h, contour_rms_um=10.0 * (1 + share * (1, 0, 0.5)[k]), **values))
+    return rows
+
+
+def test_the_integrator_s_part_is_told(study):
+    rows = stepped_rows(0.01)
     assert convergence(rows, AS_IT_IS)["tracking_rms_um"].order == pytest.approx(1.0)
     text = findings(study, rows)[1]
-    assert "As it is, the figures at 0.25 ms differ from their limits over steps down to 0.0625 ms by" in text
-    assert "contour error 1 % (scatter), tracking error 5 % (order 1.00)" in text
+    assert text.startswith("The physics step was halved from 0.25 ms down to 0.0625 ms")
+    assert "are no artefact of the integrator, they are off their limits by: contour error 1 % (scatter)" in text
+    assert "tracking error 3 % (order 1.00)" in text
+    smooth = findings(study, rows + stepped_rows(0.0, NO_FRICTION))[1]
+    assert (
+        "Without friction, which is not smooth: contour error 0 % (scatter), tracking error 3 % (order 1.00)" in smooth
+    )
+
+
+def test_a_figure_that_is_the_integrator_s_is_called_so(study):
+    text = findings(study, stepped_rows(0.2))[1]
+    assert (
+        "these depend on the step, and so are the integrator's as well as the machine's: contour error 18 % (s" in text
+    )
+    assert "The others are no artefact of it, they are off their limits by: tracking error 3 % (order 1.00)" in text
+    every = stepped_rows(0.0)
+    for k, coarse in enumerate(every):
+        coarse.update({key: 2 + 0.4 * 0.5**k for key in coarse if key.endswith(("um", "mm"))})
+    text = findings(study, every)[1]
+    assert "The figures of the job as it is all depend on the step, take a shorter one" in text
 
 
 # from end to end
@@ -270,7 +295,7 @@ def test_a_small_study_from_end_to_end(done):
     small, folder, outcome = done
     assert len(outcome.rows) == len(small.cases)
     assert outcome.findings[0].startswith(("Below T = ", "The program loop matters at every period"))
-    assert outcome.findings[1].startswith("The figures are no artefact of the integrator.")
+    assert outcome.findings[1].startswith("The physics step was halved from 0.25 ms down to 0.0625 ms")
     for sweep in SWEEPS:
         assert (folder / "plots" / f"{sweep}.png").read_bytes().startswith(b"\x89PNG")
     report = (folder / "report.html").read_text()

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.plots.style import COLOURS, INK, UM, sheet
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy
 from gantrysim.study.loop_findings import CONVERGING, convergence, loop_knee
@@ -40,7 +40,7 @@ _SHAPES: dict[str, dict[str, Any]] = {
     NO_LOOP: {"marker": "s", "ms": 5.0, "mfc": "white"},
     NO_FRICTION: {"marker": "^", "ms": 5.5, "mfc": "white"},
 }
-_FIGURE_COLOURS = (INK, COLOURS["tracking"], COLOURS["structure"], COLOURS["generation"])
+_FIGURE_COLOURS = (INK, COLOURS["tracking"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["generation"])
 
 
 class _Sheet:

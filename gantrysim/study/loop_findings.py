@@ -19,9 +19,11 @@ CONVERGING = {
     "contour_rms_um": "contour error",
     "tracking_rms_um": "tracking error",
     "tracking_along_rms_um": "tracking error along the path",
+    "structure_rms_um": "structure's part",
     "spacing_std_mm": "spread of the spacing",
 }
 _PER_CENT = 100.0
+_ARTEFACT = 0.05  # of a figure, from which what the physics step does to it is no small matter
 _TURNED = 1.05  # of the least error, from which a rise is one
 
 
@@ -180,8 +182,8 @@ def _servo(rows: list[Row]) -> str | None:
         k = shared[len(shared) // 2]
         share = normal[int(np.flatnonzero(smooth == period[k])[0])]
         text += (
-            f". Of the {_um(tracking[k])} at {_ms(period[k])} sample, hold and winding lag alone, without friction, "
-            f"leave {_um(share)}"
+            f". Of the {_um(tracking[k])} at {_ms(period[k])}, {_um(share)} would be left without friction, encoder "
+            "counts and integral term"
         )
     return f"{text}."
 
@@ -212,28 +214,41 @@ def _encoder(rows: list[Row]) -> str | None:
 
 
 def _integrator(rows: list[Row]) -> list[str]:
-    """The proof that the figures are none of the integrator's making."""
-    sentences = []
-    for variant in (AS_IT_IS, NO_FRICTION):
-        found = convergence(rows, variant)
-        if not found:
-            continue
-        first = next(iter(found.values()))
-        parts = []
-        for column, figure in found.items():
-            order = f"order {figure.order:.2f}" if figure.order is not None else "scatter"
-            parts.append(f"{CONVERGING[column]} {_PER_CENT * figure.deviation:.2g} % ({order})")
-        sentences.append(
-            f"{variant}, the figures at {1e3 * first.steps[0]:g} ms differ from their limits over steps down to "
-            f"{1e3 * first.steps[-1]:.3g} ms by: {', '.join(parts)}."
-        )
-    if not sentences:
+    """What of the figures is the integrator's making."""
+    as_is, smooth = convergence(rows, AS_IT_IS), convergence(rows, NO_FRICTION)
+    if not as_is:
         return []
-    return [
-        "The figures are no artefact of the integrator. The physics step was halved again and again and the figures "
-        "extrapolated to a step of zero (Richardson) where they show an order of convergence; where they only scatter, "
-        "the whole scatter is told. " + " ".join(sentence[0].upper() + sentence[1:] for sentence in sentences)
-    ]
+    steps = next(iter(as_is.values())).steps
+    moved = {column: figure for column, figure in as_is.items() if figure.deviation > _ARTEFACT}
+    kept = {column: figure for column, figure in as_is.items() if column not in moved}
+    text = (
+        f"The physics step was halved from {1e3 * steps[0]:.3g} ms down to {1e3 * steps[-1]:.3g} ms, and the figures "
+        "extrapolated to a step of zero (Richardson) where they show an order of convergence; where they scatter, the "
+        "whole scatter is told. "
+    )
+    if not moved:
+        text += "The figures of the job as it is are no artefact of the integrator, they are off their limits by: "
+    elif kept:
+        text += (
+            "Of the figures of the job as it is these depend on the step, and so are the integrator's as well as the "
+            f"machine's: {_told(moved)}. The others are no artefact of it, they are off their limits by: "
+        )
+    else:
+        text += (
+            "The figures of the job as it is all depend on the step, take a shorter one; they are off their limits by: "
+        )
+    text += f"{_told(kept or moved)}."
+    if smooth:
+        text += f" Without friction, which is not smooth: {_told(smooth)}."
+    return [text]
+
+
+def _told(found: dict[str, Convergence]) -> str:
+    parts = []
+    for column, figure in found.items():
+        order = f"order {figure.order:.2f}" if figure.order is not None else "scatter"
+        parts.append(f"{CONVERGING[column]} {_PER_CENT * figure.deviation:.2g} % ({order})")
+    return ", ".join(parts)
 
 
 def _ms(seconds: float) -> str:
