@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_budget", "draw_budget_along", "turn_starts"]
+__all__ = ["draw_budget", "draw_budget_along", "stack_bars"]
 
 _LEAST_NAMED = 0.07  # share of a bar in which there is room for its number
 _MOST_NAMED = 10  # turns that are marked by their numbers
@@ -31,7 +31,7 @@ def draw_budget(figure: Figure, budget: Budget) -> None:
     turns = budget.figures.turns
     whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
     shares = {name: np.array([part.share]) for name, part in budget.figures.parts.items()}
-    _stack(whole, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
+    stack_bars(whole, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
     at = 0.0
     for name, share in shares.items():
         if share[0] >= _LEAST_NAMED:
@@ -44,7 +44,9 @@ def draw_budget(figure: Figure, budget: Budget) -> None:
     for axes in below:
         number = np.array([turn.turn for turn in turns])
         rms = np.array([turn.parts["contour"].rms for turn in turns])
-        _stack(axes, number, {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}, upright=True)
+        stack_bars(
+            axes, number, {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}, upright=True
+        )
         axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms of the contour error by turn, in the links' shares")
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
@@ -79,17 +81,17 @@ def draw_budget_along(figure: Figure, budget: Budget) -> None:
     whole.set_ylabel("all links")
     figure.supylabel("left of the requested path [µm]", fontsize="medium")
     panels[-1].set_xlabel("place along the requested path [mm]")
-    whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if turn_starts(budget).size else 1.0), ncols=6)
+    whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if _turn_starts(budget).size else 1.0), ncols=6)
 
 
-def turn_starts(budget: Budget) -> Floats:
+def _turn_starts(budget: Budget) -> Floats:
     """Return where on the requested path each turn begins, of a path of more than one turn, (t,) [mm]."""
     return np.array([turn.s[0] for turn in budget.figures.turns])
 
 
 def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:
     """Mark by lines where turns begin, and write the turns' numbers over the uppermost panel."""
-    starts = turn_starts(budget)
+    starts = _turn_starts(budget)
     step = -(-starts.size // _MOST_NAMED) if starts.size else 1
     for k, start in enumerate(starts.tolist()):
         for panel in panels:
@@ -126,8 +128,15 @@ def _product(one: Part, other: Part) -> Floats:
     return product
 
 
-def _stack(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool) -> None:
-    """Stack bars, what is positive from zero one way and what is negative the other way."""
+def stack_bars(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool) -> None:
+    """Stack bars, what is positive from zero one way and what is negative the other way.
+
+    Args:
+        axes: to draw on.
+        at: where the bars stand, (m,).
+        values: of every link, (m,).
+        upright: whether they stand, or lie.
+    """
     above, below = np.zeros(at.size), np.zeros(at.size)
     for name, value in values.items():
         foot = np.where(value >= 0, above, below)
