@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats, Projection, dot
 from gantrysim.machine import Machine
-from gantrysim.metrics import Analysis, Spread, one_way
+from gantrysim.metrics import Analysis, Spread
+from gantrysim.spacing import one_way
 
 __all__ = ["LINKS", "Budget", "BudgetFigures", "Part", "PartFigures", "TurnFigures"]
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats, Path, Projection, dot
+from gantrysim.controllers.path import Floats, Projection, dot
 from gantrysim.errors import InputError
 from gantrysim.run import Run
+from gantrysim.spacing import Spacing, spacing, spacing_of
 
 __all__ = [
     "THOUSANDTH",
@@ -27,7 +27,6 @@ __all__ = [
     "Spacing",
     "Spread",
     "figures",
-    "one_way",
     "path_speed",
     "spacing",
     "speed_ripple",
@@ -37,12 +36,7 @@ __all__ = [
 
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # in which the errors of an axis are told
 
-_NEWTON_STEPS = 20
-_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
-_SLOPE_REACH = 0.25  # [mm]
-_LEAST_SLOPE = 0.3
 _START_AND_END = 0.05  # of the dispensing time, each
-_LEAST_OVERLAP = 0.02  # of the second turn over the first, for a spacing to speak of [rad]
 
 
 @dataclass(frozen=True)
@@ -69,25 +63,6 @@ class Range:
     @classmethod
     def of(cls, values: Floats) -> Range:
         return cls(float(values.mean()), float(values.std()), float(values.min()), float(values.max()))
-
-
-@dataclass(frozen=True)
-class Spacing:
-    """Distance from each point of a spiral's trace to the next turn, along the trace's normal.
-
-    Attributes:
-        s: arc length of the points on the requested path, (m,) [mm].
-        turn: turns of the tangent since the start of the requested path, (m,).
-        distance: to the neighbouring turn, (m,) [mm].
-        next_s: arc length of the points of the neighbouring turn on the requested path, (m,) [mm].
-        link: both points on the trace, (m, 2, 3) [mm].
-    """
-
-    s: Floats
-    turn: Floats
-    distance: Floats
-    next_s: Floats
-    link: Floats
 
 
 @dataclass(frozen=True)
@@ -166,7 +141,7 @@ class Analysis:
     @cached_property
     def spacing(self) -> Spacing:
         """Spacing of neighbouring turns."""
-        return _spacing(self.run.requested, self.nozzle, self.ticks)
+        return spacing_of(self.run.requested, self.nozzle, self.ticks)
 
     @cached_property
     def figures(self) -> Figures:
@@ -232,100 +207,3 @@ def steady(ticks: int) -> slice:
     """Return the middle 90 % of a number of ticks: in the first and the last 5 % the motion starts and ends."""
     edge = round(_START_AND_END * ticks)
     return slice(edge, ticks - edge)
-
-
-def spacing(path: Path, trace: ArrayLike) -> Spacing:
-    """Return the distance of neighbouring turns of a trace, along the trace's own normal in the path's plane.
-
-    With s the foot of a point on the requested path and e(s) its lateral error the trace is, but for what it is off
-    the plane, q(s) = c(s) + e(s) n(s), and its direction in the plane is along (cos(beta) - kappa e) h + e' n, with
-    h the heading, beta the climb and e' taken over a quarter millimetre to both sides. From each point p the normal is
-    followed to where it meets the trace again a turn later: (q(s') - p).direction = 0, solved by Newton's method.
-    Points with no turn after them are left out. Of a path that turns now left, now right it is the stretch that
-    turns furthest one way.
-
-    Args:
-        path: the requested path.
-        trace: points in the order of the motion, (n, 3) [mm].
-    """
-    foot = path.follow(trace)
-    return _spacing(path, foot, np.arange(foot.s.size))
-
-
-def _spacing(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
-    """Spacing of a trace from its projection; where ticks are left out between two points there is no trace."""
-    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
-    s, lateral = foot.s[forward], foot.lateral[forward]
-    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[forward]
-
-    def offset(at: Floats) -> Floats:
-        error: Floats = np.interp(at, s, lateral)
-        return error
-
-    def place(at: Floats) -> Floats:
-        point: Floats = path.position(at) + offset(at)[:, None] * path.normal(at)
-        return point
-
-    def slope(at: Floats) -> Floats:
-        low, high = np.maximum(at - _SLOPE_REACH, s[0]), np.minimum(at + _SLOPE_REACH, s[-1])
-        ratio: Floats = (offset(high) - offset(low)) / (high - low)
-        return ratio
-
-    def direction(at: Floats) -> Floats:
-        """The trace's derivative over s in the plane, (m, 3)."""
-        normal = path.normal(at)
-        ahead = np.sqrt(np.maximum(1 - path.climb(at) ** 2, 0.0)) - path.curvature(at) * offset(at)
-        along: Floats = ahead[:, None] * np.cross(normal, path.frame(at)[:, 2]) + slope(at)[:, None] * normal
-        return along
-
-    heading, (first, last) = one_way(path.heading(s))
-    s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
-    if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
-        return Spacing(*np.zeros((4, 0)), link=np.zeros((0, 2, 3)))
-    inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
-    at = s[inner]
-    tangent = direction(at)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    normal = np.cross(path.frame(at)[:, 2], tangent)
-    point = place(at)
-    guess = np.interp(heading[inner] + 2 * np.pi, heading, s)
-    met_at = guess.copy()
-    active = np.arange(at.size)
-    for _ in range(_NEWTON_STEPS):
-        here, ahead = met_at[active], tangent[active]
-        # where the two turns' directions differ much the step is kept short
-        step = dot(place(here) - point[active], ahead) / np.maximum(dot(direction(here), ahead), _LEAST_SLOPE)
-        met_at[active] -= step
-        active = active[np.abs(step) >= _LAST_STEP]
-        if not active.size:
-            break
-    met = (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
-    met[active] = False
-    after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
-    met &= parts[after] == parts[after - 1]
-    link = np.stack([point, place(met_at)], axis=1)
-    distance = np.abs(dot(link[:, 1] - point, normal))
-    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met], link[met])
-
-
-def one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
-    """Return the angle turned along the stretch of a heading that turns furthest one way, and where that is.
-
-    Args:
-        heading: in the order of the motion, not wrapped, (n,) [rad].
-
-    Returns:
-        The angle since the stretch begins, (k,) [rad], and the indices at which it begins and before which it ends.
-    """
-    change = np.diff(heading)
-    sense = np.sign(change)
-    # a straight stretch goes with the turning before it
-    turning = np.flatnonzero(sense)
-    if not turning.size:
-        return np.zeros(0), (0, 0)
-    sense = sense[turning[np.maximum(np.searchsorted(turning, np.arange(sense.size), side="right") - 1, 0)]]
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(sense)) + 1, [sense.size]])
-    turned = [abs(heading[high] - heading[low]) for low, high in pairwise(edges.tolist())]
-    k = int(np.argmax(turned))
-    low, high = edges[k : k + 2].tolist()
-    return np.abs(heading[low : high + 1] - heading[low]), (low, high + 1)

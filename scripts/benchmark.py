@@ -8,6 +8,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -16,8 +17,12 @@ from rich.console import Console
 from rich.table import Table
 
 from gantrysim import Job, Machine, Servo, simulate
+from gantrysim.bead import Bead
+from gantrysim.budget import Budget
+from gantrysim.controllers.path import Path
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.job import builtin_jobs
+from gantrysim.metrics import Analysis
 from gantrysim.programs import build
 
 SERVO_PERIOD = 1e-3  # [s]
@@ -70,6 +75,24 @@ def setpoints(rounds: int) -> float:
     return max(share(name) for name in builtin_jobs())
 
 
+def analysis(rounds: int) -> float:
+    """all figures of a run, its error budget and its bead on the map, against its simulation; the worst of the jobs."""
+
+    def share(name: str) -> float:
+        job = Job.load(name)
+        run = job.run()
+        kind, parameters = type(run.requested).__name__, run.requested.parameters()
+
+        def analyse() -> None:
+            fresh = replace(run, requested=Path.build(kind, parameters))  # without the tables of an earlier analysis
+            found = Analysis(fresh)
+            _ = found.figures, Budget(found).figures, Bead(fresh, job.bead, found).figures
+
+        return 1 / ratio(job.run, analyse, max(rounds // 3, 1))
+
+    return max(share(name) for name in builtin_jobs())
+
+
 class Benchmark(NamedTuple):
     measure: Callable[[int], float]
     wanted: str
@@ -78,6 +101,7 @@ class Benchmark(NamedTuple):
 BENCHMARKS = {
     "engine": Benchmark(engine, "at least 0.90"),
     "setpoints": Benchmark(setpoints, "at most 0.10"),
+    "analysis": Benchmark(analysis, "at most 1.00"),
 }
 
 if __name__ == "__main__":

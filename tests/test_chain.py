@@ -139,7 +139,7 @@ def test_helix_in_closed_form(plane, sense):
     assert path.curvature(s) == pytest.approx(np.full(50, sense / speed), rel=1e-12)
     # the whole curvature vector of a helix points to its axis and is r / (r^2 + h^2)
     inward = -(np.cos(psi) * u + np.sin(psi) * v)
-    assert path.bend(s) == pytest.approx(radius / speed**2 * inward, abs=UNIT)
+    assert path.local(s).bend == pytest.approx(radius / speed**2 * inward, abs=UNIT)
 
 
 def test_archimedes_cone_in_closed_form():
@@ -400,7 +400,7 @@ def test_point_off_a_coil_projects_onto_its_nearest_point(coil, fraction, across
     assert np.linalg.norm(foot.offset[0]) == pytest.approx(foot.distance[0], abs=POSITION)
     assert point - foot.offset[0] == pytest.approx(path.position(foot.s)[0], abs=POSITION)
     inside = 1e-6 < foot.s[0] < path.length - 1e-6
-    curved = np.linalg.norm(path.bend(foot.s)[0]) * foot.distance[0] > 0.9
+    curved = np.linalg.norm(path.local(foot.s).bend[0]) * foot.distance[0] > 0.9
     if inside and not curved:  # the offset is square to the path
         assert foot.offset[0] @ path.tangent(foot.s)[0] == pytest.approx(0, abs=1e-6)
 
@@ -489,7 +489,7 @@ def test_ten_thousand_lines_take_no_time_to_speak_of():
     path = Chain([Line(a, b) for a, b in pairwise(ends)])
     s = np.linspace(0, path.length, 100_001)
     found = path.position(s)
-    path.tangent(s), path.normal(s), path.bend(s)
+    path.tangent(s), path.normal(s), path.local(s)
     foot = path.follow(found[:10_000])
     assert time.perf_counter() - begun < SECONDS
     way_to = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

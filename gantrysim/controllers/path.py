@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.controllers.nearest import AROUND, along, vertices
 from gantrysim.errors import InputError, unknown
 
-__all__ = ["Floats", "Path", "Projection", "dot"]
+__all__ = ["Floats", "Local", "Path", "Projection", "dot"]
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +55,40 @@ class Projection:
     lateral: Floats
     vertical: Floats
     distance: Floats
+
+
+@dataclass(frozen=True)
+class Local:
+    """A path and its frame at arc lengths.
+
+    Attributes:
+        position: points c, (n, 3) [mm].
+        along: directions h of the heading, in the plane, (n, 3).
+        normal: left normals n, (n, 3).
+        up: normals w of the plane, (n, 3).
+        cosine, sine: of the angle of climb beta, (n,).
+        turning: kappa = d(theta)/ds, (n,) [1/mm].
+    """
+
+    position: Floats
+    along: Floats
+    normal: Floats
+    up: Floats
+    cosine: Floats
+    sine: Floats
+    turning: Floats
+
+    @property
+    def tangent(self) -> Floats:
+        """Unit tangents t, (n, 3)."""
+        tangent: Floats = self.cosine[:, None] * self.along + self.sine[:, None] * self.up
+        return tangent
+
+    @property
+    def bend(self) -> Floats:
+        """Curvature vectors dt/ds but for the change of climb, kappa cos(beta) n, (n, 3) [1/mm]."""
+        bend: Floats = (self.turning * self.cosine)[:, None] * self.normal
+        return bend
 
 
 class Path(ABC):
@@ -110,6 +144,21 @@ class Path(ABC):
         """Directions u, v, w of the plane, (n, 3, 3)."""
         return np.broadcast_to(np.eye(3), (np.size(s), 3, 3))
 
+    def local(self, s: ArrayLike) -> Local:
+        """Return points and the path's frame there, for less than one after the other."""
+        theta, sine, frame = self.heading(s), self.climb(s), self.frame(s)
+        cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
+        u, v, w = frame[:, 0], frame[:, 1], frame[:, 2]
+        return Local(
+            position=self.position(s),
+            along=cos * u + sin * v,
+            normal=cos * v - sin * u,
+            up=w,
+            cosine=np.sqrt(np.maximum(1 - sine**2, 0.0)),
+            sine=sine,
+            turning=self.curvature(s),
+        )
+
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
         theta, sine = self.heading(s), self.climb(s)
@@ -120,12 +169,6 @@ class Path(ABC):
         """Left unit normals n(s) in the plane, (n, 3)."""
         theta = self.heading(s)
         return _in_frame(self.frame(s), -np.sin(theta), np.cos(theta), np.zeros_like(theta))
-
-    def bend(self, s: ArrayLike) -> Floats:
-        """Curvature vectors dt/ds but for the change of climb, kappa cos(beta) n, (n, 3) [1/mm]."""
-        cosine = np.sqrt(np.maximum(1 - self.climb(s) ** 2, 0.0))
-        bend: Floats = (self.curvature(s) * cosine)[:, None] * self.normal(s)
-        return bend
 
     @cached_property
     def _table(self) -> tuple[Floats, Floats]:
@@ -172,23 +215,22 @@ class Path(ABC):
         """
         (s_table, p_table), corners = self._table, self._corners
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
-        s = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
+        found = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
         if corners.size:
             edges = np.concatenate([[0.0], corners, [self.length]])
-            k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), s)
+            k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
             reach = AROUND * s_table[1]
-            near = np.flatnonzero(np.abs(edges[k] - s) <= reach)
+            near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
             at, before, after = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1]
             for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
                 other = self._between(p[near], low, high, 0.5 * (low + high))
-                old, new = (np.linalg.norm(self.position(foot) - p[near], axis=1) for foot in (s[near], other))
-                s[near] = np.where(new < old, other, s[near])
-        offset, normal = p - self.position(s), self.normal(s)
-        binormal = np.cross(self.tangent(s), normal)
-        return Projection(s, offset, dot(offset, normal), dot(offset, binormal), np.sqrt(dot(offset, offset)))
+                closer = other.distance < found.distance[near]
+                for name, values in vars(found).items():
+                    values[near[closer]] = getattr(other, name)[closer]
+        return found
 
-    def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Floats:
-        """Arc lengths of the feet of points between two arc lengths, from a guess, (n,) [mm].
+    def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
+        """Project points onto the stretches between two arc lengths, from a guess, (n,) [mm].
 
         By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step would leave the
         interval, at the path's ends, where the curvature jumps, near a centre of curvature, the end is tried, and then
@@ -197,13 +239,16 @@ class Path(ABC):
         first, last = low, high
         low, high = low.copy(), high.copy()
         s = np.clip(guess, low, high)
+        offset, normal, tangent = np.empty((3, len(p), 3))
         tried = np.zeros(len(p), bool)
         active = np.arange(len(p))
         for _ in range(_STEPS):
             at = s[active]
-            back = self.position(at) - p[active]
-            ahead = dot(back, self.tangent(at))
-            slope = 1.0 + dot(back, self.bend(at))
+            local = self.local(at)
+            back = local.position - p[active]
+            way = local.tangent
+            ahead = dot(back, way)
+            slope = 1.0 + dot(back, local.bend)
             beyond = ahead > 0
             high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
             step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
@@ -216,10 +261,18 @@ class Path(ABC):
             moved[outside] = np.where(first_time, end, 0.5 * (lowest + highest))[outside]
             tried[active] |= outside
             s[active] = moved
+            # after the last step, which is short, the path is straight enough to go there from here
+            offset[active] = -back - (moved - at)[:, None] * way
+            normal[active], tangent[active] = local.normal, way
             active = active[np.abs(moved - at) > np.where(outside, _TOLERANCE, _LAST_STEP)]
             if not active.size:
                 break
-        return np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
+        else:  # to and fro about a corner that has no foot on either side
+            local = self.local(s[active])
+            offset[active], normal[active], tangent[active] = p[active] - local.position, local.normal, local.tangent
+        s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
+        vertical = dot(offset, np.cross(tangent, normal))
+        return Projection(s, offset, dot(offset, normal), vertical, np.sqrt(dot(offset, offset)))
 
 
 def _points(points: ArrayLike) -> Floats:
