@@ -30,6 +30,7 @@ _WIDTH, _HANDLE = 160, 6  # of the legend, and of a sample in it, in letters
 _FEW = 8  # swept values, up to which each is labelled
 _LINE = 60  # points of a predicted line
 _MS, _PER_CENT = 1e3, 100.0
+_INSIDE = 0.55  # of the size of a point that shows inside another
 _LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
 _LEAST_DEVIATION = 1e-7
 # Points have a shape by variant and a colour by figure.
@@ -66,6 +67,8 @@ class _Sheet:
         shown = (x > 0) & (y != minus)
         if shown.any():
             shape = {"mfc": colour, **_SHAPES[variant]}
+            if column.startswith("tracking"):
+                shape["ms"] = _INSIDE * shape["ms"]  # it often lies upon the contour error
             panel.plot(
                 self.scale * x[shown], factor * np.abs(y[shown] - minus), color=colour, ls="none", label=label, **shape
             )
@@ -282,7 +285,8 @@ def _servo_period(study: LoopStudy, on: _Sheet) -> str:
         on.line(on.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along")
     x, y = series(on.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
     if x.size > 1:
-        on.mark(knee(x, y, float(y.min())), "as it is")
+        at = knee(x, y, float(y.min()))
+        on.mark(at if at is not None and at > x[1] else None, "as it is")
     on.failures()
     _spacings(on, AS_IT_IS, NO_LOOP)
     on.ripples(AS_IT_IS, NO_LOOP)
