@@ -89,6 +89,7 @@ class MachineStudy:
         samples: number of machines besides the nominal one.
         spread: how far they differ.
         seed: of the random numbers; the same seed draws the same machines.
+        measure: from a case to its row.
     """
 
     job: Job
@@ -97,10 +98,10 @@ class MachineStudy:
     samples: int = 128
     spread: Spread = field(default_factory=Spread)
     seed: int = 1
+    measure: Measure = measure
 
     name = "machine"
     plots = ("yield", "influence", "scatter")
-    measure: Measure = measure
 
     def __post_init__(self) -> None:
         whole("seed", self.seed, 0)

@@ -104,16 +104,17 @@ class SpeedStudy:
         tolerance: of the figure, in its unit.
         figure: of a case's row, as contour_max.
         resolution: how closely the answer is looked for, relative.
+        measure: from a case to its row.
     """
 
     job: Job
     tolerance: float
     figure: str = "contour_max"
     resolution: float = 0.01
+    measure: Measure = measure
 
     name = "speed"
     plots = ("speed", "links")
-    measure: Measure = measure
 
     def __post_init__(self) -> None:
         _ = self.criterion, self.own
