@@ -1,0 +1,85 @@
+"""The commands of the studies of speed, machines, circles and repeats."""
+
+import tomllib
+
+import pytest
+
+SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
+
+
+def test_circle_by_command(gantrysim_command, tmp_path):
+    out = tmp_path / "out"
+    status, printed, _ = gantrysim_command(
+        "study", "circle", "--machine", "xyz", "--radius", 15, "--speed", 60, "--set", "period=0.0005", "--out", out,
+        "--workers", 1,
+    )  # fmt: skip
+    assert status == 0
+    assert "Radius 15 mm at 60 mm/s on xyz: circular deviation G =" in " ".join(printed.split())
+    assert "curves.csv" in printed
+    job = tomllib.loads((out / "job.toml").read_text())
+    assert job["machine"] == "xyz"
+    assert job["servo"]["period"] == 0.0005
+    assert tomllib.loads((out / "study.toml").read_text())["settings"] == {"radius": 15.0, "speed": 60.0}
+
+
+def test_speed_by_command(gantrysim_command, tmp_path):
+    out = tmp_path / "out"
+    arguments = ("--tolerance", 150, "--figure", "contour_rms", "--out", out)
+    status, printed, _ = gantrysim_command("study", "speed", *SMALL, *arguments)
+    assert status == 0
+    assert "keeps to a rms contour error of 150 µm" in " ".join(printed.split())
+
+
+def test_machine_by_command(gantrysim_command, tmp_path):
+    out = tmp_path / "out"
+    arguments = (
+        "--samples",
+        8,
+        "--tolerance",
+        1e6,
+        "--spread",
+        "payload=0.2,friction=0.3,viscous=0,stiffness=0,motor_constant=0",
+    )
+    status, printed, _ = gantrysim_command("study", "machine", *SMALL, *arguments, "--seed", 7, "--out", out)
+    assert status == 0
+    assert "8 of 8 machines keep to a largest contour error of 1e+06 µm: a yield of 100.0 %" in " ".join(
+        printed.split()
+    )
+    settings = tomllib.loads((out / "study.toml").read_text())["settings"]
+    assert settings["seed"] == 7
+    assert settings["spread"] == {
+        "payload": 0.2,
+        "friction": 0.3,
+        "viscous": 0.0,
+        "stiffness": 0.0,
+        "motor_constant": 0.0,
+    }
+
+
+def test_repeat_by_command(gantrysim_command, tmp_path):
+    out = tmp_path / "out"
+    status, printed, _ = gantrysim_command("study", "repeat", *SMALL, "--repeats", 2, "--friction", 0, "--out", out)
+    assert status == 0
+    assert "Over 2 repeats of an225 the path accuracy is ATp =" in " ".join(printed.split())
+    assert "phase" in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("circle", "--radius", -1), "radius = -1 mm: must be greater than 0 mm"),
+        (("circle", "--machine", "xz"), "unknown model 'xz'"),
+        (("speed", "--tolerance", 0), "tolerance = 0: must be greater than 0"),
+        (("machine", "--spread", "mass=1"), "unknown spread 'mass'"),
+        (("machine", "--samples", 3), "samples = 3: must be at least 12, for 9 factors"),
+        (("repeat", "--repeats", 1), "repeats = 1: must be at least 2"),
+        (("repeat", "nothing"), "unknown job 'nothing'"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, arguments, text):
+    status, printed, messages = gantrysim_command("study", *arguments, "--out", tmp_path / "out")
+    assert status == 2
+    assert text in messages
+    assert messages.count("\n") == 1
+    assert printed == ""
+    assert not (tmp_path / "out").exists()
