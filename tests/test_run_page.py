@@ -91,7 +91,7 @@ def test_its_budget_is_the_budgets(spiral):
     shares = [float(links[name][2].translate(minus)) for name in LINKS]
     assert sum(shares) == pytest.approx(100, abs=0.21)
     for name, part in Budget(bead.analysis).tracking_by_axis(job.built_machine).items():
-        row = next(row for row in rows if row[:2] == [name, f"following error of the axis {name}"])
+        row = next(row for row in rows if row[:2] == [name, "its following error"])
         own = Budget(bead.analysis).figures_of(part)
         shown = [float(cell.translate(minus)) for cell in row[2:8]]
         np.testing.assert_allclose(shown, expected_of(own), atol=0.051)
@@ -108,7 +108,7 @@ def test_its_bead_is_the_beads(spiral):
     _, page, bead = spiral
     figures = bead.figures
     text = page.section("bead")
-    assert f"Volume laid {figures.laid:.1f} mm³ {figures.error_percent:+.2f} %" in text
+    assert f"Volume laid {figures.laid:.1f} mm³ {figures.error_percent:+.2f} % against {figures.asked:.1f} mm³" in text
     assert f"Covered {100 * figures.coverage:.1f} %" in text
     assert f"turns overlap on {100 * figures.overlapping:.1f} % of their length" in text
     between = "gap" if figures.clearance.mean > 0 else "overlap"

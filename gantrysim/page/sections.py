@@ -64,10 +64,10 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         plots.COLOURS,
     )
     by_axis = [
-        row(name, f"following error of the axis {name}", budget.figures_of(part))
+        row(name, "its following error", budget.figures_of(part))
         for name, part in budget.tracking_by_axis(machine).items()
     ]
-    axes = Table(["axis", *columns[1:]], by_axis, "What every axis makes of the tracking part, to first order")
+    axes = Table(["axis", "part", *columns[2:]], by_axis, "What every axis makes of the tracking part, to first order")
     tables = [links, axes]
     if figures.turns:
         tables.append(_turns(budget))
@@ -171,7 +171,11 @@ def bead_section(bead: Bead) -> Section:
         row("stop: bead seen late by", "mm", figures.ends),
     ]
     facts = [
-        ("Volume laid", f"{figures.laid:.1f} mm³", f"{figures.error_percent:+.2f} % against what was asked for"),
+        (
+            "Volume laid",
+            f"{figures.laid:.1f} mm³",
+            f"{_signed(figures.error_percent)} % against {figures.asked:.1f} mm³ asked for",
+        ),
         ("Cross-section", f"{figures.section.mean:.3f} mm²", f"nominal {figures.nominal:.3f} mm²"),
         ("Width", f"{figures.width.mean:.3f} mm", f"from {figures.width.min:.3f} to {figures.width.max:.3f} mm"),
     ]
@@ -203,6 +207,11 @@ def bead_section(bead: Bead) -> Section:
             "The bead while the dispenser is on; its starts and stops in lengths of nominal bead",
         ),
     )
+
+
+def _signed(value: float) -> str:
+    text = f"{value:+.2f}"
+    return text.replace("-", "−") if float(text) else text[1:]
 
 
 def drawn(draw: Callable[[Figure, Subject], None], subject: Subject, width: float, height: float) -> Figure:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 __all__ = ["description", "inline_svg"]
 
 _SAVING: dict[Any, Any] = {
-    "svg.hashsalt": "gantrysim",  # the same figure gives the same bytes
     "svg.fonttype": "none",  # text stays text: it can be searched, copied and read aloud
     "path.simplify": True,
     "path.simplify_threshold": 0.25,  # points of the page, 1/72 inch
@@ -27,6 +26,7 @@ _FAMILY = re.compile(r"font-family: [^;]*; ?")
 _UPRIGHT = re.compile(r" ?rotate\(-?0 [^)]*\)")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COORDINATES = ("d", "x", "y")
+_RASTER_DPI = 150  # of what is no line and no text
 _DECIMALS = 2  # a hundredth of a point
 
 
@@ -46,7 +46,7 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
 
     file = io.BytesIO()
     with matplotlib.rc_context(_SAVING):
-        figure.savefig(file, format="svg", dpi=_raster_dpi(figure), transparent=True, metadata={"Date": None})
+        figure.savefig(file, format="svg", dpi=_RASTER_DPI, transparent=True)
     root = ElementTree.fromstring(file.getvalue())
     names = _names(root, prefix)
     for element in list(root.iter()):
@@ -77,11 +77,6 @@ def description(figure: Figure) -> str:
         if sentence.strip():
             parts.append(" ".join(sentence.split()))
     return ". ".join(parts)
-
-
-def _raster_dpi(figure: Figure) -> float:
-    """Of what is rasterised in the figure."""
-    return max(figure.dpi, 150.0)
 
 
 def _names(root: ElementTree.Element, prefix: str) -> dict[str, str]:
