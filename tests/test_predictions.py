@@ -212,7 +212,8 @@ def responses(machine, servo, circle, speed, radius):
         (4e-3, {}),
         (1e-3, {"integral_time": 0.03}),
         (1e-3, {"feedforward": 0.0}),
-        (1e-3, {"delay": 5e-4, "output_velocity": -1e-5}),
+        (1e-3, {"delay": 5e-4}),
+        (1e-3, {"output_velocity": -1e-5}),
     ],
 )
 def test_following_error_that_sampling_and_winding_leave(rigid, circle, period, gains):

@@ -207,8 +207,9 @@ def test_a_faster_loop_that_is_worse_is_said_so_with_its_cause(study):
     assert "and at 3.98 ms and below the spiral does not come to its end at all" in text
 
 
-def test_the_cause_is_not_wa_where_wa_does_not_cut():
-    free = LoopStudy(Job.load("an225", ["wait_resolution=0"]))
+@pytest.mark.parametrize("resolution", [0, 1e-6])
+def test_the_cause_is_not_wa_where_wa_hardly_cuts(resolution):
+    free = LoopStudy(Job.load("an225", [f"wait_resolution={resolution}"]))
     text = findings(free, known_rows())[0]
     assert "a faster loop makes it worse" in text
     assert "WA" not in text

@@ -117,14 +117,13 @@ def _waits(study: LoopStudy, rows: list[Row]) -> str | None:
         f"; a faster loop makes it worse, up to {_um(contour[0])} at {_ms(period[0])}, "
         f"{contour[0] / contour[best]:.1f} times as much"
     )
-    exact = study.arcs({"program.loop_period": float(period[0]), "program.wait_resolution": 0.0})
-    if study.job.program["wait_resolution"] and exact is not None:
-        uncut = 1e3 * exact.generation.rms
-        if uncut < contour[0] / _TURNED:
-            text += (
-                f", because WA cuts every wait to a multiple of {_ms(study.job.program['wait_resolution'])} "
-                f"({_um(uncut)} if it did not)"
-            )
+    shortest = {"program.loop_period": float(period[0])}
+    cut, uncut = study.arcs(shortest), study.arcs({**shortest, "program.wait_resolution": 0.0})
+    if uncut is not None and (cut is None or uncut.generation.rms < cut.generation.rms / _TURNED):
+        text += (
+            f", because WA cuts every wait to a multiple of {_ms(study.job.program['wait_resolution'])} "
+            f"({_um(1e3 * uncut.generation.rms)} if it did not)"
+        )
     refused = [row["value"] for row in rows if _refused(row) and row["variant"] == AS_IT_IS]
     shorter = [value for value in refused if isinstance(value, float) and value < period[0]]
     if shorter:
