@@ -120,7 +120,7 @@ class MachineStudy:
     @property
     def title(self) -> str:
         """Heads the report."""
-        return f"How many machines keep {self.job.name} within {self.tolerance:g}?"
+        return f"How many machines keep {self.job.name} within its tolerance?"
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -309,7 +309,7 @@ class MachineStudy:
             ]
             for k in order
         ]
-        return Table(columns, cells, caption="The worst machines; factors are those on the nominal machine's values.")
+        return Table(columns, cells, caption="The worst machines; factors multiply the nominal machine's values.")
 
 
 def _number(others: list[Row], status: object) -> object:
