@@ -2,9 +2,11 @@
 
 from gantrysim import metrics
 from gantrysim.axis import Axis
+from gantrysim.bead import Bead
+from gantrysim.budget import Budget
 from gantrysim.controllers.servo import Servo, Tick
 from gantrysim.dispenser import Dispenser
-from gantrysim.engine import simulate
+from gantrysim.engine import perfect_follower, simulate
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job import Job
 from gantrysim.machine import Machine
@@ -15,6 +17,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Axis",
+    "Bead",
+    "Budget",
     "Dispenser",
     "Fault",
     "GantryError",
@@ -26,5 +30,6 @@ __all__ = [
     "Servo",
     "Tick",
     "metrics",
+    "perfect_follower",
     "simulate",
 ]

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from gantrysim.controllers.path import Floats, Projection, dot
 from gantrysim.machine import Machine
 from gantrysim.metrics import Analysis, Spread
+from gantrysim.run import Run
 from gantrysim.spacing import one_way
 
 __all__ = ["LINKS", "Budget", "BudgetFigures", "Part", "PartFigures", "TurnFigures"]
@@ -122,11 +123,14 @@ class Budget:
     """The error budget of a run, tick by tick, while the dispenser is on.
 
     Args:
+        of: the run, or its analysis where there is one.
+
+    Attributes:
         analysis: of the run.
     """
 
-    def __init__(self, analysis: Analysis) -> None:
-        self.analysis = analysis
+    def __init__(self, of: Run | Analysis) -> None:
+        self.analysis = of if isinstance(of, Analysis) else Analysis(of)
 
     @cached_property
     def contour(self) -> Part:

@@ -1,4 +1,4 @@
-"""Draw the README's pictures anew into pictures/: every built-in job on its machine, and the plots of one."""
+"""Draw the README's pictures anew into pictures/: every job on its machine, the plots of one, and of its loop study."""
 
 import shutil
 import tempfile
@@ -6,14 +6,17 @@ from pathlib import Path
 
 import imageio.v2 as imageio
 
-from gantrysim import Job
+from gantrysim import Bead, Job
 from gantrysim.job import builtin_jobs
 from gantrysim.metrics import Analysis
 from gantrysim.plots import save_plots
 from gantrysim.render import Renderer
+from gantrysim.study.loop import LoopStudy
+from gantrysim.study.study import run_study
 
 FOLDER = Path(__file__).parent.parent / "pictures"
 PLOTTED = "an225"
+PLOTS = ("budget", "plan", "spacing", "bead")
 SIZE, SMALL = (960, 720), (640, 480)
 SHARE = 0.74  # of the run, at which the machine is shown
 
@@ -21,9 +24,15 @@ FOLDER.mkdir(exist_ok=True)
 for name in builtin_jobs():
     job = Job.load(name)
     run = job.run()
-    with Renderer(job.built_machine, run, "overview", SIZE if name == PLOTTED else SMALL) as renderer:
+    with Renderer(job.built_machine, run, "overview", SIZE if name == PLOTTED else SMALL, job.bead) as renderer:
         imageio.imwrite(FOLDER / f"{name}.png", renderer.frame(int(SHARE * len(run.time))))
     if name == PLOTTED:
         with tempfile.TemporaryDirectory() as scratch:
-            for plot in save_plots(Analysis(run), Path(scratch)):
-                shutil.copy(plot, FOLDER / f"{name}-{plot.name}")
+            analysis = Analysis(run)
+            for plot in save_plots(analysis, Path(scratch), Bead(run, job.bead, analysis)):
+                if plot.stem in PLOTS:
+                    shutil.copy(plot, FOLDER / f"{name}-{plot.name}")
+
+with tempfile.TemporaryDirectory() as scratch:
+    run_study(LoopStudy(Job.load(PLOTTED)), Path(scratch))
+    shutil.copy(Path(scratch) / "plots" / "loop_period.png", FOLDER / "study-loop.png")

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from gantrysim import Job, metrics
+from gantrysim.bead import Bead
+from gantrysim.budget import LINKS, Budget
 from gantrysim.job import builtin_jobs
 
 ROOT = Path(__file__).parent.parent
@@ -35,27 +37,38 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)^ *```", README, flags=re.DOTALL | re.MULTILINE)
 
 
-def test_the_python_loop_runs_and_prints_the_contour_error_of_the_table(capsys):
+def test_the_python_loop_runs_and_prints_the_budget_of_the_table(capsys):
     names = {}
     for block in blocks("python"):  # the second goes on from the first
         exec(compile(textwrap.dedent(block), "README.md", "exec"), names)
     assert names["run"].fault is None
-    printed = re.findall(r"rms=([\d.]+), max=([\d.]+)", capsys.readouterr().out)[0]
-    assert shown("contour error")[:2] == in_um(*map(float, printed))
+    printed = capsys.readouterr().out
+    for link in LINKS:
+        numbers = re.search(rf"^{link} +([-\d.]+) µm rms, +([-\d.]+) µm at most, +([-\d.]+) %$", printed, re.MULTILINE)
+        rms, _, largest, share = shown(link)[:4]
+        assert [rms, largest] == [pytest.approx(float(n), rel=SHOWN, abs=SHOWN_LEAST) for n in numbers.groups()[:2]]
+        assert share == pytest.approx(abs(float(numbers[3])), abs=0.2)
 
 
 def test_the_table_is_what_the_job_gives():
-    figures = metrics.figures(Job.load("an225").run())
-    rows = {
-        "generation error": figures.generation,
-        "tracking error x": figures.tracking["x"],
-        "tracking error y": figures.tracking["y"],
-        "contour error": figures.contour,
-    }
-    for name, spread in rows.items():
-        assert shown(name)[:2] == in_um(spread.rms, spread.max)
-    s = figures.spacing
-    assert [1e3 * length for length in shown("spacing of the turns")] == in_um(s.mean, s.std, s.min, s.max)
+    analysis = metrics.Analysis(Job.load("an225").run())
+    budget = Budget(analysis).figures
+    for name, part in {**budget.parts, "contour": budget.contour}.items():
+        assert shown(name)[:3] == in_um(part.rms, part.p95, part.max)
+        assert shown(name)[3] == pytest.approx(abs(100 * part.share), abs=0.2)
+    s = analysis.figures.spacing
+    said = re.search(r"The turns lie ([\d.]+) mm apart, from ([\d.]+) to ([\d.]+)\.", README)
+    assert [1e3 * float(length) for length in said.groups()] == in_um(s.mean, s.min, s.max)
+
+
+def test_the_bead_is_what_the_job_gives():
+    job = Job.load("an225")
+    bead = Bead(job.run(), job.bead).figures
+    said = re.search(r"comes ([\d.]+) mm late, and ([\d.]+) mm too much .*: ([\d.]+) % more glue", README, re.DOTALL)
+    assert float(said[1]) == pytest.approx(bead.start.mean, abs=0.01)
+    assert float(said[2]) == pytest.approx(bead.stop.mean, abs=0.01)
+    assert float(said[3]) == pytest.approx(bead.error_percent, abs=0.01)
+    assert bead.overlapping > 0  # the blob touches the turn beside it
 
 
 @pytest.mark.parametrize(
@@ -108,3 +121,4 @@ def test_scripts_run(script):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert '"engine"' in done.stdout
     assert '"setpoints"' in done.stdout
+    assert '"analysis"' in done.stdout
