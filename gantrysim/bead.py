@@ -19,6 +19,7 @@ __all__ = ["Bead", "BeadFigures", "BeadSettings"]
 _TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
 _LINKS = 1000  # between neighbouring turns, along which the annulus is looked at
 _ON_A_LINK = 48  # points
+_GOLDEN = 0.618034
 
 
 @dataclass(frozen=True)
@@ -147,9 +148,10 @@ class Bead(Strand):
         some = np.minimum(
             np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, distance.size - 1
         )
-        share = (np.arange(_ON_A_LINK) + 0.5) / _ON_A_LINK
+        # not at the same distances from the trace on every link
+        share = (np.arange(_ON_A_LINK) + (_GOLDEN * np.arange(_LINKS)[:, None]) % 1.0) / _ON_A_LINK
         begin, end = link[some, 0, :2], link[some, 1, :2]
-        points = begin[:, None] + share[:, None] * (end - begin)[:, None]
+        points = begin[:, None] + share[..., None] * (end - begin)[:, None]
         wet = self.map.wet(points).mean(axis=1)
         return float(np.average(wet, weights=distance[some]))
 

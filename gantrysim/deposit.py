@@ -18,14 +18,18 @@ from gantrysim.strand import Strand
 __all__ = ["HeightMap"]
 
 _SAMPLES = 3.0  # per cell, across the bead and along it
-_MARGIN = 4  # cells around the widest bead
+_MARGIN = 4  # cells around the bead
+_SPREADING = 0.25  # of its width, around it
 _MOST_CELLS = 2e7
 _EVEN = 1e-3  # of the gap, within which the nozzle's height is one
-_RIPPLE = 0.01  # of the nozzle's height, by which a flat may be uneven
-_SWEEPS = 200  # of the glue that the nozzle pushes aside
+_RIPPLE = 0.02  # of the nozzle's height, by which a flat may be uneven
+_SWEEPS = 5000  # in which the nozzle pushes glue aside
 _WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
 _RINGS = 32  # of a round end, from its middle to its rim
 _BISECTIONS = 60
+
+
+_End = tuple[Floats, Floats, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +62,15 @@ class HeightMap:
             InputError: cells so small that there are too many.
         """
         cell = bead.settings.cell
-        x, y = _grid(bead, cell)
-        glue = np.zeros((y.size, x.size))
-        uneven = bead.settings.squashed and bool(np.ptp(bead.nozzle_height) > _EVEN * bead.gap)
-        moment = np.zeros_like(glue) if uneven else np.zeros((0, 0))
+        _check_cells((np.ptp(bead.point[:, :2], axis=0) + bead.nominal_section.width) / cell, cell)
         volume = 0.5 * (bead.area[1:] + bead.area[:-1]) * bead.ds
-        for points, shares, gap in _round_ends(bead, volume):
+        ends = list(_round_ends(bead, volume))
+        x, y = _grid(bead, volume, ends)
+        glue = np.zeros((y.size, x.size))
+        upright = _upright(bead)
+        uneven = bead.settings.squashed and bool(np.ptp(upright) > _EVEN * bead.gap)
+        moment = np.zeros_like(glue) if uneven else np.zeros((0, 0))
+        for points, shares, gap in ends:
             drop(glue, moment, (points[:, 0] - x[0]) / cell, (points[:, 1] - y[0]) / cell, shares, gap)
         lay(
             glue,
@@ -78,7 +85,7 @@ class HeightMap:
             0.5 * bead.section.flat,
             bead.section.radius,
             math.cos(math.radians(bead.settings.contact_angle)),
-            bead.nozzle_height,
+            upright,
             cell,
             max(math.ceil(bead.ds * _SAMPLES / cell), 1),
             _SAMPLES,
@@ -125,21 +132,34 @@ class HeightMap:
         return wet
 
 
-def _grid(bead: Strand, cell: float) -> tuple[Floats, Floats]:
+def _grid(bead: Strand, volume: Floats, ends: list[_End]) -> tuple[Floats, Floats]:
     """Middles of the cells that the bead covers, with some around it, (nx,) and (ny,) [mm]."""
-    laid = bead.area > 0
-    points = bead.point[laid, :2] if laid.any() else bead.point[:1, :2]
-    # what is pushed aside spreads further than the bead is wide where much is laid
-    reach = 0.75 * float(bead.width.max()) + _MARGIN * cell
-    low = np.floor((points.min(axis=0) - reach) / cell) * cell
-    count = np.ceil((points.max(axis=0) + reach - low) / cell) + 1
+    cell = bead.settings.cell
+    laid = np.flatnonzero(volume > 0)
+    places = [bead.point[:1, :2], *(points for points, _, _ in ends)]
+    for stations in (laid, laid + 1):
+        half = 0.5 * bead.width[stations, None]
+        places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
+    low, high = (
+        np.min([p.min(axis=0) for p in places if p.size], axis=0),
+        np.max([p.max(axis=0) for p in places if p.size], axis=0),
+    )
+    # what is pushed aside spreads further
+    around = _MARGIN * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
+    low = np.floor((low - around) / cell) * cell
+    count = np.ceil((high + around - low) / cell) + 1
     if count.prod() > _MOST_CELLS:
         raise InputError(f"cell = {cell:g} mm: makes a height map of {count.prod():.3g} cells, at most {_MOST_CELLS:g}")
     nx, ny = int(count[0]), int(count[1])
     return low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)
 
 
-def _round_ends(bead: Strand, volume: Floats) -> Iterator[tuple[Floats, Floats, float]]:
+def _check_cells(count: Floats, cell: float) -> None:
+    if count.prod() > _MOST_CELLS:
+        raise InputError(f"cell = {cell:g} mm: makes a height map of {count.prod():.3g} cells, at most {_MOST_CELLS:g}")
+
+
+def _round_ends(bead: Strand, volume: Floats) -> Iterator[_End]:
     """Yield for each end of a stretch of bead points, (k, 2), volumes there, (k,), and the nozzle's height.
 
     An end takes the volume that half a body of revolution of its section holds from the last stations' intervals, whose
@@ -154,17 +174,18 @@ def _round_ends(bead: Strand, volume: Floats) -> Iterator[tuple[Floats, Floats, 
         np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True
     ):
         stations = np.arange(first, last + 1)
-        begin = np.flatnonzero(bead.ds * (stations - first) >= half[stations])
-        end = np.flatnonzero(bead.ds * (last - stations) >= half[stations])
+        begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])  # the nearest
+        end = np.flatnonzero(bead.ds * (last - stations + 0.5) >= half[stations])
         if not begin.size or not end.size or begin[0] > end[-1]:
-            total = float(volume[first:last].sum())
-            volume[first:last] = 0.0
+            whole = slice(max(first - 1, 0), last + 1)
+            total = float(volume[whole].sum())
+            volume[whole] = 0.0
             middle = (first + last) // 2
             yield _round(bead, middle, _drop_section(bead, total, middle), total, None)
             continue
         for station, taken, away in (
-            (stations[begin[0]], slice(first, stations[begin[0]]), np.pi),
-            (stations[end[-1]], slice(stations[end[-1]], last), 0.0),
+            (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
+            (stations[end[-1]], slice(stations[end[-1]], last + 1), 0.0),
         ):
             total = float(volume[taken].sum())
             volume[taken] = 0.0
@@ -194,9 +215,7 @@ def _drop_section(bead: Strand, volume: float, station: int) -> Section:
     return section(high)
 
 
-def _round(
-    bead: Strand, station: int, section: Section, volume: float, towards: float | None
-) -> tuple[Floats, Floats, float]:
+def _round(bead: Strand, station: int, section: Section, volume: float, towards: float | None) -> _End:
     """Points of a body of revolution about a station, or of its half `towards` an angle, with their volumes."""
     rim = 0.5 * float(section.width[0])
     rings = max(_RINGS, math.ceil(rim * _SAMPLES / bead.settings.cell))
@@ -207,7 +226,16 @@ def _round(
     weight = np.repeat((section.profile(r)[0] * r)[:, None], around, axis=1)
     weight *= volume / weight.sum()
     points = bead.point[station, :2] + r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return points.reshape(-1, 2), weight.ravel(), float(bead.nozzle_height[station])
+    return points.reshape(-1, 2), weight.ravel(), float(_upright(bead)[station])
+
+
+def _upright(bead: Strand) -> Floats:
+    """Height of the nozzle over the surface, straight up; of a climbing path more than square to it, (r,) [mm]."""
+    along = np.gradient(bead.point, axis=0)
+    ahead, length = np.linalg.norm(along[:, :2], axis=1), np.linalg.norm(along, axis=1)
+    cosine = np.divide(ahead, length, out=np.ones_like(length), where=length > 0)
+    upright: Floats = bead.nozzle_height / np.maximum(cosine, math.sqrt(0.5))
+    return upright
 
 
 def _contact(bead: Strand, cell: float) -> float:

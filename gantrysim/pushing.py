@@ -27,9 +27,11 @@ def _jit(function: _Function) -> _Function:
 @_jit
 def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap: float) -> None:
     """Share volumes at points between the four cells around each; `moment`, unless it is empty, sums volume * gap."""
+    ny, nx = glue.shape
     for k in range(x.size):
-        i, j = int(x[k]), int(y[k])
-        a, b = x[k] - i, y[k] - j
+        px, py = min(max(x[k], 0.0), nx - 1.001), min(max(y[k], 0.0), ny - 1.001)
+        i, j = int(px), int(py)
+        a, b = px - i, py - j
         for row, high in ((j, 1.0 - b), (j + 1, b)):
             for column, share in ((i, (1.0 - a) * high), (i + 1, a * high)):
                 glue[row, column] += share * volume[k]
@@ -76,6 +78,12 @@ def lay(
         steps: between two stations.
         samples: per cell, across.
     """
+    ny, nx = glue.shape
+    widest = 0.0
+    for k in range(volume.size):
+        if volume[k] > 0.0:
+            widest = max(widest, half[k], half[k + 1])
+    weight = np.empty(math.ceil(2.0 * widest / cell * samples) + 1)
     for k in range(volume.size):
         if volume[k] <= 0.0:
             continue
@@ -97,13 +105,13 @@ def lay(
                 u = w * ((2 * n + 1.0) / count - 1.0)
                 beside = max(abs(u) - b, 0.0)
                 z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine
-                total += max(z, 0.0) * max(1.0 - bend * u, 0.0)
+                weight[n] = max(z, 0.0) * max(1.0 - bend * u, 0.0)
+                total += weight[n]
             for n in range(count):
                 u = w * ((2 * n + 1.0) / count - 1.0)
-                beside = max(abs(u) - b, 0.0)
-                z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine
-                share = part / count if total <= 0.0 else part * max(z, 0.0) * max(1.0 - bend * u, 0.0) / total
-                cx, cy = px + left * u, py + up * u
+                share = part / count if total <= 0.0 else part * weight[n] / total
+                # what would lie off the grid lies at its rim
+                cx, cy = min(max(px + left * u, 0.0), nx - 1.001), min(max(py + up * u, 0.0), ny - 1.001)
                 i, j = int(cx), int(cy)
                 a, c = cx - i, cy - j
                 for row, high in ((j, (1.0 - c) * share), (j + 1, c * share)):
@@ -114,115 +122,56 @@ def lay(
                         moment[row, i + 1] += a * high * g
 
 
-_DOWN = (-1, 0, 0, 1, -1, -1, 1, 1)
-_RIGHT = (0, -1, 1, 0, -1, 1, -1, 1)
-_UNSEEN, _FULL, _ROOM = 0, -1, -2  # marks of a cell; of a full one whose way is known, the way, 1 and more
-_DEPTH = 16  # cells of which the neighbourhood is looked at first
-
-
 @_jit
-def _weight(height: float, ceiling: float, mark: int) -> float:
-    """Weight with which a neighbour takes excess: its room, or evenly where it only hands it on."""
-    return max(ceiling - height, 1e-3 * ceiling) if mark == _ROOM else 1.0
+def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> int:
+    """Push what stands above the ceiling aside, and return the number of sweeps.
 
+    A cell above its ceiling c hands its excess in equal parts to its neighbours, which do likewise: the divisible
+    sandpile, whose heap about a point is a disc (Levine and Peres, Potential Analysis 30, 2009). So excess finds room
+    through cells that are full, as a liquid between two plates does. With u what a cell hands on in all,
 
-@_jit
-def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> None:
-    """Push what stands above the ceiling into the nearest cells below it, through those that are full.
+        h = h0 - u + sum(u / 4 of the neighbours),  u >= 0,  h <= c,  and h = c where u > 0,
 
-    In every sweep the full cells around those that stand above it are numbered by their way to the nearest cell with
-    room, and hand their excess on in descending order of it. Neighbours are in turn four and eight, which makes a heap
-    round, not square.
+    which is an obstacle problem, solved by successive over-relaxation with projection.
 
     Args:
-        height: (ny, nx), changed.
-        ceiling: (ny, nx).
-        ripple: share of the ceiling that a full cell may be off it.
-        sweeps: most of them.
+        height: h, (ny, nx), changed; its sum is kept.
+        ceiling: c, (ny, nx).
+        ripple: share of the ceiling by which a cell may be off it.
+        sweeps: most of them; what has not found room by then stays as a ridge.
     """
     ny, nx = height.shape
-    mark = np.zeros((ny, nx), np.int32)
-    over, region = np.empty(ny * nx, np.int32), np.empty(ny * nx, np.int32)
-    queue, rooms = np.empty(ny * nx, np.int32), np.empty(ny * nx, np.int32)
+    handed = np.zeros((ny, nx))
+    listed = np.zeros((ny, nx), np.bool_)
+    cells = np.empty(ny * nx, np.int32)
     count = 0
     for j in range(ny):
         for i in range(nx):
             if height[j, i] > ceiling[j, i] * (1.0 + ripple):
-                over[count] = j * nx + i
+                cells[count] = j * nx + i
+                listed[j, i] = True
                 count += 1
-    depth = _DEPTH
     for sweep in range(sweeps):
-        if not count:
-            break
-        around = 4 if sweep % 2 == 0 else 8
-        # the full cells within so many of those above the ceiling
-        for k in range(count):
-            region[k] = over[k]
-            mark[over[k] // nx, over[k] % nx] = _FULL
-        size, begin = count, 0
-        for _ in range(depth):
-            end = size
-            for k in range(begin, end):
-                j, i = region[k] // nx, region[k] % nx
-                for d in range(around):
-                    p, q = j + _DOWN[d], i + _RIGHT[d]
-                    inside = 0 <= p < ny and 0 <= q < nx
-                    if inside and mark[p, q] == _UNSEEN and height[p, q] >= ceiling[p, q] * (1.0 - ripple):
-                        mark[p, q] = _FULL
-                        region[size] = p * nx + q
-                        size += 1
-            begin = end
-            if begin == size:
-                break
-        # their ways to a cell with room
-        queued, room = 0, 0
-        for k in range(size):
-            j, i = region[k] // nx, region[k] % nx
-            for d in range(around):
-                p, q = j + _DOWN[d], i + _RIGHT[d]
-                if not (0 <= p < ny and 0 <= q < nx) or height[p, q] >= ceiling[p, q] * (1.0 - ripple):
-                    continue
-                if mark[p, q] == _UNSEEN:
-                    mark[p, q] = _ROOM
-                    rooms[room] = p * nx + q
-                    room += 1
-                if mark[j, i] == _FULL:
-                    mark[j, i] = 1
-                    queue[queued] = region[k]
-                    queued += 1
-        head = 0
-        while head < queued:
-            j, i = queue[head] // nx, queue[head] % nx
-            head += 1
-            for d in range(around):
-                p, q = j + _DOWN[d], i + _RIGHT[d]
-                if 0 <= p < ny and 0 <= q < nx and mark[p, q] == _FULL:
-                    mark[p, q] = mark[j, i] + 1
-                    queue[queued] = p * nx + q
-                    queued += 1
-        if queued < size:
-            depth = min(2 * depth, nx + ny)
-        for k in range(queued - 1, -1, -1):
-            j, i = queue[k] // nx, queue[k] % nx
-            excess = height[j, i] - ceiling[j, i]
-            if excess <= ripple * ceiling[j, i]:
+        settled = True
+        factor = 2.0 / (1.0 + math.pi / max(math.sqrt(count), 4.0))  # the best for a square of so many cells
+        for k in range(count):  # grows meanwhile; the new ones wait for the next sweep
+            j, i = cells[k] // nx, cells[k] % nx
+            off = height[j, i] - ceiling[j, i]
+            if abs(off) > ripple * ceiling[j, i] and (off > 0.0 or handed[j, i] > 0.0):
+                settled = False
+            change = max(factor * off, -handed[j, i])
+            around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
+            if change == 0.0 or around == 0:
                 continue
-            onto = mark[j, i] - 1 if mark[j, i] > 1 else _ROOM
-            total = 0.0
-            for d in range(around):
-                p, q = j + _DOWN[d], i + _RIGHT[d]
-                if 0 <= p < ny and 0 <= q < nx and mark[p, q] == onto:
-                    total += _weight(height[p, q], ceiling[p, q], onto)
-            height[j, i] -= excess
-            for d in range(around):
-                p, q = j + _DOWN[d], i + _RIGHT[d]
-                if 0 <= p < ny and 0 <= q < nx and mark[p, q] == onto:
-                    height[p, q] += excess * _weight(height[p, q], ceiling[p, q], onto) / total
-        count = 0
-        for cells, number in ((region, size), (rooms, room)):
-            for k in range(number):
-                j, i = cells[k] // nx, cells[k] % nx
-                mark[j, i] = _UNSEEN
-                if height[j, i] > ceiling[j, i] * (1.0 + ripple):
-                    over[count] = cells[k]
-                    count += 1
+            handed[j, i] += change
+            height[j, i] -= change
+            for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+                if 0 <= p < ny and 0 <= q < nx:
+                    height[p, q] += change / around
+                    if not listed[p, q] and height[p, q] > ceiling[p, q] * (1.0 + ripple):
+                        listed[p, q] = True
+                        cells[count] = p * nx + q
+                        count += 1
+        if settled:
+            return sweep
+    return sweeps

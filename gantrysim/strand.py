@@ -19,7 +19,7 @@ from gantrysim.metrics import Analysis
 from gantrysim.run import Run
 from gantrysim.section import Section
 
-__all__ = ["BeadSettings", "Strand"]
+__all__ = ["BeadSettings", "Strand", "surface_steps"]
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
@@ -70,7 +70,7 @@ class Strand:
         run: the run.
         settings: how the glue lies.
         gap: the nozzle's height above the surface where it is on the requested path [mm].
-        length: of the nozzle's trace up to each tick, (n,) [mm].
+        length: of the nozzle's trace along the surface up to each tick, (n,) [mm].
         place: of the stations along the trace, (r,) [mm].
     """
 
@@ -85,7 +85,7 @@ class Strand:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        steps = np.linalg.norm(np.diff(run.nozzle, axis=0), axis=1)
+        steps = surface_steps(run.nozzle)
         self.length: Floats = np.concatenate([[0.0], np.cumsum(steps)])
         total = max(float(self.length[-1]), _SHORTEST)
         count = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS)) if stations is None else stations
@@ -214,6 +214,17 @@ class Strand:
         """Ticks at which the program's dispensing begins, and the first at which it is off again, (k, 2)."""
         edges = np.diff(np.concatenate([[0], self.run.dispense.astype(np.int8), [0]]))
         return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
+
+
+def surface_steps(trace: Floats) -> Floats:
+    """Length from each point of a trace to the next along the surface, (n - 1,) [mm].
+
+    Where the nozzle rises or falls by more than it goes ahead it leaves the surface, or comes to it: of that only the
+    way in plan view counts, so that glue which flows meanwhile lies on the spot.
+    """
+    step = np.diff(trace, axis=0)
+    ahead = np.hypot(step[:, 0], step[:, 1])
+    return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
 
 
 def _averaged(values: Floats, reach: int) -> Floats:

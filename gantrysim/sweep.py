@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.run import Run
-from gantrysim.strand import BeadSettings, Strand
+from gantrysim.strand import BeadSettings, Strand, surface_steps
 
 __all__ = ["Sweep"]
 
@@ -37,7 +37,7 @@ class Sweep:
     """
 
     def __init__(self, run: Run, settings: BeadSettings | None = None) -> None:
-        length = float(np.linalg.norm(np.diff(run.nozzle, axis=0), axis=1).sum())
+        length = float(surface_steps(run.nozzle).sum())
         rings = int(np.clip(np.ceil(length / _RING_DISTANCE), *_RINGS))
         self.strand = Strand(run, settings, stations=rings)
 
