@@ -211,7 +211,7 @@ def _loop_period(study: LoopStudy, on: _Sheet) -> str:
     on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
     on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
     on.line(on.errors, period, alone["rms"], amber, "stepped arcs against the involute")
-    on.line(on.errors, period, np.array(first), INK, "$\\sqrt{3/2}\\;a V T / 2 R$", ":")
+    on.line(on.errors, period, np.array(first), INK, "√(3/2) a V T / 2R", ":")
     on.line(on.errors, period, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
     found = loop_knee(on.rows)
     if found is not None:
@@ -307,7 +307,7 @@ def _encoder_resolution(study: LoopStudy, on: _Sheet) -> str:
     on.points(on.errors, "tracking_rms_um", AS_IT_IS, COLOURS["tracking"], "tracking, as it is")
     on.points(on.errors, "measurement_rms_um", AS_IT_IS, pink, "measurement, as it is")
     if all(axis.unit == "mm" for axis in study.job.built_machine.axes):
-        on.line(on.errors, count, UM * quantisation(count), pink, "$q / \\sqrt{12}$")
+        on.line(on.errors, count, UM * quantisation(count), pink, "q/√12")
     variant = NO_LOOP if study.spiral else AS_IT_IS
     x, y = series(on.rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
     if x.size > 1:
