@@ -67,6 +67,7 @@ def test_nothing_is_changed_by_nothing_to_the_last_bit(xy):
 def test_each_number_changes_its_arrays_and_no_others_and_leaves_the_nominal_machine_alone(perturbation, changed):
     machine, untouched = Machine("xy"), Machine("xy")
     assert not perturbation.nothing
+    assert machine.digest == untouched.digest
     other = machine.perturbed(perturbation)
     assert fields_that_differ(machine.model, other.model) == changed
     assert fields_that_differ(machine.model, untouched.model) == set()

@@ -76,7 +76,14 @@ def draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
             colour = _BAD if coefficient > 0 else COLOURS["tracking"]
             axes.barh(k, coefficient, color=colour, alpha=0.9 if clear else 0.25, height=0.7)
             at = coefficient + (0.015 if coefficient >= 0 else -0.015)
-            axes.text(at, k, f"{round(coefficient, 2) + 0.0:+.2f}", va="center", ha="left" if coefficient >= 0 else "right", fontsize=9)
+            axes.text(
+                at,
+                k,
+                f"{round(coefficient, 2) + 0.0:+.2f}",
+                va="center",
+                ha="left" if coefficient >= 0 else "right",
+                fontsize=9,
+            )
         axes.axvline(0, color=INK, lw=0.8)
         axes.set_yticks(range(len(found)), [name for name, _, _ in found])
         axes.invert_yaxis()
