@@ -98,6 +98,11 @@ class Kinematics:
             for joint in _joints(model, b, columns):
                 self._append(_joint(model, joint, columns, -1.0))
         self.turns_body = any(isinstance(step, _Hinge) for step in self._steps[risen:])
+        # where slides alone move the site, it is at origin + q . directions
+        self._linear: tuple[Floats, Floats] | None = None
+        if not any(isinstance(step, _Hinge) for step in self._steps):
+            origin = self(np.zeros((1, len(columns))))
+            self._linear = origin, self(np.eye(len(columns))) - origin
 
     def _append(self, step: _Rigid | _Slide | _Hinge) -> None:
         if self._steps and isinstance(step, _Rigid) and isinstance(last := self._steps[-1], _Rigid):
@@ -111,6 +116,10 @@ class Kinematics:
         Args:
             q: positions of the axes' joints, (n, axes) [m or rad].
         """
+        if self._linear is not None:
+            origin, directions = self._linear
+            site: Floats = origin + q @ directions
+            return site
         points = np.broadcast_to(self._site, (len(q), 3))
         for step in self._steps:
             points = step.move(points, q)
