@@ -49,7 +49,8 @@ def test_a_page_of_every_kind_of_section_needs_nothing_else(tmp_path):
     assert [(link["href"], link["text"]) for link in page.all("a")] == [
         (f"#{name}", section.title) for name, section in zip(page.sections, sections, strict=True)
     ]
-    assert [one["text"] for one in page.all("title") if "svg" in one["inside"]][1:] == ["left", "right"]
+    described = "Error <of> x: error [µm] against time [s] (first)"
+    assert [one["text"] for one in page.all("title") if "svg" in one["inside"]] == [described, "left", "right"]
     assert page.texts("b") == ["markup"]
     assert page.all("code")[0]["text"].rstrip("\n") == "a  =  1"
     assert {one["tag"] for one in page.elements} >= {
@@ -224,6 +225,11 @@ def test_a_thinned_line_keeps_its_envelope_its_ends_and_its_gaps(count, seed, mi
 def test_a_short_line_is_left_as_it_is():
     x = np.arange(4000.0)
     assert thinned(x, x)[0] is x
+
+
+def test_a_figure_without_labels_is_called_as_its_section(tmp_path):
+    write_page(tmp_path / "page.html", "Title", "", [Section("Nothing here", figure=Figure())])
+    assert Page(tmp_path / "page.html").texts("title") == ["Title", "Nothing here"]
 
 
 def test_a_figure_describes_itself_from_its_labels():

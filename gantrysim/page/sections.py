@@ -51,7 +51,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
 
     def row(name: str, meaning: str, part: PartFigures) -> list[str | float | None]:
         numbers = [100 * part.share, *(_UM * value for value in (part.rms, part.p95, part.max))]
-        point = ", ".join(f"{value:.1f}".replace("-", "−") for value in part.point)
+        point = ",\N{NO-BREAK SPACE}".join(f"{value:.1f}".replace("-", "−") for value in part.point)
         where = [None] * 3 if part.rms < _NOTHING else [part.s, part.time, point]
         return [name, meaning, *numbers, *where]
 

@@ -35,7 +35,8 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
 
     It names no address, sets no size but its view box, draws what is black or of the plots' ink in the page's own
     colour of text, writes in the page's font, and its ids begin with `prefix`. A line is simplified where that moves
-    it by less than a quarter of a point.
+    it by less than a quarter of a point. Formulas are best written in plain characters, as √12: those of mathtext stand
+    in fonts that a page does not have.
 
     Args:
         figure: a matplotlib figure.
