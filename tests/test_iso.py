@@ -91,6 +91,20 @@ def test_the_minimum_zone_is_that_of_a_search_by_brute_force(seed, count, size):
     assert zone.width <= width(least_squares_circle(points)[0]) + EXACT
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_of_points_that_are_no_circle_the_zone_has_no_narrower_one_near_it(seed):
+    generator = np.random.default_rng(seed)
+    points = generator.uniform(-50, 50, (generator.integers(4, 9), 2))
+    zone = minimum_zone(points)
+
+    def width(centre):
+        return np.ptp(np.linalg.norm(points - centre, axis=1))
+
+    around = [h * np.array([math.cos(t), math.sin(t)]) for t in np.linspace(0, 2 * np.pi, 90) for h in (1e-4, 1e-2)]
+    assert zone.width <= min(width(zone.centre + step) for step in around) + EXACT
+    assert zone.width <= width(least_squares_circle(points)[0]) + EXACT
+
+
 def test_the_least_squares_circle_is_where_its_gradient_is_nothing():
     generator = np.random.default_rng(3)
     points = round_trip(lambda theta: 0.1 * generator.uniform(-1, 1, theta.size))
