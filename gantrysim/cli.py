@@ -107,10 +107,16 @@ def run(
 
 @app.command()
 def info() -> None:
-    """List the built-in machines and jobs, and the servo's settings with the gains that follow from them."""
+    """List the built-in machines and jobs, the settings of servo and glue, and the servo's gains that follow."""
     from gantrysim import info
 
-    for table in (info.machines_table(), info.jobs_table(), info.settings_table(), info.gains_table()):
+    for table in (
+        info.machines_table(),
+        info.jobs_table(),
+        info.settings_table(),
+        info.glue_table(),
+        info.gains_table(),
+    ):
         _output.print(table)
 
 

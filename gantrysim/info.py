@@ -1,18 +1,25 @@
-"""What comes along: tables of the built-in machines, the jobs, and the servo's settings and gains."""
+"""What comes along: tables of the built-in machines, the jobs, the settings, and the servo's gains."""
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
+from dataclasses import fields
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.axis import Axis
 from gantrysim.controllers.servo import Servo
+from gantrysim.dispenser import Dispenser
 from gantrysim.job import Job, ServoSettings, builtin_jobs, job_text
 from gantrysim.machine import Machine, builtin_models
+from gantrysim.needle import Needle
+from gantrysim.strand import BeadSettings
 
-__all__ = ["gains_table", "jobs_table", "machines_table", "settings_table"]
+__all__ = ["gains_table", "glue_table", "jobs_table", "machines_table", "settings_table"]
 
 
 def machines_table() -> Table:
@@ -68,6 +75,29 @@ def settings_table() -> Table:
         default = "derived" if field.default is None else f"{field.default:g}"
         table.add_row(name, default, escape(field.description or ""))
     return table
+
+
+def glue_table() -> Table:
+    """The settings of dispenser, needle and bead with their defaults."""
+    table = Table(title="settings of the glue, as in --set dispenser.dead_time=0.01", title_justify="left")
+    table.add_column("setting", no_wrap=True)
+    table.add_column("default", no_wrap=True)
+    table.add_column("what")
+    for prefix, kind in (("dispenser", Dispenser), ("dispenser.needle", Needle), ("bead", BeadSettings)):
+        described = _described(kind)
+        for field in fields(kind):
+            default = field.default
+            text = "none" if default is None else f"{default:g}" if isinstance(default, float) else str(default).lower()
+            table.add_row(f"{prefix}.{field.name}", text, escape(described.get(field.name, "")))
+        table.add_section()
+    return table
+
+
+def _described(kind: type[Any]) -> dict[str, str]:
+    """What the docstring of a dataclass says of each of its fields."""
+    listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(kind) or "")[-1].split("\n\n")[0]
+    entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
+    return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}
 
 
 def gains_table(period: float = ServoSettings().period) -> Table:

@@ -122,11 +122,20 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
         assert float(rows[2][0]) == pytest.approx(0.004)
 
 
-def test_info_lists_machines_jobs_and_servo_settings(gantrysim_command, monkeypatch):
+def test_info_lists_machines_jobs_and_settings(gantrysim_command, monkeypatch):
     monkeypatch.setattr(cli._output, "width", 160)
     status, printed, _ = gantrysim_command("info")
     assert status == 0
     for word in (*JOBS, *builtin_models(), "damping", "integral_time", "kp N·m/u", "deg/s", "mm/s²"):
+        assert word in printed
+    for word in (
+        "dispenser.start_lead",
+        "time-pressure",
+        "needle.consistency",
+        "bead.contact_angle",
+        "[mm³/s]",
+        "[kPa]",
+    ):
         assert word in printed
 
 
