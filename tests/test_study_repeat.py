@@ -122,6 +122,7 @@ def test_each_source_is_varied_by_itself_as_it_is_with_the_others():
         friction, home, phase = (by[name][k] for name in study.sources)
         assert friction.perturbation.friction == everything.perturbation.friction
         assert friction.perturbation.viscous == everything.perturbation.viscous
+        assert 1 not in (*friction.perturbation.viscous, *friction.perturbation.friction)
         assert friction.perturbation.home_offset == 0
         assert friction.phase == home.phase == 0
         assert home.perturbation.home_offset == everything.perturbation.home_offset
