@@ -159,7 +159,7 @@ class Budget:
         left of it after its whole turns, a hundredth of one, belongs to the last.
         """
         foot = np.maximum.accumulate(self.analysis.nozzle.s)
-        turned, (first, last) = one_way(self.analysis.run.requested.heading(foot))
+        turned, (first, last) = one_way(self.analysis.run.requested.heading(foot), foot)
         turn = np.full(foot.size, -1)
         if turned.size:
             whole = np.ceil(turned[-1] / (2 * np.pi) - _REST)

@@ -16,6 +16,8 @@ _NEWTON_STEPS = 20
 _LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
 _SLOPE_REACH = 0.25  # [mm]
 _LEAST_SLOPE = 0.3
+_CORNER = 0.5  # least jump of the heading from one point to the next that is a corner [rad]
+_CORNER_LENGTH = 1.0  # beyond which the points are that far apart because some are left out [mm]
 _LEAST_OVERLAP = 0.02  # of the second turn over the first, for a spacing to speak of [rad]
 
 
@@ -84,7 +86,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         ahead = here.cosine - here.turning * error
         return point, ahead[:, None] * here.along + slope(at)[:, None] * here.normal, here
 
-    heading, (first, last) = one_way(path.heading(s))
+    heading, (first, last) = one_way(path.heading(s), s)
     s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
         nothing = np.zeros(0)
@@ -115,11 +117,12 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met], link[met])
 
 
-def one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
+def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:
     """Return the angle turned along the stretch of a heading that turns furthest one way, and where that is.
 
     Args:
-        heading: in the order of the motion, not wrapped, (n,) [rad].
+        heading: in the order of the motion, not wrapped, (n,) [rad]; a jump is a corner, which ends a stretch.
+        s: arc lengths, (n,) [mm].
 
     Returns:
         The angle since the stretch begins, (k,) [rad], and the indices at which it begins and before which it ends.
@@ -131,8 +134,9 @@ def one_way(heading: Floats) -> tuple[Floats, tuple[int, int]]:
     if not turning.size:
         return np.zeros(0), (0, 0)
     sense = sense[turning[np.maximum(np.searchsorted(turning, np.arange(sense.size), side="right") - 1, 0)]]
+    sense[(np.abs(change) > _CORNER) & (np.diff(s) < _CORNER_LENGTH)] = 0  # a corner belongs to no stretch
     edges = np.concatenate([[0], np.flatnonzero(np.diff(sense)) + 1, [sense.size]])
-    turned = [abs(heading[high] - heading[low]) for low, high in pairwise(edges.tolist())]
+    turned = [abs(heading[high] - heading[low]) * abs(sense[low]) for low, high in pairwise(edges.tolist())]
     k = int(np.argmax(turned))
     low, high = edges[k : k + 2].tolist()
     return np.abs(heading[low : high + 1] - heading[low]), (low, high + 1)

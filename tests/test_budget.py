@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from gantrysim import Job, Servo, simulate
 from gantrysim.budget import LINKS, Budget
 from gantrysim.controllers.arcs import ArcChain
-from gantrysim.controllers.chain import Chain, Coil
+from gantrysim.controllers.chain import Chain, Coil, Line
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
@@ -296,6 +296,13 @@ def test_turns_are_those_of_the_stretch_that_turns_furthest_one_way():
     assert found.figures.turns[0].s[1] == pytest.approx(50 + 40 * math.pi, abs=0.2)
 
 
-@pytest.mark.parametrize("path", [CIRCLE, ArcChain((0, 0), 0.0, [0.0], [50.0])], ids=["circle", "line"])
+CORNERED = Chain(
+    [Coil((0, 0, 0), (40, 40), 0, np.pi), Line((-40, 0, 0), (-30, 0, 0)), Coil((0, 0, 0), (30, 30), np.pi, np.pi)]
+)
+
+
+@pytest.mark.parametrize(
+    "path", [CIRCLE, ArcChain((0, 0), 0.0, [0.0], [50.0]), CORNERED], ids=["circle", "line", "corners"]
+)
 def test_a_path_of_one_turn_or_none_has_no_figures_by_turn(path):
     assert budget(record(path, np.linspace(0, path.length, 1001))).figures.turns == ()
