@@ -184,6 +184,13 @@ def test_one_turn_has_no_spacing():
     assert SteppedArcs(**{**NOTE, "turns": 1}, loop_period=0.1).spacings is None
 
 
+def test_where_a_normal_misses_the_next_turn_there_is_no_spacing():
+    wild = SteppedArcs(30, 2, 5, 200, 0.0651, wait_resolution=1e-3, acceleration=1000.0)
+    distance = wild.spacing(np.linspace(0, 2 * np.pi, 7000))
+    assert 0 < np.isnan(distance).mean() < 0.1
+    assert np.isfinite([wild.spacings.mean, wild.spacings.std]).all()
+
+
 def test_radius_of_the_involute():
     path = Involute(60, 10, 4)
     share = np.linspace(0, 1, 9)

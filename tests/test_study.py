@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+import typer
 
 import gantrysim
 from gantrysim import InputError, Job
@@ -33,6 +34,7 @@ from gantrysim.study import (
     run_study,
     simulated,
 )
+from gantrysim.study.commands import carry_out
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.series import series
 
@@ -168,6 +170,10 @@ def test_another_backend_of_joblib_gives_the_same_rows(job):
         expected = run_cases(cases, alone, workers=1)
     with parallel_config(backend="threading", n_jobs=2), Ledger(None, {}) as ledger:
         assert run_cases(cases, ledger) == expected
+    counted = Counted()  # in a process of its own it would not count here
+    with parallel_config(backend="threading"), Ledger(None, {}) as ledger:
+        run_cases(cases, ledger, measure=counted)
+    assert sorted(counted.seen) == [0.02, 0.05]
 
 
 def test_no_worker_is_none(job):
@@ -214,6 +220,16 @@ def test_the_ledger_forgives_a_line_that_was_cut_off(tmp_path):
             assert (ledger.kept, "one" in ledger, "two" in ledger) == (1, True, False)
             assert ledger["one"] == {"value": 1 / 3}
             ledger.add("two", {"value": 2.0})
+        assert (tmp_path / LEDGER).read_bytes() == whole
+
+
+def test_a_row_is_on_the_disk_as_soon_as_it_is_finished_and_half_a_row_is_gone_at_once(tmp_path):
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        ledger.add("one", {"value": 1})
+        assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"value": 1}]\n')
+    whole = (tmp_path / LEDGER).read_bytes()
+    (tmp_path / LEDGER).write_bytes(whole + b'["two", {"val')
+    with Ledger(tmp_path, {"study": "x"}):
         assert (tmp_path / LEDGER).read_bytes() == whole
 
 
@@ -391,14 +407,10 @@ def begun(folder, rows=1):
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_command_says_how_to_go_on(tmp_path, number):
+def test_ctrl_c_in_a_terminal_ends_the_command_with_a_word_of_how_to_go_on(tmp_path):
     folder = tmp_path / "loop"
     process = begun(folder)
-    if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # as a terminal does: to all of them
-    else:
-        process.send_signal(number)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
     output, said = (text.decode() for text in process.communicate(timeout=PATIENCE))
     assert process.returncode == 130
     done = spoken(folder)
@@ -407,6 +419,29 @@ def test_an_interrupted_command_says_how_to_go_on(tmp_path, number):
     assert "Traceback" not in said
     assert output == ""
     assert list(content(folder)) == [LEDGER]
+
+
+def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp_path, job, capsys):
+    class Killed(Counted):
+        def __call__(self, case):
+            if len(self.seen) == 2:
+                os.kill(os.getpid(), signal.SIGTERM)
+            return super().__call__(case)
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(Toy(job, Killed()), tmp_path, 1)
+    assert stopped.value.exit_code == 130
+    assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) is before
+    carry_out(Toy(job), tmp_path, 1)
+    output, said = capsys.readouterr()
+    assert said == "note: the rows of 2 cases were there from an interrupted start\n"
+    assert output.startswith("5 rows\na second paragraph\nwritten to ")
+    with pytest.raises(typer.Exit):
+        carry_out(Toy(job, Counted(interrupted_at=1)), tmp_path, 1)
+    carry_out(Toy(job, values=(0.3,)), tmp_path, 1)
+    assert "which were not taken: they differ in settings" in capsys.readouterr().err
 
 
 def test_a_killed_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path):

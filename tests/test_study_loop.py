@@ -25,13 +25,13 @@ from gantrysim.study.loop_findings import convergence, findings, loop_knee
 from gantrysim.study.trends import Convergence, crossing, knee, power
 
 SMALL = {
-    "loop_periods": (0.01, 0.05, 0.25),
+    "loop_periods": (0.01, 0.03, 0.1),
     "interpreter_times": (0.0, 1e-3, 4e-3),
-    "servo_periods": (5e-4, 1e-3, 4e-3),
+    "servo_periods": (1e-3, 2e-3, 4e-3),
     "resolutions": (1e-3, 1e-2),
     "halvings": 2,
 }
-SHORT = ["turns=2", "diameter=40", "thickness=5", "speed=150", "loop_period=0.05", "simulation.settle=0.05"]
+SHORT = ["turns=2", "diameter=30", "thickness=5", "speed=200", "loop_period=0.05", "simulation.settle=0.05"]
 INTERPOLATED = 0.02  # of a knee between points a tenth of a decade apart
 
 
@@ -310,14 +310,14 @@ def test_predictions_stand_over_the_points_of_the_plot(done):
     points, line = drawn["generation, loop alone"], drawn["stepped arcs against the involute"]
     on_line = np.exp(np.interp(np.log(points[:, 0]), np.log(line[:, 0]), np.log(line[:, 1])))
     np.testing.assert_allclose(points[:, 1], on_line, rtol=0.01)
-    assert points[:, 0].tolist() == pytest.approx([10, 50, 250])  # in ms
+    assert points[:, 0].tolist() == pytest.approx([10, 30, 100])  # in ms
 
 
 def test_plots_of_a_study_in_which_nothing_went_through(study):
     rows = [{**dict(case.tags), "status": "refused: no"} for case in study.cases]
     plots = study.figures(rows)
     assert [plot.name for plot in plots] == list(SWEEPS)
-    for plot in plots:
+    for plot in (plots[0], plots[-1]):
         plot.figure.draw_without_rendering()
 
 
@@ -326,6 +326,7 @@ def test_the_command(tmp_path, monkeypatch, gantrysim_command):
 
     tiny = {**SMALL, "loop_periods": (0.05, 0.1), "servo_periods": (1e-3,), "halvings": 0}
     monkeypatch.setattr(loop, "LoopStudy", functools.partial(LoopStudy, **tiny))
+    monkeypatch.setattr(LoopStudy, "figures", lambda self, rows: [])  # slow, and drawn above
     settings = [part for setting in SHORT for part in ("--set", setting)]
     status, output, said = gantrysim_command(
         "study", "loop", "an225", *settings, "--out", tmp_path / "a", "--workers", 1

@@ -167,13 +167,14 @@ class SteppedArcs:
         """Distance from the arcs at the angles phi to the next turn, along their own normal, (m,) [mm].
 
         From p the normal n = exp(-i phi) meets the arc about c of the radius r that turns through phi + 2 pi at
-        D.n - sqrt(r^2 - (D x n)^2), with D = c - p.
+        D.n - sqrt(r^2 - (D x n)^2), with D = c - p; nan where it misses it.
         """
         at = np.asarray(phi, float)
         begin, radius, centre = self._arcs
         k = np.clip(np.searchsorted(begin, at + 2 * math.pi, side="right") - 1, 0, begin.size - 1)
         to_centre = (centre[k] - self.position(at)) * np.exp(1j * at)
-        distance: Floats = to_centre.real - np.sqrt(radius[k] ** 2 - to_centre.imag**2)
+        square = radius[k] ** 2 - to_centre.imag**2
+        distance: Floats = to_centre.real - np.sqrt(np.where(square < 0, np.nan, square))
         return distance
 
     @cached_property
@@ -192,9 +193,10 @@ class SteppedArcs:
 
     @cached_property
     def spacings(self) -> Range | None:
-        """Spacing of neighbouring turns [mm]; None of a single turn."""
-        within = self._evenly[self._evenly < self._end - 2 * math.pi]
-        return Range.of(self.spacing(within)) if within.size else None
+        """Spacing of neighbouring turns [mm]; None where there are none."""
+        distance = self.spacing(self._evenly[self._evenly < self._end - 2 * math.pi])
+        met = distance[np.isfinite(distance)]
+        return Range.of(met) if met.size else None
 
 
 def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> Spread:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 from gantrysim.errors import whole
 from gantrysim.study.cases import Case, Row, measure
@@ -66,7 +69,22 @@ def _finished(cases: list[Case], workers: int | None, measure: Measure) -> Itera
     with parallel_config(n_jobs=-1 if workers is None else workers):
         # one case at a time: it takes long against its way to the worker, and is kept as soon as it is done
         parallel = Parallel(return_as="generator_unordered", batch_size=1)
-        yield from parallel(delayed(_keyed)(measure, case) for case in cases)
+        with _interrupts_ignored():  # by the workers, which are started here and inherit it: this process stops them
+            results = parallel(delayed(_keyed)(measure, case) for case in cases)
+        yield from results
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C inside the block; only the main thread may, elsewhere all stays as it is."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _keyed(measure: Measure, case: Case) -> tuple[str, Row]:
