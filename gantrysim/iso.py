@@ -30,9 +30,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.controllers.path import Floats, Path
 from gantrysim.errors import InputError, positive
@@ -52,6 +53,7 @@ __all__ = [
 
 _LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
 _ZONE_ROUNDS = 60
+_SECTORS = 36
 _ZONE_TOLERANCE = 1e-12  # of the radius
 SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
 _LARGEST_REACH = 45.0  # [deg]
@@ -117,8 +119,9 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
 
         min  b - a   with   a <= |p_i - c0| - u_i.d <= b.
 
-    It is solved, the step is taken, and the program is set up anew until the step is nothing; a step that does not
-    help is halved. The first centre is that of the least-squares circle.
+    It is solved for the outermost and the innermost point of each of 36 sectors, and for every point that is then found
+    further out or in; the step is taken, halved until it helps, and the program is set up anew until the step is
+    nothing. The first centre is that of the least-squares circle.
 
     Args:
         points: (n, 2) [mm].
@@ -126,45 +129,59 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
     Raises:
         InputError: fewer than three points, or points on one line.
     """
-    from scipy.optimize import linprog  # slow to import, and needed by these figures alone
-
     p = _plane_points(points)
     first, radius = least_squares_circle(p)
-    c = np.array(first)
+    c, least = np.array(first), _ZONE_TOLERANCE * radius
 
     def distances(at: Floats) -> Floats:
         length: Floats = np.linalg.norm(p - at, axis=1)
         return length
 
     r = distances(c)
-    width = float(np.ptp(r))
+    counted = _extremes(p - c, r)
     for _ in range(_ZONE_ROUNDS):
-        if width <= _ZONE_TOLERANCE * radius:
+        width = float(np.ptp(r))
+        if width <= least:
             break
-        unit = (p - c) / r[:, None]
-        # scaled by the width, so that the solver's tolerances are those of the deviation and not of the radius
-        deviation = (r - r.mean()) / width
-        ones, zeros = np.ones((len(p), 1)), np.zeros((len(p), 1))
-        limits = np.concatenate([np.hstack([-unit, zeros, -ones]), np.hstack([unit, ones, zeros])])
-        solved = linprog(
-            [0, 0, -1, 1],
-            A_ub=limits,
-            b_ub=np.concatenate([-deviation, deviation]),
-            bounds=[(-1, 1), (-1, 1), (None, None), (None, None)],
-            method="highs",
-        )
-        if solved.status != 0:
-            raise InputError(f"minimum zone of {len(p)} points: {solved.message}")
-        step = width * solved.x[:2]
-        while np.abs(step).max() > _ZONE_TOLERANCE * radius:
-            tried = distances(c + step)
-            if np.ptp(tried) < width:
-                break
+        step = width * _zone_step(((p - c) / r[:, None])[counted], (r[counted] - r.mean()) / width)
+        tried = distances(c + step)
+        beyond = np.setdiff1d([tried.argmin(), tried.argmax()], counted)
+        counted = np.append(counted, beyond)
+        while np.ptp(tried) >= width and np.abs(step).max() > least:
             step = 0.5 * step
-        else:
+            tried = distances(c + step)
+        if np.ptp(tried) < width:
+            c, r = c + step, tried
+        elif not beyond.size:
             break
-        c, r, width = c + step, tried, float(np.ptp(tried))
     return MinimumZone((float(c[0]), float(c[1])), float(r.min()), float(r.max()))
+
+
+def _extremes(out: Floats, r: Floats) -> NDArray[np.intp]:
+    """Indices of the outermost and the innermost point of each sector."""
+    sector = ((np.arctan2(out[:, 1], out[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS).astype(int)
+    order = np.lexsort((r, sector))
+    begins = np.flatnonzero(np.diff(sector[order], prepend=-1))
+    ends = np.append(begins[1:], r.size) - 1
+    return np.unique(order[np.concatenate([begins, ends])])
+
+
+def _zone_step(unit: Floats, deviation: Floats) -> Floats:
+    """The step d of the least b - a with a <= deviation - unit.d <= b, all in units of the width, (2,)."""
+    from scipy.optimize import linprog  # slow to import, and needed by these figures alone
+
+    ones, zeros = np.ones((deviation.size, 1)), np.zeros((deviation.size, 1))
+    solved = linprog(
+        [0, 0, -1, 1],
+        A_ub=np.concatenate([np.hstack([-unit, zeros, -ones]), np.hstack([unit, ones, zeros])]),
+        b_ub=np.concatenate([-deviation, deviation]),
+        bounds=[(-1, 1), (-1, 1), (None, None), (None, None)],
+        method="highs",
+    )
+    if solved.status != 0:
+        raise InputError(f"minimum zone of {deviation.size} points: {solved.message}")
+    step: Floats = solved.x[:2]
+    return step
 
 
 def _plane_points(points: ArrayLike) -> Floats:
@@ -238,7 +255,7 @@ class Trace:
         deviation: Floats = np.linalg.norm(self.points - self.centre, axis=1) - self.radius
         return deviation
 
-    @property
+    @cached_property
     def circular_deviation(self) -> float:
         """Circular deviation G [mm]."""
         return minimum_zone(self.points).width
@@ -306,7 +323,7 @@ class CircularTest:
     def _both(self) -> Floats:
         return np.concatenate([self.clockwise.points, self.counter_clockwise.points])
 
-    @property
+    @cached_property
     def bidirectional_circular_deviation(self) -> float:
         """G(b) [mm]."""
         return minimum_zone(self._both).width

@@ -91,16 +91,26 @@ def test_the_minimum_zone_is_that_of_a_search_by_brute_force(seed, count, size):
     assert zone.width <= width(least_squares_circle(points)[0]) + EXACT
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_of_points_that_are_no_circle_the_zone_has_no_narrower_one_near_it(seed):
+def scattered(seed):
     generator = np.random.default_rng(seed)
-    points = generator.uniform(-50, 50, (generator.integers(4, 9), 2))
+    return generator.uniform(-50, 50, (generator.integers(4, 9), 2))
+
+
+def rough(seed):
+    generator = np.random.default_rng(seed)
+    return round_trip(lambda theta: generator.normal(0, 0.002, theta.size), shift=(0.05, 0.01))
+
+
+@pytest.mark.parametrize("points", [*map(scattered, range(12)), *map(rough, range(3))])
+def test_the_zone_has_no_narrower_one_near_it_be_the_points_a_circle_or_not(points):
     zone = minimum_zone(points)
 
     def width(centre):
         return np.ptp(np.linalg.norm(points - centre, axis=1))
 
-    around = [h * np.array([math.cos(t), math.sin(t)]) for t in np.linspace(0, 2 * np.pi, 90) for h in (1e-4, 1e-2)]
+    around = [
+        h * np.array([math.cos(t), math.sin(t)]) for t in np.linspace(0, 2 * np.pi, 90) for h in (1e-5, 1e-4, 1e-2)
+    ]
     assert zone.width <= min(width(zone.centre + step) for step in around) + EXACT
     assert zone.width <= width(least_squares_circle(points)[0]) + EXACT
 

@@ -22,11 +22,16 @@ def tested(tmp_path_factory):
     return study, run_study(study, folder, workers=1), folder
 
 
-def test_a_frictionless_machine_runs_an_ellipse_that_follows_from_how_its_axes_swing(rigid, tmp_path):
+def measured(study):
+    """The rows of a study without its report."""
+    return [{**dict(case.tags), **study.measure(case)} for cases in study.rounds() for case in cases]
+
+
+def test_a_frictionless_machine_runs_an_ellipse_that_follows_from_how_its_axes_swing(rigid):
     """x = A cos(wt + a), y = B sin(wt + b): a wave of two lobes with G^2 = (A - B)^2 + R^2 (a - b)^2."""
     settings = ("servo.resolution=0", "feedforward=0.0", "integral_time=inf")
     study = CircleStudy(str(rigid().source), 30.0, 90.0, settings)
-    outcome = run_study(study, tmp_path / "out", workers=1)
+    rows = measured(study)
     run = study.job.run()
     late = (run.time > run.time[-1] / 3) & (run.time < run.time[-1] / 2)
     wt = 90.0 / 30.0 * run.time[late]
@@ -35,10 +40,10 @@ def test_a_frictionless_machine_runs_an_ellipse_that_follows_from_how_its_axes_s
     size, lag = np.hypot([c, d], [e, f]), np.unwrap([np.arctan2(-e, c), np.arctan2(d, f)])
     deviation = np.hypot(size[0] - size[1], 30.0 * (np.diff(lag)[0]))
     assert deviation > 5 * ROUND
-    for row in outcome.rows:
+    for row in rows:
         assert row["circular_deviation_um"] == pytest.approx(1e3 * deviation, abs=1e3 * ROUND)
     assert abs(size.mean() - 30) > 10 * ROUND
-    told = float(re.search(r"D = ([+-][0-9.]+) µm", outcome.findings[0])[1])
+    told = float(re.search(r"D = ([+-][0-9.]+) µm", study.findings(rows)[0])[1])
     assert told == pytest.approx(1e3 * (size.mean() - 30), abs=0.1)
 
 
@@ -84,10 +89,10 @@ def test_findings_tell_the_figures_of_the_rows(tested):
     assert {path.name for path in (folder / "plots").iterdir()} == {"chart.png", "deviation.png"}
 
 
-def test_the_stage_carries_the_work_round_about_the_needle(tmp_path):
+def test_the_stage_carries_the_work_round_about_the_needle():
     study = CircleStudy("stage", 20.0, 40.0)
     assert study.centre == pytest.approx((-200.0, 0.0))
-    rows = run_study(study, tmp_path / "out", workers=1).rows
+    rows = measured(study)
     assert [row["status"] for row in rows] == [OK, OK]
     assert all(abs(row["radial_deviation_max_um"]) < 100 for row in rows)
 

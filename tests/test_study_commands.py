@@ -10,16 +10,16 @@ SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
 def test_circle_by_command(gantrysim_command, tmp_path):
     out = tmp_path / "out"
     status, printed, _ = gantrysim_command(
-        "study", "circle", "--machine", "xyz", "--radius", 15, "--speed", 60, "--set", "period=0.0005", "--out", out,
+        "study", "circle", "--machine", "xyz", "--radius", 10, "--speed", 80, "--set", "period=0.0005", "--out", out,
         "--workers", 1,
     )  # fmt: skip
     assert status == 0
-    assert "Radius 15 mm at 60 mm/s on xyz: circular deviation G =" in " ".join(printed.split())
+    assert "Radius 10 mm at 80 mm/s on xyz: circular deviation G =" in " ".join(printed.split())
     assert "curves.csv" in printed
     job = tomllib.loads((out / "job.toml").read_text())
     assert job["machine"] == "xyz"
     assert job["servo"]["period"] == 0.0005
-    assert tomllib.loads((out / "study.toml").read_text())["settings"] == {"radius": 15.0, "speed": 60.0}
+    assert tomllib.loads((out / "study.toml").read_text())["settings"] == {"radius": 10.0, "speed": 80.0}
 
 
 def test_speed_by_command(gantrysim_command, tmp_path):

@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 from gantrysim.errors import InputError
 from gantrysim.job import Job
 from gantrysim.metrics import Analysis
-from gantrysim.study import OK, run_study
+from gantrysim.study import OK, measure, run_study
 from gantrysim.study.machine import MachineStudy, Spread
 from gantrysim.study.yields import influences, yield_of
 
@@ -174,14 +174,16 @@ def test_findings_where_no_machine_runs():
     assert study.figures(rows) == []
 
 
-def test_machines_with_more_friction_are_worse_in_real_runs(tmp_path):
+def test_machines_with_more_friction_are_worse_in_real_runs():
     job = Job.load("softmc-arc", ["integral_time=inf"])
-    study = MachineStudy(job, 60.0, samples=12, spread=SMALL)
-    outcome = run_study(study, tmp_path / "out", workers=1)
-    figure = np.array([row["contour_max_um"] for row in outcome.rows[1:]])
+    study = MachineStudy(job, 60.0, samples=8, spread=SMALL)
+    rounds, rows = study.rounds(), []
+    for cases in (next(rounds), rounds.send([{"status": "none yet"}])):
+        rows += [{**dict(case.tags), **measure(case)} for case in cases]
+    figure = np.array([row["contour_max_um"] for row in rows[1:]])
     assert np.corrcoef(study.machines["friction_x"], figure)[0, 1] > 0.9
-    assert figure.min() < outcome.rows[0]["contour_max_um"] < figure.max()
-    assert outcome.findings[1].startswith("What matters most is friction of x")
+    assert figure.min() < rows[0]["contour_max_um"] < figure.max()
+    assert study.findings(rows)[1].startswith("What matters most is friction of x")
     # the row of a machine is that of a run of it, with the nominal machine's gains
     run = job.run(machine=job.built_machine.perturbed(study.perturbation(1)))
     assert figure[0] == pytest.approx(1e3 * Analysis(run).nozzle.distance.max())
