@@ -181,6 +181,18 @@ def test_no_worker_is_none(job):
         run_cases(cases_of(job), ledger, workers=0)
 
 
+def leaves_interrupts(case):
+    return {"status": "ok", "ignored": signal.getsignal(signal.SIGINT) == signal.SIG_IGN, "process": os.getpid()}
+
+
+def test_workers_leave_ctrl_c_to_the_study(job):
+    before = signal.getsignal(signal.SIGINT)
+    with Ledger(None, {}) as ledger:
+        rows = run_cases(cases_of(job), ledger, workers=3, measure=leaves_interrupts)
+    assert all(row["ignored"] and row["process"] != os.getpid() for row in rows)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
 class Counted:
     """Counts the cases it measures, and is interrupted before one of them."""
 
