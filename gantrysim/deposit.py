@@ -25,7 +25,6 @@ _EVEN = 1e-3  # of the gap, within which the nozzle's height is one
 _RIPPLE = 0.02  # of the nozzle's height, by which a flat may be uneven
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
 _WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
-_RINGS = 32  # of a round end, from its middle to its rim
 _BISECTIONS = 60
 
 
@@ -218,7 +217,7 @@ def _drop_section(bead: Strand, volume: float, station: int) -> Section:
 def _round(bead: Strand, station: int, section: Section, volume: float, towards: float | None) -> _End:
     """Points of a body of revolution about a station, or of its half `towards` an angle, with their volumes."""
     rim = 0.5 * float(section.width[0])
-    rings = max(_RINGS, math.ceil(rim * _SAMPLES / bead.settings.cell))
+    rings = math.ceil(rim * _SAMPLES / bead.settings.cell) + 1
     r = rim * (np.arange(rings) + 0.5) / rings
     span = 2 * np.pi if towards is None else np.pi
     around = math.ceil(span * rings)

@@ -145,6 +145,7 @@ class Dispenser:
         # breaks: where the request changes, in periods; gate: whether the valve is open from each to the next
         breaks = np.unique(np.concatenate([ticks, begins, ends]))
         breaks = breaks[(breaks >= 0) & (breaks <= on.size)]
+        # leads may bring two stretches together, or an end before its beginning
         gate = np.searchsorted(begins, breaks[:-1], "right") > np.searchsorted(ends, breaks[:-1], "right")
         value = np.where(gate, request[breaks[:-1].astype(np.intp)], 0.0)
         if self.advance:
@@ -191,11 +192,6 @@ class Dispenser:
         begins, ends = _on_ticks(begins), _on_ticks(ends)
         if on.size and on[-1]:
             ends[-1] = on.size  # where the record ends the program has not yet closed the valve
-        lasting = ends > begins  # what the leads leave of it
-        begins, ends = begins[lasting], ends[lasting]
-        if begins.size:
-            apart = begins[1:] > ends[:-1]  # leads that bring two stretches together make them one
-            begins, ends = begins[np.r_[True, apart]], ends[np.r_[apart, True]]
         return begins, ends
 
     def _lagged(self, breaks: Floats, value: Floats, ticks: int, period: float) -> Floats:

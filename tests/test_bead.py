@@ -183,6 +183,12 @@ def test_starts_and_stops_are_told_of_every_stretch():
         assert values.mean == pytest.approx(1.0, abs=PLACE)
         assert values.std < PLACE
     assert bead.figures.laid == pytest.approx(AREA * SPEED * dispense.sum() * PERIOD)
+    # all of them count in the ranges, and what happens within one counts neither as its begin nor as its end
+    heavy = np.where(time < 0.8, 2.0, 1.0) * np.where((np.abs(time - 0.3) < 0.02) | (np.abs(time - 1.6) < 0.02), 0, 1)
+    other = Bead(replace(bead.run, flow=bead.run.flow * heavy))
+    assert other.figures.section.max == pytest.approx(2 * AREA, rel=CONSTANT)
+    assert other.figures.begins.mean == pytest.approx(1.0, abs=0.2)
+    assert other.figures.ends.mean == pytest.approx(1.0, abs=0.2)
     # between the two the nozzle is dry
     assert bead.area[np.abs(bead.place - 85.0) < 10].max() == 0
     assert bead.figures.width.min == 0
@@ -243,6 +249,19 @@ def test_a_nozzle_that_stands_higher_lays_a_narrower_bead():
     down = Bead(replace(bead.run, nozzle=bead.run.nozzle - [0, 0, 0.6]))
     assert down.nozzle_height == pytest.approx(np.full(down.place.size, 0.05 * GAP))
     assert Bead(bead.run, BeadSettings(gap=0.3)).height[-40] == pytest.approx(0.3)
+
+
+def test_what_flows_while_the_nozzle_lifts_lies_on_the_spot():
+    bead = laid(XY, line())
+    lift = np.clip(np.arange(len(bead.run.time)) - 800, 0, 100)[:, None] * [0, 0, 0.1]
+    stop = np.minimum(bead.run.nozzle, [30.0, 0, 0])
+    lifted = Bead(replace(bead.run, nozzle=stop + lift))
+    assert lifted.place[-1] == pytest.approx(80.0)
+    assert volume_of(lifted) == pytest.approx(AREA * 100.0, rel=EXACT)
+    assert np.abs(lifted.point[:, 2]).max() < 1e-6
+    # on a slope it goes on along it
+    slope = bead.run.nozzle * [1, 1, 0] + (bead.run.nozzle[:, :1] + 50) * [0, 0, 0.75]
+    assert Bead(replace(bead.run, nozzle=slope)).place[-1] == pytest.approx(125.0)
 
 
 def test_a_run_without_glue_has_no_figures_and_one_at_rest_neither():

@@ -255,6 +255,18 @@ def test_a_stretch_too_short_for_two_ends_is_a_round_drop():
     assert rim == pytest.approx(np.sqrt(200.0 / (np.pi * GAP)), rel=0.05)
 
 
+def test_a_drop_that_relaxes_is_the_body_of_its_section():
+    """Against the spherical cap of its volume: V = pi h (3 r^2 + h^2) / 6, h = r tan(theta / 2)."""
+    bead = laid(XY, line(100.0), on=(0.5, 0.51), squashed=False, cell=0.02)
+    tangent = np.tan(np.pi / 6)
+    rim = (2.0 * 6 / (np.pi * tangent * (3 + tangent**2))) ** (1 / 3)
+    sphere = rim / np.sin(np.pi / 3)
+    r = np.linspace(0.1, 0.9, 17) * rim
+    centre = bead.map.x @ bead.map.height.sum(axis=0) / bead.map.height.sum()
+    seen = np.mean([bead.map.at(np.stack([centre + s * r, 0 * r], axis=1)) for s in (-1, 1)], axis=0)
+    assert seen == pytest.approx(np.sqrt(sphere**2 - r**2) - sphere * np.cos(np.pi / 3), abs=0.02 * rim)
+
+
 def test_a_map_of_no_glue_is_flat():
     bead = laid(XY, line(), Dispenser())
     assert not bead.map.height.any()

@@ -138,6 +138,8 @@ def test_an_advance_makes_good_what_an_opening_withheld_but_no_flow_is_below_zer
     assert laid[:420].sum() == pytest.approx(FLOW * 0.4, rel=1e-9)
     assert laid[420:].sum() == pytest.approx(FLOW * constant, rel=1e-6)
     assert laid.min() >= 0
+    at_once = Dispenser(FLOW, opening=constant, closing=constant, advance=constant)
+    assert flows(at_once, np.ones(400, bool)).sum() == pytest.approx(FLOW * 400, rel=1e-9)
 
 
 def test_the_limit_holds_the_command_and_costs_what_it_cuts_off():
