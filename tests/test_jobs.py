@@ -113,6 +113,11 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     assert written["job"] == name
     assert written["fault"] is None
     assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("stage", "xyzr"))
+    glue = written["bead"]
+    assert glue["volume_mm3"] - glue["volume_asked_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
+    assert (glue["clearance_of_turns_mm"] is None) == (written["bead_spacing_mm"] is None)
+    if glue["clearance_of_turns_mm"] is not None:
+        assert glue["gapping_share"] > 0.97 > 0.03 > glue["overlapping_share"]
     for note in written["notes"]:
         assert note.split()[0] in printed
     if name == "softmc-arc":
