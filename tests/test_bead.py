@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Job, Machine
@@ -29,6 +29,7 @@ def section(area, gap=math.inf, contact_angle=60.0):
     return Section(area, np.broadcast_to(np.asarray(gap, float), area.shape), contact_angle)
 
 
+@settings(deadline=None)
 @given(st.floats(0.01, 50.0), st.floats(0.05, 5.0) | st.just(math.inf), st.floats(5.0, 90.0))
 def test_a_section_holds_its_area_between_its_height_and_its_width(area, gap, angle):
     shape = section(area, gap, angle)
@@ -42,6 +43,7 @@ def test_a_section_holds_its_area_between_its_height_and_its_width(area, gap, an
     assert shape.profile([0.0])[0, 0] == pytest.approx(height)
 
 
+@settings(deadline=None)
 @given(st.floats(0.01, 50.0), st.floats(5.0, 90.0))
 def test_a_drop_is_a_segment_that_meets_the_surface_at_its_contact_angle(area, angle):
     shape = section(area, contact_angle=angle)
@@ -54,6 +56,7 @@ def test_a_drop_is_a_segment_that_meets_the_surface_at_its_contact_angle(area, a
         assert slope == pytest.approx(math.tan(theta), rel=1e-3)
 
 
+@settings(deadline=None)
 @given(st.floats(0.1, 2.0), st.floats(5.0, 90.0))
 def test_a_bead_is_squashed_where_it_would_stand_higher_than_the_nozzle_and_without_a_jump(gap, angle):
     theta = math.radians(angle)
@@ -124,6 +127,7 @@ def run_setpoints(bead):
     return Setpoints(run.period, run.axes, run.commanded, run.dispense, run.requested)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.5, 5.0), st.booleans())
 def test_no_glue_is_lost_between_the_flow_and_the_sections(seed, gap, squashed):
     random = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.special import digamma
@@ -55,6 +55,7 @@ def test_a_step_is_answered_as_a_first_order_lag_does_with_a_time_constant_for_e
     np.testing.assert_allclose(cumulated, rising + falling, rtol=EXACT, atol=EXACT * FLOW)
 
 
+@settings(deadline=None)
 @given(dead_time=durations, opening=durations, closing=durations, start_lead=st.floats(0.0, 0.02), stop_lead=durations)
 def test_the_start_and_the_stop_are_off_by_what_their_lags_and_leads_make(
     dead_time, opening, closing, start_lead, stop_lead
@@ -72,6 +73,7 @@ def test_the_start_and_the_stop_are_off_by_what_their_lags_and_leads_make(
     assert surplus == pytest.approx(SPEED * (dead_time + closing - stop_lead), abs=1e-6)
 
 
+@settings(deadline=None)
 @given(st.floats(0.0, 0.05), durations, durations, st.floats(1e-4, 8e-3), st.integers(0, 2**32 - 1))
 def test_no_glue_is_lost_or_made_where_the_lag_is_the_same_both_ways(dead_time, constant, lead, period, seed):
     on = np.random.default_rng(seed).random(60) < 0.7
@@ -160,6 +162,7 @@ def test_the_limit_holds_the_command_and_costs_what_it_cuts_off():
         Dispenser(pressure=400.0, metering="time-pressure", needle=NEEDLE, limit=300.0)
 
 
+@settings(deadline=None)
 @given(st.floats(0.1, 2.0), st.floats(5.0, 50.0), st.floats(0.1, 500.0), st.floats(0.2, 1.5), st.floats(0.01, 1e3))
 def test_a_needles_pressure_is_the_inverse_of_its_flow(bore, length, consistency, index, pressure):
     needle = Needle(bore, length, consistency, index)

@@ -212,7 +212,13 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
     arguments = ["gantrysim", "run", "--out", str(tmp_path), "--set", "diameter=40", "--set", "turns=1"]
     monkeypatch.setattr(sys, "argv", arguments)
     cli.app(standalone_mode=False)
-    assert sorted(item.name for item in tmp_path.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == [
+        "job.toml",
+        "plots",
+        "report.html",
+        "run.npz",
+        "summary.json",
+    ]
     message = capsys.readouterr().err
     assert message.startswith("no video: ")
     assert "libegl1" in message
@@ -308,6 +314,7 @@ def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
 
 
 def test_the_gap_is_measured_down_the_work_however_the_machine_stands(xy, rigid):
+    assert rigid().gap == 0.5  # has no work piece to measure to
     assert xy.gap == pytest.approx(0.5, abs=1e-6)
     source = rigid().source
     content = source.read_text().replace(
