@@ -69,7 +69,7 @@ def axes_of(path, s, piece=None):
     if piece is not None:
         edges = np.concatenate([[0.0], path.ends])
         at = np.clip(s, edges[piece] + 1e-9, edges[piece + 1] - 1e-9)
-    return path.tangent(at), path.bend(at)
+    return path.tangent(at), path.local(at).bend
 
 
 def moved(law, position, velocity, acceleration):
