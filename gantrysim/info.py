@@ -12,12 +12,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.axis import Axis
+from gantrysim.bead import BeadSettings
 from gantrysim.controllers.servo import Servo
 from gantrysim.dispenser import Dispenser
 from gantrysim.job import Job, ServoSettings, builtin_jobs, job_text
 from gantrysim.machine import Machine, builtin_models
 from gantrysim.needle import Needle
-from gantrysim.strand import BeadSettings
 
 __all__ = ["gains_table", "glue_table", "jobs_table", "machines_table", "settings_table"]
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from gantrysim.bead import BeadSettings
 from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.dispenser import Dispenser
@@ -22,7 +23,6 @@ from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.machine import Machine, builtin_models
 from gantrysim.programs import Controller, arguments, build, dotted, keys
 from gantrysim.run import Run
-from gantrysim.strand import BeadSettings
 
 __all__ = ["Job", "ServoSettings", "builtin_jobs", "job_text"]
 

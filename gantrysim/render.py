@@ -13,11 +13,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.bead import BeadSettings
+from gantrysim.bead.sweep import Sweep
 from gantrysim.errors import GantryError, InputError, positive, unknown, whole
 from gantrysim.machine import WORK, Machine
 from gantrysim.run import Run
-from gantrysim.strand import BeadSettings
-from gantrysim.sweep import Sweep
 
 __all__ = ["NoOpenGLError", "Renderer", "save_video"]
 

@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Job, Machine
-from gantrysim.bead import Bead, BeadSettings
+from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.engine import perfect_follower
 from gantrysim.job import builtin_jobs
 from gantrysim.run import Fault
-from gantrysim.section import Section
 
 from beads import AREA, GAP, PERIOD, SPEED, away_from_ends, laid, line, spiral, volume_of
 

@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine
-from gantrysim.bead import Bead, BeadSettings
-from gantrysim.deposit import HeightMap
+from gantrysim.bead import Bead, BeadSettings, HeightMap, Section
+from gantrysim.bead.pushing import push_aside
 from gantrysim.engine import perfect_follower
-from gantrysim.pushing import push_aside
-from gantrysim.section import Section
 
 from beads import AREA, GAP, PERIOD, SPEED, laid, line, spiral
 

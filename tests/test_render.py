@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, InputError, Machine, Servo, cli, simulate
+from gantrysim.bead import BeadSettings
+from gantrysim.bead.sweep import Sweep
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.render import NoOpenGLError, Renderer, save_video
-from gantrysim.strand import BeadSettings
-from gantrysim.sweep import Sweep
 
 SIZE = (640, 480)
 FLOW = 150.0  # [mm³/s]

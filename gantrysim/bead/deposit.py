@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.bead.pushing import drop, lay, push_aside
+from gantrysim.bead.section import Section
+from gantrysim.bead.strand import Strand
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError
-from gantrysim.pushing import drop, lay, push_aside
-from gantrysim.section import Section
-from gantrysim.strand import Strand
 
 __all__ = ["HeightMap"]
 

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.bead.deposit import HeightMap
+from gantrysim.bead.strand import BeadSettings, Strand
 from gantrysim.controllers.path import Floats
-from gantrysim.deposit import HeightMap
 from gantrysim.errors import InputError
 from gantrysim.metrics import Range
-from gantrysim.strand import BeadSettings, Strand
 
 __all__ = ["Bead", "BeadFigures", "BeadSettings"]
 

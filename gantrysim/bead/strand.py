@@ -13,11 +13,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.bead.section import Section
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, finite, positive
 from gantrysim.metrics import Analysis
 from gantrysim.run import Run
-from gantrysim.section import Section
 
 __all__ = ["BeadSettings", "Strand", "surface_steps"]
 

@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.bead.strand import BeadSettings, Strand, surface_steps
 from gantrysim.run import Run
-from gantrysim.strand import BeadSettings, Strand, surface_steps
 
 __all__ = ["Sweep"]
 
