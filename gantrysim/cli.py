@@ -60,6 +60,7 @@ def run(
         typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
+    drawn: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
 ) -> None:
     """Run a job: simulate it, print its figures, and write record, plots, summary, report and video.
 
@@ -79,8 +80,9 @@ def run(
         bead = Bead(record, loaded.bead, analysis)
         laid = bead.figures if bead.nominal > 0 else None
         report.write_run(scratch, loaded, loaded.built_machine, budget, laid)
-        with _progress("plot") as advance:
-            plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
+        if drawn:
+            with _progress("plot") as advance:
+                plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
         if video:
             try:
                 with _progress("video") as advance:
@@ -89,9 +91,11 @@ def run(
                     )
             except render.NoOpenGLError as error:
                 no_video = f"no video: {error}"
-        with _progress("report") as advance:
-            write_run_page(scratch / report.REPORT, loaded, loaded.built_machine, bead, scratch / report.VIDEO, advance)
-        written = sorted(item.name for item in scratch.iterdir())
+        if drawn:
+            page, film = scratch / report.REPORT, scratch / report.VIDEO
+            with _progress("report") as advance:
+                write_run_page(page, loaded, loaded.built_machine, bead, film, advance)
+        written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     _output.print(links_table(loaded.name, loaded.built_machine, budget))
     _output.print(outcome_table(record, analysis.figures, laid))
     _output.print(escape(headline(budget)), highlight=False)

@@ -111,6 +111,8 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
                 (scratch / name).replace(target / name)
             else:  # the one there is another run's
                 (target / name).unlink(missing_ok=True)
+        with suppress(OSError):
+            (target / PLOTS).rmdir()  # where it holds no plots
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
         if not (target / output.mark).exists():
