@@ -14,15 +14,8 @@ from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine import perfect_follower
 from gantrysim.metrics import Analysis
-from gantrysim.study.predictions import (
-    SteppedArcs,
-    circle_response,
-    involute_radius,
-    local_pitch,
-    loop_error,
-    quantisation,
-    sample_and_hold,
-)
+from gantrysim.study.loop.arcs import SteppedArcs, involute_radius, local_pitch, loop_error
+from gantrysim.study.loop.sampling import circle_response, quantisation, sample_and_hold
 
 from runs import PERIOD
 

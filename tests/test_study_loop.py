@@ -21,8 +21,8 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
-from gantrysim.study.loop_findings import convergence, findings, loop_knee
-from gantrysim.study.trends import Convergence, crossing, knee, power
+from gantrysim.study.loop.findings import convergence, findings, loop_knee
+from gantrysim.study.loop.trends import Convergence, crossing, knee, power
 
 SMALL = {
     "loop_periods": (0.01, 0.03, 0.1),

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.loop import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, LoopStudy
+from gantrysim.study.loop.trends import EXCESS, Convergence, crossing, knee, power
+from gantrysim.study.loop.variants import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
 from gantrysim.study.series import series
-from gantrysim.study.trends import EXCESS, Convergence, crossing, knee, power
+
+if TYPE_CHECKING:
+    from gantrysim.study.loop.study import LoopStudy
 
 __all__ = ["CONVERGING", "convergence", "findings", "loop_knee"]
 

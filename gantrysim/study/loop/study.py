@@ -1,4 +1,4 @@
-"""The loop study: what the periods and resolutions of the chain do to the bead, one after the other."""
+"""`gantrysim study loop`: what the periods and resolutions of the chain do to the bead, one after the other."""
 
 from __future__ import annotations
 
@@ -6,50 +6,24 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from gantrysim.controllers.setpoints import ticks
 from gantrysim.errors import InputError
 from gantrysim.job import Job
 from gantrysim.perturbation import Perturbation
 from gantrysim.study.cases import Case, Mode, Row, measure
-from gantrysim.study.predictions import SteppedArcs
+from gantrysim.study.loop.arcs import SteppedArcs
+from gantrysim.study.loop.figures import figures
+from gantrysim.study.loop.findings import findings
+from gantrysim.study.loop.variants import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS
+from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
 
-if TYPE_CHECKING:
-    from gantrysim.study.runner import Measure
-
-__all__ = ["AS_IT_IS", "FREE", "LOOP_ALONE", "NO_FRICTION", "NO_LOOP", "PERFECT", "SWEEPS", "LoopStudy"]
-
-# variants of a job
-AS_IT_IS = "as it is"
-LOOP_ALONE = "loop alone"  # without the controller's other limits
-PERFECT = "loop alone, perfect follower"
-NO_LOOP = "no loop"  # the limit of a loop that takes no time
-NO_FRICTION = "no friction"  # nor loop, nor encoder counts, nor integral term: what the theory of the servo is of
-
-# sweeps, in the order of the report, and what is changed
-SWEEPS = {
-    "loop_period": "Program loop period",
-    "interpreter_time": "Interpreter time per pass",
-    "servo_period": "Servo period",
-    "encoder_resolution": "Encoder resolution",
-    "physics_step": "Physics step",
-}
+__all__ = ["LoopStudy"]
 
 _DECADE = (1.0, 2.0, 3.0, 5.0)
 _SPIRAL = "trio.MoveSpiral"
-# what takes a Move Spiral's controller all limits but its loop
-FREE: dict[str, Any] = {
-    "program.acceleration": math.inf,
-    "program.deceleration": None,
-    "program.wait_resolution": 0.0,
-    "program.ratio_bits": None,
-    "program.interpreter_time": 0.0,
-    "program.servo_period": 0.0,
-    "program.as_published": False,
-    "program.mhelical_mode": 1,
-}
 _FINER = 4  # times, the physics step against which a theory in continuous time is held
 _FRICTIONLESS = Perturbation(friction=1e-9)
 
@@ -139,13 +113,9 @@ class LoopStudy:
         return [case for sweep in sweeps for case in sweep]
 
     def findings(self, rows: list[Row]) -> list[str]:
-        from gantrysim.study.loop_findings import findings
-
         return findings(self, rows)
 
     def figures(self, rows: list[Row]) -> list[Plot]:
-        from gantrysim.study.loop_figures import figures
-
         return figures(self, rows)
 
     def _case(self, sweep: str, value: float, variant: str, changes: dict[str, Any]) -> Case:

@@ -11,156 +11,32 @@ import numpy as np
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
-from gantrysim.study.cases import OK, Row
-from gantrysim.study.loop import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy
-from gantrysim.study.loop_findings import CONVERGING, convergence, loop_knee
-from gantrysim.study.predictions import involute_radius, local_pitch, loop_error, quantisation, sample_and_hold
+from gantrysim.study.cases import Row
+from gantrysim.study.loop.arcs import involute_radius, local_pitch, loop_error
+from gantrysim.study.loop.findings import CONVERGING, convergence, loop_knee
+from gantrysim.study.loop.panels import SHAPES, Panels
+from gantrysim.study.loop.sampling import quantisation, sample_and_hold
+from gantrysim.study.loop.trends import knee
+from gantrysim.study.loop.variants import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS
 from gantrysim.study.series import series
 from gantrysim.study.study import Plot
-from gantrysim.study.trends import knee
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from gantrysim.study.loop.study import LoopStudy
 
 __all__ = ["figures"]
 
 _SIZE = (11.0, 6.6)
-_LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis of errors: shown, and labelled only at each
-_WIDTH, _HANDLE = 160, 6  # of the legend, and of a sample in it, in letters
-_FEW = 8  # swept values, up to which each is labelled
 _LINE = 60  # points of a predicted line
-_MS, _PER_CENT = 1e3, 100.0
-_INSIDE = 0.55  # of the size of a point that shows inside another
+_MS = 1e3
 _LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
 _LEAST_DEVIATION = 1e-7
-# Points have a shape by variant and a colour by figure.
-_SHAPES: dict[str, dict[str, Any]] = {
-    AS_IT_IS: {"marker": "o", "ms": 5.5},
-    LOOP_ALONE: {"marker": "o", "ms": 5.5, "mfc": "white"},
-    PERFECT: {"marker": "D", "ms": 4.5},
-    NO_LOOP: {"marker": "s", "ms": 5.0, "mfc": "white"},
-    NO_FRICTION: {"marker": "^", "ms": 5.5, "mfc": "white"},
-}
 _FIGURE_COLOURS = (INK, COLOURS["tracking"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["generation"])
-
-
-class _Sheet:
-    """Three panels over one swept value: errors on the left, spacing and speed ripple on the right."""
-
-    def __init__(self, axes: list[Axes], rows: list[Row], sweep: str, scale: float, label: str) -> None:
-        self.errors, self.spacing, self.ripple = axes
-        self.rows, self.sweep, self.scale = rows, sweep, scale
-        self.unit = label.rpartition("[")[2].rstrip("]")
-        for panel in axes:
-            panel.set(xscale="log", yscale="log")
-            panel.xaxis.set_major_formatter("{x:g}")
-        self.errors.set(xlabel=label, ylabel="rms error [µm]", title="Errors")
-        self.spacing.set(ylabel="[µm]", title="Spacing of the turns")
-        self.spacing.tick_params(labelbottom=False)
-        self.ripple.set(xlabel=label, ylabel="[%]", title="Ripple of the path speed, std over mean")
-
-    def points(
-        self, panel: Axes, column: str, variant: str, colour: str, label: str, factor: float = 1.0, minus: float = 0.0
-    ) -> None:
-        """Draw a column of a variant; zeros and what is not there are left out."""
-        x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
-        shown = (x > 0) & (y != minus)
-        if shown.any():
-            shape = {"mfc": colour, **_SHAPES[variant]}
-            if column.startswith("tracking"):
-                shape["ms"] = _INSIDE * shape["ms"]  # it often lies upon the contour error
-            panel.plot(
-                self.scale * x[shown], factor * np.abs(y[shown] - minus), color=colour, ls="none", label=label, **shape
-            )
-
-    def line(self, panel: Axes, x: Floats, y: Floats, colour: str, label: str, style: str = "-") -> None:
-        """Draw a predicted line, where there is one."""
-        good = np.isfinite(y)
-        if good.any():
-            panel.plot(self.scale * x[good], y[good], color=colour, ls=style, lw=1.3, label=label, zorder=1.5)
-
-    def mark(self, at: float | None, text: str) -> None:
-        """Mark a knee, where there is one."""
-        if at is None or not math.isfinite(at):
-            return
-        x = self.scale * at
-        self.errors.axvline(x, color=COLOURS["fault"], lw=1.0, ls="--", zorder=1)
-        low, high = self.errors.get_xlim()
-        right = x > math.sqrt(low * high)
-        self.errors.annotate(
-            f"{text}: knee at {x:.3g} {self.unit}",
-            (x, 0.02),
-            xycoords=("data", "axes fraction"),
-            xytext=(-5 if right else 5, 0),
-            textcoords="offset points",
-            ha="right" if right else "left",
-            va="bottom",
-            color=COLOURS["fault"],
-        )
-
-    def failures(self) -> None:
-        """Mark the values at which the job as it is has no figures."""
-        at = [
-            self.scale * float(row["value"])  # type: ignore[arg-type]
-            for row in self.rows
-            if row["sweep"] == self.sweep and row["variant"] == AS_IT_IS and row["status"] != OK
-        ]
-        if at:
-            height = np.full(len(at), 0.985)
-            transform = self.errors.get_xaxis_transform()
-            self.errors.plot(
-                at,
-                height,
-                "x",
-                color=COLOURS["fault"],
-                transform=transform,
-                ls="none",
-                label="as it is: refused or fault",
-            )
-
-    def ripples(self, *variants: str) -> None:
-        for variant in variants:
-            self.points(self.ripple, "speed_ripple", variant, INK, variant, _PER_CENT)
-
-    def finish(self) -> None:
-        """Label axes in plain numbers, and say what the points and lines are."""
-        from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
-
-        values = sorted({self.scale * float(row["value"]) for row in self.rows if self._own(row)})  # type: ignore[arg-type]
-        few = [value for value in values if value > 0]
-        for panel in (self.errors, self.spacing, self.ripple):
-            if not panel.lines:
-                panel.set_axis_off()
-                panel.text(0.5, 0.5, "nothing to show", transform=panel.transAxes, ha="center")
-                continue
-            if len(few) <= _FEW:
-                panel.xaxis.set_major_locator(FixedLocator(few))
-                panel.xaxis.set_minor_locator(NullLocator())
-            panel.xaxis.set_minor_formatter(NullFormatter())
-            if panel.get_yscale() == "log":
-                low, high = panel.get_ylim()
-                decades = math.log10(high / low)
-                if decades < _LEAST_DECADES:
-                    reach = 10 ** (0.5 * _LEAST_DECADES)
-                    panel.set_ylim(math.sqrt(low * high) / reach, math.sqrt(low * high) * reach)
-                panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if decades > _MANY_DECADES else (1.0, 2.0, 5.0)))
-                panel.yaxis.set_major_formatter("{x:g}")
-                panel.yaxis.set_minor_formatter(NullFormatter())
-            if panel is not self.errors:
-                panel.legend(fontsize="x-small")
-        figure = self.errors.figure
-        handles, labels = self.errors.get_legend_handles_labels()
-        if labels:
-            columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
-            figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
-
-    def _own(self, row: Row) -> bool:
-        return row["sweep"] == self.sweep
 
 
 def figures(study: LoopStudy, rows: list[Row]) -> list[Plot]:
     """Return a plot for each sweep that has cases."""
-    drawn: dict[str, tuple[Callable[[LoopStudy, _Sheet], str], float, str]] = {
+    drawn: dict[str, tuple[Callable[[LoopStudy, Panels], str], float, str]] = {
         "loop_period": (_loop_period, _MS, "program loop period T [ms]"),
         "interpreter_time": (_interpreter_time, _MS, "interpreter time per pass d [ms]"),
         "servo_period": (_servo_period, _MS, "servo period [ms]"),
@@ -174,7 +50,7 @@ def figures(study: LoopStudy, rows: list[Row]) -> list[Plot]:
         with sheet(*_SIZE) as figure:
             grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
             left, top = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
-            panels = _Sheet([left, top, figure.add_subplot(grid[1, 1], sharex=top)], rows, sweep, scale, label)
+            panels = Panels([left, top, figure.add_subplot(grid[1, 1], sharex=top)], rows, sweep, scale, label)
             text = draw(study, panels)
             panels.finish()
         plots.append(Plot(sweep, SWEEPS[sweep], text, figure))
@@ -201,7 +77,7 @@ def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any])
     return dict(zip(("rms", "mean", "std", "min", "max"), np.array(found).T, strict=True))
 
 
-def _loop_period(study: LoopStudy, on: _Sheet) -> str:
+def _loop_period(study: LoopStudy, on: Panels) -> str:
     amber, program = COLOURS["generation"], study.job.program
     period, key = _spread(study.loop_periods), "program.loop_period"
     alone, limited = _predicted(study, key, period, FREE), _predicted(study, key, period, {})
@@ -235,7 +111,7 @@ def _loop_period(study: LoopStudy, on: _Sheet) -> str:
     )
 
 
-def _interpreter_time(study: LoopStudy, on: _Sheet) -> str:
+def _interpreter_time(study: LoopStudy, on: Panels) -> str:
     amber, program = COLOURS["generation"], study.job.program
     time, key = _spread(study.interpreter_times), "program.interpreter_time"
     alone, limited = _predicted(study, key, time, FREE), _predicted(study, key, time, {})
@@ -263,7 +139,7 @@ def _interpreter_time(study: LoopStudy, on: _Sheet) -> str:
     )
 
 
-def _servo_period(study: LoopStudy, on: _Sheet) -> str:
+def _servo_period(study: LoopStudy, on: Panels) -> str:
     blue, green = COLOURS["tracking"], COLOURS["structure"]
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
@@ -299,7 +175,7 @@ def _servo_period(study: LoopStudy, on: _Sheet) -> str:
     )
 
 
-def _encoder_resolution(study: LoopStudy, on: _Sheet) -> str:
+def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
     pink, count = COLOURS["measurement"], _spread(study.resolutions)
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     if study.spiral:
@@ -322,7 +198,7 @@ def _encoder_resolution(study: LoopStudy, on: _Sheet) -> str:
     )
 
 
-def _physics_step(study: LoopStudy, on: _Sheet) -> str:
+def _physics_step(study: LoopStudy, on: Panels) -> str:
     on.errors.set(ylabel="from the limit, in parts of it", title="Convergence of the figures")
     for variant in (AS_IT_IS, NO_FRICTION):
         for (column, figure), colour in zip(convergence(on.rows, variant).items(), _FIGURE_COLOURS, strict=False):
@@ -330,7 +206,7 @@ def _physics_step(study: LoopStudy, on: _Sheet) -> str:
             away = np.abs(np.array(figure.values) / figure.limit - 1) if figure.limit else np.zeros(step.size)
             order = "scatter" if figure.order is None else f"order {figure.order:.2f}"
             shown = away > _LEAST_DEVIATION
-            shape = {"mfc": colour, **_SHAPES[variant]}
+            shape = {"mfc": colour, **SHAPES[variant]}
             label = f"{CONVERGING[column]}, {variant}: {order}"
             on.errors.plot(on.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
             if figure.order is not None and away[0] > _LEAST_DEVIATION:
@@ -344,6 +220,6 @@ def _physics_step(study: LoopStudy, on: _Sheet) -> str:
     )
 
 
-def _spacings(on: _Sheet, *variants: str) -> None:
+def _spacings(on: Panels, *variants: str) -> None:
     for variant in variants:
         on.points(on.spacing, "spacing_std_mm", variant, INK, f"std, {variant}", UM)

@@ -1,0 +1,148 @@
+"""The panels of a loop study's plots: errors, spacing and ripple of the path speed over one swept value."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.plots.style import COLOURS, INK
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.loop.variants import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
+from gantrysim.study.series import series
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["SHAPES", "Panels"]
+
+_LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis of errors: shown, and labelled only at each
+_WIDTH, _HANDLE = 160, 6  # of the legend, and of a sample in it, in letters
+_FEW = 8  # swept values, up to which each is labelled
+_PER_CENT = 100.0
+_INSIDE = 0.55  # of the size of a point that shows inside another
+# Points have a shape by variant and a colour by figure.
+SHAPES: dict[str, dict[str, Any]] = {
+    AS_IT_IS: {"marker": "o", "ms": 5.5},
+    LOOP_ALONE: {"marker": "o", "ms": 5.5, "mfc": "white"},
+    PERFECT: {"marker": "D", "ms": 4.5},
+    NO_LOOP: {"marker": "s", "ms": 5.0, "mfc": "white"},
+    NO_FRICTION: {"marker": "^", "ms": 5.5, "mfc": "white"},
+}
+
+
+class Panels:
+    """Three panels over one swept value: errors on the left, spacing and speed ripple on the right."""
+
+    def __init__(self, axes: list[Axes], rows: list[Row], sweep: str, scale: float, label: str) -> None:
+        self.errors, self.spacing, self.ripple = axes
+        self.rows, self.sweep, self.scale = rows, sweep, scale
+        self.unit = label.rpartition("[")[2].rstrip("]")
+        for panel in axes:
+            panel.set(xscale="log", yscale="log")
+            panel.xaxis.set_major_formatter("{x:g}")
+        self.errors.set(xlabel=label, ylabel="rms error [µm]", title="Errors")
+        self.spacing.set(ylabel="[µm]", title="Spacing of the turns")
+        self.spacing.tick_params(labelbottom=False)
+        self.ripple.set(xlabel=label, ylabel="[%]", title="Ripple of the path speed, std over mean")
+
+    def points(
+        self, panel: Axes, column: str, variant: str, colour: str, label: str, factor: float = 1.0, minus: float = 0.0
+    ) -> None:
+        """Draw a column of a variant; zeros and what is not there are left out."""
+        x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
+        shown = (x > 0) & (y != minus)
+        if shown.any():
+            shape = {"mfc": colour, **SHAPES[variant]}
+            if column.startswith("tracking"):
+                shape["ms"] = _INSIDE * shape["ms"]  # it often lies upon the contour error
+            panel.plot(
+                self.scale * x[shown], factor * np.abs(y[shown] - minus), color=colour, ls="none", label=label, **shape
+            )
+
+    def line(self, panel: Axes, x: Floats, y: Floats, colour: str, label: str, style: str = "-") -> None:
+        """Draw a predicted line, where there is one."""
+        good = np.isfinite(y)
+        if good.any():
+            panel.plot(self.scale * x[good], y[good], color=colour, ls=style, lw=1.3, label=label, zorder=1.5)
+
+    def mark(self, at: float | None, text: str) -> None:
+        """Mark a knee, where there is one."""
+        if at is None or not math.isfinite(at):
+            return
+        x = self.scale * at
+        self.errors.axvline(x, color=COLOURS["fault"], lw=1.0, ls="--", zorder=1)
+        low, high = self.errors.get_xlim()
+        right = x > math.sqrt(low * high)
+        self.errors.annotate(
+            f"{text}: knee at {x:.3g} {self.unit}",
+            (x, 0.02),
+            xycoords=("data", "axes fraction"),
+            xytext=(-5 if right else 5, 0),
+            textcoords="offset points",
+            ha="right" if right else "left",
+            va="bottom",
+            color=COLOURS["fault"],
+        )
+
+    def failures(self) -> None:
+        """Mark the values at which the job as it is has no figures."""
+        at = [
+            self.scale * float(row["value"])  # type: ignore[arg-type]
+            for row in self.rows
+            if row["sweep"] == self.sweep and row["variant"] == AS_IT_IS and row["status"] != OK
+        ]
+        if at:
+            height = np.full(len(at), 0.985)
+            transform = self.errors.get_xaxis_transform()
+            self.errors.plot(
+                at,
+                height,
+                "x",
+                color=COLOURS["fault"],
+                transform=transform,
+                ls="none",
+                label="as it is: refused or fault",
+            )
+
+    def ripples(self, *variants: str) -> None:
+        """Draw the ripple of the path speed of some variants."""
+        for variant in variants:
+            self.points(self.ripple, "speed_ripple", variant, INK, variant, _PER_CENT)
+
+    def finish(self) -> None:
+        """Label axes in plain numbers, and say what the points and lines are."""
+        from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
+
+        values = sorted({self.scale * float(row["value"]) for row in self.rows if self._own(row)})  # type: ignore[arg-type]
+        few = [value for value in values if value > 0]
+        for panel in (self.errors, self.spacing, self.ripple):
+            if not panel.lines:
+                panel.set_axis_off()
+                panel.text(0.5, 0.5, "nothing to show", transform=panel.transAxes, ha="center")
+                continue
+            if len(few) <= _FEW:
+                panel.xaxis.set_major_locator(FixedLocator(few))
+                panel.xaxis.set_minor_locator(NullLocator())
+            panel.xaxis.set_minor_formatter(NullFormatter())
+            if panel.get_yscale() == "log":
+                low, high = panel.get_ylim()
+                decades = math.log10(high / low)
+                if decades < _LEAST_DECADES:
+                    reach = 10 ** (0.5 * _LEAST_DECADES)
+                    panel.set_ylim(math.sqrt(low * high) / reach, math.sqrt(low * high) * reach)
+                panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if decades > _MANY_DECADES else (1.0, 2.0, 5.0)))
+                panel.yaxis.set_major_formatter("{x:g}")
+                panel.yaxis.set_minor_formatter(NullFormatter())
+            if panel is not self.errors:
+                panel.legend(fontsize="x-small")
+        figure = self.errors.figure
+        handles, labels = self.errors.get_legend_handles_labels()
+        if labels:
+            columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
+            figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
+
+    def _own(self, row: Row) -> bool:
+        return row["sweep"] == self.sweep
