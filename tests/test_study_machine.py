@@ -11,7 +11,7 @@ from gantrysim.job import Job
 from gantrysim.metrics import Analysis
 from gantrysim.study import OK, measure, run_study
 from gantrysim.study.machine import MachineStudy, Spread
-from gantrysim.study.yields import influences, yield_of
+from gantrysim.study.machine.yields import influences, yield_of
 
 NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I
     (81, 263): (0.2553, 0.3662),

@@ -1,4 +1,4 @@
-"""Plots of `gantrysim study machine`."""
+"""The plots of a machine study."""
 
 from __future__ import annotations
 
@@ -8,17 +8,79 @@ import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.plots.style import COLOURS, INK, sheet
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.machine.spread import in_words
+from gantrysim.study.machine.yields import influences
+from gantrysim.study.study import Plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_influence", "draw_scatter", "draw_yield"]
+    from gantrysim.page import Table
+    from gantrysim.study.machine.study import MachineStudy
+
+__all__ = ["figures"]
 
 _GOOD, _BAD = COLOURS["structure"], COLOURS["fault"]
 _BINS = (12, 40)
+_WORST = 5
 
 
-def draw_yield(figure: Floats, nominal: float, tolerance: float, label: str) -> Figure:
+def figures(study: MachineStudy, rows: list[Row]) -> list[Plot]:
+    """Return the distribution of the figure, the factors' influence, and the figure over those that matter most."""
+    nominal, others, figure = study.drawn(rows)
+    good = [row for row in rows if row["status"] == OK]
+    finite = np.isfinite(figure)
+    if not good or not finite.any():
+        return []
+    criterion, unit = study.criterion, study.criterion.unit(good[0])
+    label = f"{criterion.label} [{unit}]" if unit else criterion.label
+    found, _ = influences(study.machines, figure)
+    most = {in_words(one.factor): study.machines[one.factor] for one in found[:4]}
+    return [
+        Plot(
+            "yield",
+            "Distribution over the machines",
+            "Above the share of machines that have the figure or less, below how many have it. Machines that did "
+            "not finish are beyond the right end.",
+            _draw_yield(figure, criterion.value(nominal), criterion.tolerance, label),
+            tables=[_worst_table(study, others, figure, unit)],
+        ),
+        Plot(
+            "influence",
+            "Which factor matters",
+            "Coefficients of a linear regression of the figure's rank on the ranks of all factors, all scaled to "
+            "one variance: near 1 where more of a factor makes the figure larger whatever the others do, near -1 "
+            "where it makes it smaller. Pale bars cannot be told from chance.",
+            _draw_influence([(in_words(one.factor), one.coefficient, one.clear) for one in found]),
+        ),
+        Plot(
+            "scatter",
+            "The figure over the factors that matter most",
+            "Each point is a machine.",
+            _draw_scatter(most, figure, criterion.tolerance, label),
+        ),
+    ]
+
+
+def _worst_table(study: MachineStudy, others: list[Row], figure: Floats, unit: str) -> Table:
+    from gantrysim.page import Column, Table
+
+    order = np.argsort(-figure, kind="stable")[:_WORST]
+    columns: list[str | Column] = ["machine", Column(f"figure [{unit}]" if unit else "figure", ".4g")]
+    columns += [Column(in_words(name) + (" [kg]" if name == "payload_kg" else ""), ".3f") for name in study.machines]
+    cells = [
+        [
+            int(k) + 1,
+            float(figure[k]) if np.isfinite(figure[k]) else None,
+            *(float(values[k]) for values in study.machines.values()),
+        ]
+        for k in order
+    ]
+    return Table(columns, cells, caption="The worst machines; factors multiply the nominal machine's values.")
+
+
+def _draw_yield(figure: Floats, nominal: float, tolerance: float, label: str) -> Figure:
     """Draw the distribution of a figure over machines: cumulative above, as a histogram below.
 
     Args:
@@ -64,7 +126,7 @@ def draw_yield(figure: Floats, nominal: float, tolerance: float, label: str) -> 
     return drawing
 
 
-def draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
+def _draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
     """Draw the rank coefficients of all factors as bars, the greatest on top.
 
     Args:
@@ -92,7 +154,7 @@ def draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
     return drawing
 
 
-def draw_scatter(factors: dict[str, Floats], figure: Floats, tolerance: float, label: str) -> Figure:
+def _draw_scatter(factors: dict[str, Floats], figure: Floats, tolerance: float, label: str) -> Figure:
     """Draw a figure over some factors, a panel each.
 
     Args:

@@ -1,0 +1,154 @@
+"""`gantrysim study machine`: how many of all the machines that are built to one drawing keep to a tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.errors import InputError, whole
+from gantrysim.job import Job
+from gantrysim.perturbation import FACTORS, Perturbation
+from gantrysim.study.cases import OK, Case, Row, measure
+from gantrysim.study.criterion import Criterion
+from gantrysim.study.machine.figures import figures
+from gantrysim.study.machine.findings import findings
+from gantrysim.study.machine.spread import Spread
+from gantrysim.study.runner import Measure
+from gantrysim.study.study import Plot, Rounds
+
+__all__ = ["MachineStudy"]
+
+
+@dataclass(frozen=True)
+class MachineStudy:
+    """Monte Carlo over machines: the job runs on many that differ, each with the gains of the nominal one.
+
+    The machines are drawn from a Latin hypercube: of n machines each factor has one in each n-th of its range.
+
+    Args:
+        job: to run.
+        tolerance: of the figure, in its unit.
+        figure: of a case's row, as contour_max.
+        samples: number of machines besides the nominal one.
+        spread: how far they differ.
+        seed: of the random numbers; the same seed draws the same machines.
+        measure: from a case to its row.
+    """
+
+    job: Job
+    tolerance: float
+    figure: str = "contour_max"
+    samples: int = 128
+    spread: Spread = field(default_factory=Spread)
+    seed: int = 1
+    measure: Measure = measure
+
+    name = "machine"
+    plots = ("yield", "influence", "scatter")
+
+    def __post_init__(self) -> None:
+        whole("seed", self.seed, 0)
+        _ = self.criterion
+        if not any(asdict(self.spread).values()):
+            raise InputError("spread: must be above 0 for at least one factor")
+        count = len(self._spreads)
+        if whole("samples", self.samples, 1) < count + 3:
+            raise InputError(f"samples = {self.samples}: must be at least {count + 3}, for {count} factors")
+
+    @cached_property
+    def criterion(self) -> Criterion:
+        """The figure with its tolerance."""
+        return Criterion(self.figure, self.tolerance)
+
+    @property
+    def title(self) -> str:
+        """Heads the report."""
+        return f"How many machines keep {self.job.name} within its tolerance?"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the study does with the job."""
+        return {
+            "tolerance": self.tolerance,
+            "figure": self.figure,
+            "samples": self.samples,
+            "seed": self.seed,
+            "spread": asdict(self.spread),
+        }
+
+    @cached_property
+    def _spreads(self) -> dict[str, float]:
+        """Spread of every factor by the name of its column."""
+        axes = self.job.built_machine.axis_names
+        spreads = {"payload_kg": self.spread.payload} if self.spread.payload else {}
+        for name in FACTORS:
+            if spread := getattr(self.spread, name):
+                each = self._per_axis(name)
+                spreads |= {f"{name}_{axis}": spread for axis in axes} if each else {name: spread}
+        return spreads
+
+    @cached_property
+    def machines(self) -> dict[str, Floats]:
+        """The machines: values of every factor by the name of its column, (samples,)."""
+        from scipy.stats.qmc import LatinHypercube  # slow to import, and needed by this study alone
+
+        unit = LatinHypercube(len(self._spreads), rng=self.seed).random(self.samples)
+        return {
+            name: spread * unit[:, k] if name == "payload_kg" else (1 + spread) ** (2 * unit[:, k] - 1)
+            for k, (name, spread) in enumerate(self._spreads.items())
+        }
+
+    def _per_axis(self, name: str) -> bool:
+        """Whether every axis can have a factor of its own: a spring above all axes has none."""
+        machine = self.job.built_machine
+        try:
+            machine.perturbed(replace(Perturbation(), **{name: tuple(1.0 + k for k in range(len(machine.axes)))}))  # type: ignore[arg-type]
+        except InputError:
+            return False
+        return True
+
+    def perturbation(self, sample: int) -> Perturbation:
+        """Return what of a machine differs from the nominal one.
+
+        Args:
+            sample: its number, from 1.
+        """
+        axes = self.job.built_machine.axis_names
+        values = {name: float(column[sample - 1]) for name, column in self.machines.items()}
+        given: dict[str, Any] = {}
+        for name in FACTORS:
+            if name in values:
+                given[name] = values[name]
+            elif f"{name}_{axes[0]}" in values:
+                given[name] = tuple(values[f"{name}_{axis}"] for axis in axes)
+        return Perturbation(payload=values.get("payload_kg", 0.0), **given)
+
+    def rounds(self) -> Rounds:
+        """Yield the nominal machine, whose figures show that there is such a figure, and then all the others."""
+        nothing = dict.fromkeys(self.machines, 1.0) | ({"payload_kg": 0.0} if self.spread.payload else {})
+        rows = yield [Case.of(self.job).tagged(sample=0, **nothing)]
+        if rows[0]["status"] == OK:
+            self.criterion.key(rows[0])  # raises where there is no such figure
+        yield [
+            Case.of(self.job, perturbation=self.perturbation(number)).tagged(
+                sample=number, **{name: float(values[number - 1]) for name, values in self.machines.items()}
+            )
+            for number in range(1, self.samples + 1)
+        ]
+
+    def drawn(self, rows: list[Row]) -> tuple[Row, list[Row], Floats]:
+        """Return the nominal machine's row, those of the others, and the figure of these, (samples,)."""
+        nominal, others = rows[0], rows[1:]
+        return nominal, others, np.array([self.criterion.value(row) for row in others])
+
+    def findings(self, rows: list[Row]) -> list[str]:
+        """Return the yield, what matters most, and what was varied."""
+        return findings(self, rows)
+
+    def figures(self, rows: list[Row]) -> list[Plot]:
+        """Return the distribution of the figure, the factors' influence, and the figure over those that matter most."""
+        return figures(self, rows)
