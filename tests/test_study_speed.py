@@ -13,8 +13,8 @@ from gantrysim.job import Job
 from gantrysim.metrics import Analysis
 from gantrysim.study import OK, measure, run_study
 from gantrysim.study.criterion import Criterion
-from gantrysim.study.pace import programmed_speed, speed_overrides
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
+from gantrysim.study.speed.pace import programmed_speed, speed_overrides
 
 SPEEDS = {  # of the built-in jobs [mm/s]
     "an225": 100.0,

@@ -1,0 +1,6 @@
+"""The speed study: the fastest path speed at which a job keeps to a tolerance."""
+
+from gantrysim.study.speed.search import SpeedAnswer, answer, next_speeds
+from gantrysim.study.speed.study import SpeedStudy
+
+__all__ = ["SpeedAnswer", "SpeedStudy", "answer", "next_speeds"]
