@@ -1,20 +1,26 @@
-"""Plots of `gantrysim study circle`."""
+"""The plots and tables of a circular test."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.iso import CircularTest, Trace, minimum_zone
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.study.cases import Row
+from gantrysim.study.circle.rows import AXES, SENSES
+from gantrysim.study.study import Plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-__all__ = ["draw_chart", "draw_deviation"]
+    from gantrysim.page import Table
+    from gantrysim.study.circle.study import CircleStudy
+
+__all__ = ["figures"]
 
 _PATHS = {"clockwise": AXIS_COLOURS[1], "counter-clockwise": AXIS_COLOURS[0]}
 _DIVISIONS = (1, 2, 5)
@@ -22,7 +28,67 @@ _RINGS = 4  # divisions from the nominal circle to the largest deviation, at mos
 _INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviations
 
 
-def draw_chart(test: CircularTest) -> Figure:
+def figures(study: CircleStudy, rows: list[Row]) -> list[Plot]:
+    """Return the circular-test chart, and the deviation over the angle."""
+    traces = study.traces(rows)
+    if len(traces) < len(SENSES):
+        return []
+    test = CircularTest(traces["clockwise"], traces["counter-clockwise"])
+    structure = {
+        str(row["direction"]): trace.deviation - np.array(row["motor_deviation_um"], float) / UM
+        for row, trace in zip(rows, traces.values(), strict=True)
+    }
+    return [
+        Plot(
+            "chart",
+            "Radial deviation, magnified",
+            "The nominal circle is the bold ring; outside of it the path is too large. The dashed rings are the "
+            "minimum zone of both paths.",
+            _draw_chart(test),
+            tables=[_figures_table(test), _reversals_table(traces, study.reach)],
+        ),
+        Plot(
+            "deviation",
+            "Radial deviation over the angle",
+            "At 0 and 180 deg x reverses, at 90 and 270 deg y; the marks are the spikes. Below, what of it arises "
+            "behind the motors.",
+            _draw_deviation(traces, structure, study.reach),
+        ),
+    ]
+
+
+def _figures_table(test: CircularTest) -> Table:
+    from gantrysim.page import Column, Table
+
+    rows: list[list[Any]] = []
+    for name, trace in (("clockwise", test.clockwise), ("counter-clockwise", test.counter_clockwise)):
+        deviation = UM * trace.deviation
+        rows.append([name, UM * trace.circular_deviation, deviation.max(), deviation.min(), None, None])
+    both = UM * test.bidirectional_circular_deviation, UM * test.mean_bidirectional_radial_deviation
+    rows.append(["both", None, None, None, *both])
+    heads = ("G [µm]", "Fmax [µm]", "Fmin [µm]", "G(b) [µm]", "D [µm]")
+    columns: list[str | Column] = ["path", *(Column(head, ".2f") for head in heads)]
+    return Table(columns, rows, caption="Figures in the manner of ISO 230-4.")
+
+
+def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
+    from gantrysim.page import Column, Table
+
+    found = {name: trace.reversals(reach) for name, trace in traces.items()}
+    rows = [
+        [
+            f"{angle:g} deg",
+            AXES[k % 2],
+            *(UM * value for one in found.values() for value in (one[k].step, one[k].spike)),
+        ]
+        for k, angle in enumerate((0, 90, 180, 270))
+    ]
+    columns: list[str | Column] = ["reversal at", "axis"]
+    columns += [Column(f"{name}, {what} [µm]", ".2f") for name in found for what in ("step", "spike")]
+    return Table(columns, rows, caption="Reversals of the axes; outward is positive.")
+
+
+def _draw_chart(test: CircularTest) -> Figure:
     """Draw the radial deviation of both paths on a circle, magnified, with the zone that envelops them."""
     paths = {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise}
     reach = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
@@ -57,7 +123,7 @@ def draw_chart(test: CircularTest) -> Figure:
     return figure
 
 
-def draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
+def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
     """Draw the radial deviation over the angle, a panel for each direction, and what of it the structure makes below.
 
     Args:

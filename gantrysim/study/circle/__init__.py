@@ -1,0 +1,6 @@
+"""The circular test of a machine."""
+
+from gantrysim.study.circle.rows import circle_row
+from gantrysim.study.circle.study import CircleStudy
+
+__all__ = ["CircleStudy", "circle_row"]
