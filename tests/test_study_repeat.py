@@ -160,7 +160,7 @@ def test_the_curves_of_a_repeat_are_the_nozzle_seen_from_the_path():
 
 def test_repeats_that_fault_are_left_out_and_counted():
     study = RepeatStudy(small(), repeats=3)
-    curve = {"s_mm": [0.0], **{f"offset_{name}_um": [1.0] * study._places.size for name in "xyz"}}
+    curve = {"s_mm": [0.0], **{f"offset_{name}_um": [1.0] * study.s.size for name in "xyz"}}
     good = {"varied": "all", "status": OK, **curve}
     rows = [good, {"varied": "all", "status": "fault: travel"}, good]
     assert study.findings(rows)[-1].endswith("1 runs did not finish and are left out.")

@@ -1,4 +1,4 @@
-"""Plots of `gantrysim study repeat`."""
+"""The plots and the table of a repeat study."""
 
 from __future__ import annotations
 
@@ -8,14 +8,60 @@ import numpy as np
 
 from gantrysim.iso import RepeatedPath
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.study.cases import Row
+from gantrysim.study.repeat.repeats import ALL
+from gantrysim.study.study import Plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_along", "draw_plan"]
+    from gantrysim.page import Table
+    from gantrysim.study.repeat.study import RepeatStudy
+
+__all__ = ["figures"]
 
 
-def draw_along(paths: dict[str, RepeatedPath], every: str) -> Figure:
+def figures(study: RepeatStudy, rows: list[Row]) -> list[Plot]:
+    """Return accuracy and repeatability along the path, and where on the plan they are."""
+    paths = study.paths(rows)
+    if ALL not in paths:
+        return []
+    return [
+        Plot(
+            "along",
+            "Along the path",
+            "Above, how far the mean of the repeats is from the requested path, with the circle of repeatability "
+            "as a band about it. Below, the repeatability, and what it is where one source is varied alone.",
+            _draw_along(paths, ALL),
+            tables=[_table(paths)],
+        ),
+        Plot(
+            "plan",
+            "On the plan",
+            "The path coloured by the repeatability.",
+            _draw_plan(paths[ALL]),
+        ),
+    ]
+
+
+def _table(paths: dict[str, RepeatedPath]) -> Table:
+    from gantrysim.page import Column, Table
+
+    columns: list[str | Column] = ["varied", "repeats"]
+    columns += [Column(head, ".2f") for head in ("ATp [µm]", "median [µm]", "RTp [µm]", "median RT [µm]")]
+    rows = [
+        [
+            varied,
+            len(path.attained),
+            *(UM * value for value in (path.path_accuracy, float(np.median(path.accuracy)))),
+            *(UM * value for value in (path.path_repeatability, float(np.median(path.repeatability)))),
+        ]
+        for varied, path in paths.items()
+    ]
+    return Table(columns, rows, caption="Figures in the manner of ISO 9283.")
+
+
+def _draw_along(paths: dict[str, RepeatedPath], every: str) -> Figure:
     """Draw accuracy and repeatability along the path, and the repeatability by what was varied.
 
     Args:
@@ -44,7 +90,7 @@ def draw_along(paths: dict[str, RepeatedPath], every: str) -> Figure:
     return figure
 
 
-def draw_plan(path: RepeatedPath) -> Figure:
+def _draw_plan(path: RepeatedPath) -> Figure:
     """Draw the path seen from above, coloured by the repeatability."""
     from matplotlib.collections import LineCollection
 

@@ -1,0 +1,103 @@
+"""One repeat of a job: a case that may start between two servo ticks, and where its nozzle is along the path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine import simulate
+from gantrysim.iso import interpolated, offset_over_length
+from gantrysim.job import Job
+from gantrysim.metrics import Analysis
+from gantrysim.run import Run
+from gantrysim.study.cases import Case, Row, judged
+
+__all__ = ["ALL", "PHASES", "RepeatCase", "has_phase", "measure_repeat", "phased_setpoints", "places_along"]
+
+PHASES = 8  # of a servo period, at which a program may start
+ALL = "all"  # what is varied where everything is
+_UM = 1e3
+
+
+@dataclass(frozen=True)
+class RepeatCase(Case):
+    """A case whose program starts between two servo ticks.
+
+    Attributes:
+        phase: by how many `PHASES` of a servo period before a tick.
+    """
+
+    phase: int = 0
+
+    @property
+    def key(self) -> str:
+        """As of any case, and of the phase."""
+        return f"{super().key}-{self.phase}"
+
+
+def has_phase(job: Job) -> bool:
+    """Return whether a job's program may start anywhere between two servo ticks: a Trio program not bound to them."""
+    return job.program["controller"] == "trio.MoveSpiral" and not job.program["servo_period"]
+
+
+def phased_setpoints(job: Job, phase: int) -> Setpoints:
+    """Return a job's setpoints where its program starts before a servo tick: those of a finer period, every so many.
+
+    Args:
+        job: whose program is bound to no tick.
+        phase: by how many `PHASES` of a servo period it starts before the tick.
+    """
+    if not phase:
+        return job.setpoints
+    period = job.built_servo.period
+    fine = job.controller.setpoints(period / PHASES)
+    last = len(fine.position) - 1
+    sent = np.concatenate([[0], np.arange(phase, last, PHASES), [last]])
+    coarse = replace(fine, period=period, position=fine.position[sent], dispense=fine.dispense[sent])
+    return job.dispenser.held_back(coarse).hold(job.simulation.settle)
+
+
+def places_along(analysis: Analysis, count: int) -> Floats:
+    """Return places along the requested path where glue is laid, evenly over it, at most `count` [mm]."""
+    s, first = analysis.commanded.s, np.diff(analysis.ticks, prepend=analysis.ticks[0] - 2) > 1
+    step = float(np.abs(np.diff(s))[~first[1:]].max(initial=0.0))
+    even = np.linspace(s.min(), s.max(), count)
+    ascending = np.sort(s)
+    after = np.clip(np.searchsorted(ascending, even), 1, s.size - 1)
+    distance = np.minimum(np.abs(even - ascending[after - 1]), np.abs(even - ascending[after]))
+    places: Floats = even[distance <= step]
+    return places
+
+
+def measure_repeat(case: Case, places: Sequence[float]) -> Row:
+    """Run a repeat and return how far the nozzle is from the path at some places, as curves.
+
+    Args:
+        case: a `RepeatCase`.
+        places: on the requested path by arc length [mm].
+    """
+    return judged(partial(_repeated, case), partial(_row, places=places))
+
+
+def _repeated(case: Case) -> Run:
+    job, phase = case.job(), getattr(case, "phase", 0)
+    machine = job.built_machine
+    return simulate(
+        machine if case.perturbation is None else machine.perturbed(case.perturbation),
+        job.built_servo,
+        phased_setpoints(job, phase),
+        physics_step=job.simulation.physics_step,
+        dispenser=job.dispenser,
+    )
+
+
+def _row(run: Run, places: Sequence[float]) -> Row:
+    s, offset = offset_over_length(run.requested, run.nozzle[run.dispense])
+    at = interpolated(np.array(places), s, offset)
+    row: Row = {"contour_max_um": _UM * float(np.linalg.norm(at, axis=1).max()), "s_mm": list(places)}
+    return row | {f"offset_{name}_um": np.round(_UM * at[:, i], 6).tolist() for i, name in enumerate("xyz")}
