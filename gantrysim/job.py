@@ -20,7 +20,8 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.dispenser import Dispenser
 from gantrysim.engine import perfect_follower, simulate
 from gantrysim.errors import InputError, at_least, unknown
-from gantrysim.machine import Machine, builtin_models
+from gantrysim.machine import Machine
+from gantrysim.overrides import change, machine_in_full, override
 from gantrysim.programs import Controller, arguments, build, dotted, keys
 from gantrysim.run import Run
 
@@ -120,12 +121,12 @@ class Job(BaseModel):
         for section in ("program", "servo", "dispenser", "bead", "simulation"):
             if not isinstance(content.get(section, {}), dict):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
-        for override in overrides:
-            _override(content, override)
+        for setting in overrides:
+            override(content, setting, _known_keys(content))
         if machine is not None:
-            content["machine"] = _absolute(machine, Path())
+            content["machine"] = machine_in_full(machine, Path())
         elif isinstance(content.get("machine"), str):
-            content["machine"] = _absolute(content["machine"], folder)
+            content["machine"] = machine_in_full(content["machine"], folder)
         try:
             return cls(**content)
         except ValidationError as error:
@@ -141,16 +142,7 @@ class Job(BaseModel):
         """
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
-            if key not in (known := _known_keys(content)):
-                raise unknown("key", key, known)
-            *sections, leaf = key.split(".")
-            table = content
-            for section in sections:
-                table = table.setdefault(section, {})
-            if value is None:
-                table.pop(leaf, None)
-            else:
-                table[leaf] = value
+            change(content, key, value, _known_keys(content))
         try:
             return Job(**content)
         except ValidationError as error:
@@ -163,8 +155,8 @@ class Job(BaseModel):
             InputError: a key or value that is not in order.
         """
         content = self.model_dump(exclude_none=True)
-        for override in overrides:
-            _override(content, override)
+        for setting in overrides:
+            override(content, setting, _known_keys(content))
         try:
             return Job(**content)
         except ValidationError as error:
@@ -245,47 +237,12 @@ def _read(job: str) -> tuple[str, Path]:
         raise InputError(f"job {job}: cannot be read: {error}") from None
 
 
-def _absolute(machine: str, folder: Path) -> str:
-    """Return the name of a built-in machine as it is, and a file's path from `folder` in full."""
-    if machine in builtin_models() or not (set(machine) & set("./\\~")):
-        return machine
-    return str((folder / Path(machine).expanduser()).absolute())
-
-
 def _known_keys(content: dict[str, Any]) -> list[str]:
     sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": Simulation}
     known = ["name", "machine", "program.controller"]
     known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
     known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
-
-
-def _override(content: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    key = key.strip()
-    if not equals:
-        raise InputError(f"--set {override}: must be key=value")
-    known = _known_keys(content)
-    if key not in known:
-        matches = [name for name in known if name.endswith(f".{key}")]
-        if len(matches) > 1:
-            raise InputError(f"--set {override}: {key!r} is ambiguous: {', '.join(matches)}")
-        if not matches:
-            raise unknown("key", key, known)
-        key = matches[0]
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text.strip()
-    if key == "machine" and isinstance(value, str):
-        value = _absolute(value, Path())
-    *sections, leaf = key.split(".")
-    table = content
-    for section in sections:
-        table = table.setdefault(section, {})
-        if not isinstance(table, dict):
-            raise InputError(f"--set {override}: {section} is no table in this job")
-    table[leaf] = value
 
 
 def _one_line(error: ValidationError) -> str:

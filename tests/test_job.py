@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job
-from gantrysim.job import builtin_jobs
+from gantrysim.job import builtin_jobs, job_text
 
 SHORT = ["diameter=40", "turns=1", "settle=0.05"]
 
@@ -123,6 +123,14 @@ def test_bad_files_are_refused_in_one_line(tmp_path, content, text):
     with pytest.raises(InputError, match=text) as caught:
         Job.load(file)
     assert "\n" not in str(caught.value)
+
+
+def test_a_key_inside_what_is_no_table_is_refused(tmp_path):
+    file = tmp_path / "job.toml"
+    file.write_text(job_text("an225").replace("[program]", "[program]\ngroup = 3"))
+    changes = ["program.controller=softmc.Program", "velocity=30"]
+    with pytest.raises(InputError, match=r"^--set velocity=30: group is no table in this job$"):
+        Job.load(file, changes)
 
 
 def test_unknown_jobs_are_refused_with_the_alternatives():
