@@ -20,6 +20,7 @@ import typer
 
 import gantrysim
 from gantrysim import InputError, Job
+from gantrysim.bead import HeightMap
 from gantrysim.budget import Budget
 from gantrysim.metrics import Analysis, path_speed, speed_ripple, steady
 from gantrysim.perturbation import Perturbation
@@ -39,6 +40,10 @@ from gantrysim.study.ledger import LEDGER
 from gantrysim.study.series import series
 
 SHORT = ["turns=1", "diameter=30", "thickness=5", "speed=150", "loop_period=0.05", "simulation.settle=0.05"]
+NO_LAGS = {
+    f"dispenser.{key}": None for key in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance")
+}
+BEAD = 1e-3  # relative, of a width or volume that is known
 PATIENCE = 60.0  # with a process that has to be seen at work [s]
 
 
@@ -109,6 +114,36 @@ def test_spacing_and_rotary_axes_in_a_row(job):
     stage = measure(Case.of(Job.load("stage-outline"), mode="perfect follower"))
     assert "tracking_th_rms_mdeg" in stage
     assert "tracking_x_rms_um" in stage
+
+
+def test_the_bead_in_a_row_is_the_job_s(job):
+    glue = {"dispenser.flow": 0.0, "dispenser.area": 2.0, "bead.contact_angle": 90.0, "bead.squashed": False}
+    row = measure(Case.of(job.changed(NO_LAGS), glue, "perfect follower"))
+    assert row["bead_width_mean_mm"] == pytest.approx(math.sqrt(8 * 2.0 / math.pi), rel=BEAD)  # a half-disc
+    assert row["bead_volume_error_percent"] == pytest.approx(0, abs=100 * BEAD)
+
+
+def test_a_valve_that_opens_slowly_withholds_its_time_constant_s_flow(job):
+    opening, flow = 0.05, 200.0
+    own = job.changed({**NO_LAGS, "dispenser.flow": flow, "program.acceleration": math.inf})
+    prompt, late = (Case.of(own, {"dispenser.opening": T}, "perfect follower") for T in (0.0, opening))
+    run = simulated(prompt)
+    asked = flow * run.period * np.count_nonzero(run.dispense[:-1])  # at one speed all the way
+    errors = [measure(case)["bead_volume_error_percent"] for case in (prompt, late)]
+    assert errors == pytest.approx([0, -100 * flow * opening / asked], abs=0.5)
+    assert errors[1] - errors[0] == pytest.approx(-100 * flow * opening / asked, rel=0.01)
+
+
+def test_a_row_takes_no_height_map(job, monkeypatch):
+    monkeypatch.setattr(HeightMap, "of", None)
+    assert measure(Case.of(job, {"program.turns": 2}))["bead_width_mean_mm"] > 0
+
+
+def test_a_row_without_glue_has_no_bead(job):
+    dry = dict.fromkeys(("flow", "area", "pressure"), 0.0)
+    row = measure(Case.of(job, {f"dispenser.{key}": value for key, value in dry.items()}))
+    assert row["status"] == "ok"
+    assert row["bead_width_mean_mm"] is row["bead_volume_error_percent"] is None
 
 
 def test_the_steady_error_is_that_of_the_middle(job):

@@ -237,7 +237,15 @@ def test_a_real_search_agrees_with_runs_at_its_answer():
     assert next(row for row in rows if row["speed_mm_s"] == found.fastest)["contour_max_um"] == pytest.approx(largest)
 
 
-ROW = {"tolerance_mm": 3.0, "status": OK, "contour_max_um": 12.5, "spacing_std_mm": 0.1, "spacing_mean_mm": 9.0}
+ROW = {
+    "tolerance_mm": 3.0,
+    "status": OK,
+    "contour_max_um": 12.5,
+    "spacing_std_mm": 0.1,
+    "spacing_mean_mm": 9.0,
+    "bead_width_mean_mm": 4.0,
+    "bead_volume_error_percent": -2.0,
+}
 
 
 def test_a_criterion_takes_a_figure_by_its_name_with_or_without_the_unit():

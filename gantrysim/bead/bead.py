@@ -91,7 +91,7 @@ class Bead(Strand):
         """
         if not self.nominal > 0:
             raise InputError("the run asks for no glue while the nozzle moves: its bead has no figures")
-        on = self._dispensing
+        on = self.dispensing
         clearance, weight = self.clearance, self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
@@ -108,12 +108,22 @@ class Bead(Strand):
             stop=Range.of(stop) if stop.size else None,
             begins=Range.of(begins) if begins.size else None,
             ends=Range.of(ends) if ends.size else None,
-            laid=float(self.volume[-1]),
-            asked=self.nominal * float(self.commanded_steps[self.run.dispense[:-1]].sum()),
+            laid=self.laid,
+            asked=self.asked,
         )
 
+    @property
+    def laid(self) -> float:
+        """Volume laid [mm³]."""
+        return float(self.volume[-1])
+
+    @property
+    def asked(self) -> float:
+        """Volume of the nominal section along the commanded path, while the dispenser is on [mm³]."""
+        return self.nominal * float(self.commanded_steps[self.run.dispense[:-1]].sum())
+
     @cached_property
-    def _dispensing(self) -> NDArray[np.bool_]:
+    def dispensing(self) -> NDArray[np.bool_]:
         """Stations that the nozzle passes while the dispenser is on, (r,)."""
         on = np.zeros(self.place.size, bool)
         for first, after in self.stretches:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 import gantrysim
+from gantrysim.bead import Bead, BeadSettings
 from gantrysim.budget import Budget
 from gantrysim.controllers.path import Floats, dot
 from gantrysim.errors import InputError
@@ -107,9 +108,9 @@ def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:
 
     Args:
         case: to be run.
-        figures: from the record to the row, by default `figures_row`.
+        figures: from the record to the row, by default `figures_row` with the bead as the job has it.
     """
-    return judged(lambda: simulated(case), figures or figures_row)
+    return judged(lambda: simulated(case), figures or (lambda run: figures_row(run, case.job().bead)))
 
 
 def judged(run_it: Callable[[], Run], figures: Callable[[Run], Row]) -> Row:
@@ -137,14 +138,18 @@ def simulated(case: Case) -> Run:
     return job.run(machine=job.built_machine.perturbed(case.perturbation))
 
 
-def figures_row(run: Run) -> Row:
+def figures_row(run: Run, bead: BeadSettings | None = None) -> Row:
     """Return the figures of a run as one flat row; a key's unit stands in its name, rms, max and p95 of magnitudes.
 
     generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement and structure are
     the parts of the error normal to the path, of `gantrysim.budget`; lag is along it, and tracking_along the encoder's
     share of that. steady_tracking_normal and _along are the following error, `tracking_error` at the nozzle, in the
     middle 90 % of the dispensing time, where the start and the end have died away. A figure that the run does not
-    have, as the spacing of one turn, is None.
+    have, as the spacing of one turn, is None; so are the bead's where no glue is asked for while it moves.
+
+    Args:
+        run: the run.
+        bead: how the glue lies.
 
     Raises:
         InputError: the dispenser is never on.
@@ -166,6 +171,7 @@ def figures_row(run: Run) -> Row:
     for statistic in ("mean", "std", "min", "max"):
         spacing = figures.spacing
         row[f"spacing_{statistic}_mm"] = None if spacing is None else getattr(spacing, statistic)
+    row |= _bead(Bead(run, bead, analysis))
     row["speed_mean_mm_s"] = figures.speed.mean
     row["speed_ripple"] = speed_ripple(run)
     row["path_length_mm"] = figures.path_length
@@ -194,6 +200,15 @@ def _steady(analysis: Analysis) -> Row:
     return {
         f"steady_tracking_{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(part**2)))
         for name, part in (("along", along), ("normal", normal))
+    }
+
+
+def _bead(bead: Bead) -> Row:
+    """Mean width while the dispenser is on, and the volume laid beyond what was asked for; neither takes a map."""
+    glue = bead.nominal > 0
+    return {
+        "bead_width_mean_mm": float(bead.width[bead.dispensing].mean()) if glue else None,
+        "bead_volume_error_percent": 100 * (bead.laid - bead.asked) / bead.asked if glue else None,
     }
 
 

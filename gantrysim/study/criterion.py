@@ -11,7 +11,7 @@ from gantrysim.study.cases import OK, Row
 __all__ = ["Criterion"]
 
 _UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a figure's name
-_NOT_FIGURES = ("end_", "path_length", "duration", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
+_NOT_FIGURES = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
 _ERRORS = ("generation", "tracking", "measurement", "structure", "contour")
 
 
