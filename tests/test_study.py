@@ -20,7 +20,7 @@ import typer
 
 import gantrysim
 from gantrysim import InputError, Job
-from gantrysim.bead import HeightMap
+from gantrysim.bead import Bead, HeightMap
 from gantrysim.budget import Budget
 from gantrysim.metrics import Analysis, path_speed, speed_ripple, steady
 from gantrysim.perturbation import Perturbation
@@ -105,6 +105,9 @@ def test_the_row_of_a_case_is_of_its_run(job):
     assert row["tracking_along_rms_um"] == pytest.approx(1e3 * figures.tracking_along.rms)
     assert row["spacing_mean_mm"] is None  # of one turn
     assert row["speed_ripple"] == speed_ripple(run)
+    bead = Bead(run, job.bead).figures
+    assert row["bead_width_mean_mm"] == pytest.approx(bead.width.mean)
+    assert row["bead_volume_error_percent"] == pytest.approx(bead.error_percent)
     assert (row["end_x_mm"], row["end_y_mm"], row["end_z_mm"]) == figures.end_point
 
 
