@@ -1,7 +1,7 @@
 """What a study is, and how it is carried out: cases in rounds, findings, figures, and its folder written whole.
 
-A new study is a package: in study.py a frozen dataclass that has what `Study` asks for, in findings.py what its rows say
-in words, in figures.py its plots; and a command of a few lines in commands.py.
+A new study is a package: in study.py a frozen dataclass that has what `Study` asks for, in findings.py what its rows
+say in words, in figures.py its plots; and a command of a few lines in commands.py.
 """
 
 from __future__ import annotations
