@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
+from gantrysim.controllers.path import Floats, dot
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.dispenser import Dispenser
@@ -57,30 +57,32 @@ def record(
         fault: why the run ended early, or None.
     """
     axes = position.shape[1]
+    # column by column, which is several times as fast as row by row
+    columns = np.ascontiguousarray(log.T)
     encoder, nozzle, demand, current, motor_speed, motor, index = np.split(
-        log, np.cumsum([axes, 3, axes, axes, axes, axes]), axis=1
+        columns, np.cumsum([axes, 3, axes, axes, axes, axes])
     )
-    sent = index[:, 0].astype(np.intp)
-    constant = np.array([axis.motor_constant for axis in machine.axes])
-    resistance = np.array([axis.resistance for axis in machine.axes])
-    bus = np.array([axis.bus_voltage for axis in machine.axes])
-    peak = np.array([axis.peak_torque for axis in machine.axes])
-    torque = machine.drive_gain * demand  # that the drive is about to give
+    sent = index[0].astype(np.intp)
+    constant = np.array([[axis.motor_constant] for axis in machine.axes])
+    resistance = np.array([[axis.resistance] for axis in machine.axes])
+    bus = np.array([[axis.bus_voltage] for axis in machine.axes])
+    peak = np.array([[axis.peak_torque] for axis in machine.axes])
+    torque = machine.drive_gain[:, None] * demand  # that the drive is about to give
     # the drive's law: terminal voltage for the demanded torque, back-EMF compensated, within the bus
     voltage = np.clip(resistance / constant * torque + constant * motor_speed, -bus, bus)
     current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
-    ideal = np.isnan(constant)
+    torque = np.clip(np.where(np.isnan(constant), torque, constant * current), -peak, peak)
     return Run(
         **_sent(machine, setpoints, position, sent, dispenser),
-        encoder=encoder,
-        encoder_tip=machine.tip(encoder),
-        motor=motor,
-        motor_tip=machine.tip(motor),
-        nozzle=nozzle,
-        demand=demand,
-        torque=np.clip(np.where(ideal, torque, constant * current), -peak, peak),
-        current=current,
-        voltage=voltage,
+        encoder=encoder.T,
+        encoder_tip=machine.tip(encoder.T),
+        motor=motor.T,
+        motor_tip=machine.tip(motor.T),
+        nozzle=nozzle.T,
+        demand=demand.T,
+        torque=torque.T,
+        current=current.T,
+        voltage=voltage.T,
         fault=fault,
     )
 
@@ -109,7 +111,8 @@ def _sent(
     """What of a record follows from the setpoints alone, given the index of the one that each tick sent, (n,)."""
     commanded, dispense = position[sent], setpoints.dispense[sent]
     tip, period = machine.tip(commanded), setpoints.period
-    speed = np.linalg.norm(np.diff(tip, axis=0, append=tip[-1:]), axis=1) / period
+    steps = np.diff(tip, axis=0, append=tip[-1:])
+    speed = np.sqrt(dot(steps, steps)) / period
     return {
         "machine": machine.name,
         "axes": machine.axis_names,
