@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import platform
 import shutil
 import tempfile
@@ -46,6 +47,7 @@ _DRAWN = ("plan", "error", "budget", "spacing", "bead")
 _FILES = (JOB, RUN, SUMMARY, VIDEO, REPORT, RECORD, *(f"{PLOTS}/{name}.png" for name in _DRAWN))
 
 _THOUSANDTHS = 1e3
+_PARTIAL = ".partial-"  # with the number of the process that writes it
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
     made = [parent for parent in (target, *target.parents) if not parent.exists()]
     try:
         target.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=".partial-", dir=target))
+        _clear_away(target)
+        scratch = Path(tempfile.mkdtemp(prefix=f"{_PARTIAL}{os.getpid()}-", dir=target))
     except OSError as error:
         raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
     try:
@@ -121,6 +124,27 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
                     parent.rmdir()
 
 
+def _clear_away(folder: Path) -> None:
+    """Remove what processes that were killed have left of theirs."""
+    for left in folder.glob(f"{_PARTIAL}*"):
+        owner = left.name.removeprefix(_PARTIAL).partition("-")[0]
+        if owner.isdigit() and not _alive(int(owner)):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _alive(process: int) -> bool:
+    """Whether there is a process of this number; where it cannot be asked harmlessly, yes."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
 def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None = None) -> None:
     """Write the job, the record, the summary, and what the controller has recorded into a folder."""
     run = budget.analysis.run
@@ -137,12 +161,14 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None
 
     error_budget holds by link, and for the whole as contour, what it adds to the error normal to the path
     (`PartFigures`), by axis what the following error of each makes of the tracking part, and the links' errors by
-    turn of a spiral; requested_spacing_mm is null where the path asks for none, and bead_spacing_mm where the trace
-    has no neighbouring turns; tracking_error_um.path is the tracking error along the path; tracking_error_mdeg, that
-    of the rotary axes, is there only where the machine has some; path_length_mm is that of the commanded path while
-    the dispenser was on; duration_s is the time at which the commanded motion ends; end_point_mm is the nozzle in
-    the work frame when the run ends; bead holds the figures of `BeadFigures` and is null where no glue is asked for;
-    notes are what the controller had to say of its program; fault is null where the run went through.
+    turn of a spiral; contour_error_um is the nozzle's distance to the path, which is more than error_budget's contour
+    where the nozzle is beyond an end or outside a corner; requested_spacing_mm is null where the path asks for none,
+    and bead_spacing_mm where the trace has no neighbouring turns; tracking_error_um.path is the tracking error along
+    the path; tracking_error_mdeg, that of the rotary axes, is there only where the machine has some; path_length_mm
+    is that of the commanded path while the dispenser was on; duration_s is the time at which the commanded motion
+    ends; end_point_mm is the nozzle in the work frame when the run ends; bead holds the figures of `BeadFigures` and
+    is null where no glue is asked for; notes are what the controller had to say of its program; fault is null where
+    the run went through.
     """
     run, figures = budget.analysis.run, budget.analysis.figures
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}

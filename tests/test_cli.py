@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 import subprocess
 import sys
 
@@ -241,6 +242,19 @@ def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command
         assert gantrysim_command("run", "job.toml", "--out", out, "--no-video", "--no-report")[0] == 0
     assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
     assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+
+
+def test_what_a_killed_run_has_left_goes_and_that_of_one_at_work_stays(gantrysim_command, tmp_path):
+    killed = subprocess.Popen([sys.executable, "-c", ""])
+    killed.wait()
+    left, at_work, other = (tmp_path / f".partial-{name}" for name in (f"{killed.pid}-ab", f"{os.getpid()}-ab", "mine"))
+    for folder in (left, at_work, other):
+        folder.mkdir()
+        (folder / "run.npz").write_bytes(b"half of it")
+    assert gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)[0] == 0
+    assert not left.exists()
+    assert (at_work / "run.npz").exists()
+    assert (other / "run.npz").exists()
 
 
 def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gantrysim import Job, Run, render
+from gantrysim import Fault, Job, Run, render
 from gantrysim import report as report_module
 from gantrysim.bead import Bead
 from gantrysim.budget import LINKS, Budget
@@ -155,6 +155,11 @@ def test_a_follower_without_error_gets_a_report(tmp_path):
     assert Budget(bead.analysis).figures.contour.rms < 1e-6
     assert page.texts("p")[1] == "The nozzle follows the requested path exactly: there is no error to share out."
     assert next(row for row in page.rows() if row and row[0] == "tracking")[2:] == ["0.0"] * 4 + ["–"] * 3
+
+
+def test_the_headline_of_a_run_that_a_fault_ended_without_error_is_of_what_came_before():
+    run = replace(Job.load("softmc-arc").follow(), fault=Fault("travel", "x", 1.0, 151.0, 150.0, "mm"))
+    assert headline(Budget(run)).startswith("Until the fault the nozzle follows the requested path exactly")
 
 
 def test_a_run_that_a_fault_ended_says_so_before_all_else(tmp_path):

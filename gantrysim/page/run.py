@@ -84,7 +84,9 @@ def headline(budget: Budget) -> str:
     figures = budget.figures
     whole = figures.contour
     if whole.rms < _NOTHING:
-        return "The nozzle follows the requested path exactly: there is no error to share out."
+        until = "" if budget.analysis.run.fault is None else "Until the fault "
+        sentence = "the nozzle follows the requested path exactly: there is no error to share out."
+        return until + sentence if until else sentence.capitalize()
     name, part = max(figures.parts.items(), key=lambda item: item[1].share)
     much = "Almost all" if part.share >= _ALMOST_ALL else "Most" if part.share > _MOST else "The largest part"
     sentence = (
