@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.controllers.lengths import swept_angle
-from gantrysim.controllers.path import Floats, Path
+from gantrysim.controllers.path import Floats, Local, Path
 from gantrysim.controllers.pieces import (
     ROW,
     SHORTEST,
@@ -72,6 +72,8 @@ class Chain(Path):
         self._s = np.concatenate([[0.0], np.cumsum(lengths[lengths > SHORTEST])])
         rows = np.array([row_of(piece) for piece in self.pieces], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
+        # sine of a line's climb
+        self._columns["straight"] = np.einsum("ij,ij->i", self._columns["frame"][:, 2], self._columns["way"])
         self._last: tuple[NDArray[np.intp], Floats, tuple[_Picked, Floats, Floats]] | None = None
         self._check_joints()
         self._join_headings()
@@ -178,7 +180,9 @@ class Chain(Path):
         return theta
 
     def curvature(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
+        return self._curvature_of(*self._locate(s))
+
+    def _curvature_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
         kappa = np.zeros(k.size)
         coil = self._columns["coil"][k]
         if coil.any():
@@ -189,13 +193,20 @@ class Chain(Path):
         return kappa
 
     def climb(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
-        sine: Floats = np.einsum("ij,ij->i", self._columns["frame"][k, 2], self._columns["way"][k])
+        return self._climb_of(*self._locate(s))
+
+    def _climb_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
+        sine: Floats = self._columns["straight"][k]
         coil = self._columns["coil"][k]
         if coil.any():
             row, _, rho = self._swept(k[coil], rest[coil])
             sine[coil] = row["rise"] / np.maximum(np.hypot(np.hypot(rho, row["growth"]), row["rise"]), SHORTEST)
         return sine
+
+    def local(self, s: ArrayLike) -> Local:
+        k, rest = self._locate(s)
+        theta, sine, kappa = self._heading_of(k, rest), self._climb_of(k, rest), self._curvature_of(k, rest)
+        return Local.of(self._place(k, rest), theta, sine, self._columns["frame"][k], kappa)
 
     def frame(self, s: ArrayLike) -> Floats:
         frames: Floats = self._columns["frame"][self._locate(s)[0]]

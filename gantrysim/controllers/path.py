@@ -78,6 +78,14 @@ class Local:
     sine: Floats
     turning: Floats
 
+    @classmethod
+    def of(cls, position: Floats, heading: Floats, climb: Floats, frame: Floats, turning: Floats) -> Local:
+        """Return the frame from what `Path` gives of each."""
+        cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
+        u, v, w = frame[:, 0], frame[:, 1], frame[:, 2]
+        level = np.sqrt(np.maximum(1 - climb**2, 0.0))
+        return cls(position, cos * u + sin * v, cos * v - sin * u, w, level, climb, turning)
+
     @property
     def tangent(self) -> Floats:
         """Unit tangents t, (n, 3)."""
@@ -146,18 +154,7 @@ class Path(ABC):
 
     def local(self, s: ArrayLike) -> Local:
         """Return points and the path's frame there, for less than one after the other."""
-        theta, sine, frame = self.heading(s), self.climb(s), self.frame(s)
-        cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
-        u, v, w = frame[:, 0], frame[:, 1], frame[:, 2]
-        return Local(
-            position=self.position(s),
-            along=cos * u + sin * v,
-            normal=cos * v - sin * u,
-            up=w,
-            cosine=np.sqrt(np.maximum(1 - sine**2, 0.0)),
-            sine=sine,
-            turning=self.curvature(s),
-        )
+        return Local.of(self.position(s), self.heading(s), self.climb(s), self.frame(s), self.curvature(s))
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
