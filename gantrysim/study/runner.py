@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 
 from gantrysim.errors import whole
 from gantrysim.study.cases import Case, Row, measure
@@ -16,6 +19,8 @@ __all__ = ["Measure", "Progress", "run_cases"]
 
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: it is sent to the workers by its name
 Progress = Callable[[int, int], None]  # called with the number of cases done, and of all that are known by now
+
+_GLANCE = 1.0  # from one look whether the study still lives to the next [s]
 
 
 def run_cases(
@@ -35,7 +40,8 @@ def run_cases(
     Args:
         cases: to run.
         ledger: open; every row is written to it as soon as it is finished.
-        workers: number of processes; by default all cores, or those of the backend that `parallel_config` names.
+        workers: number of processes, at most; by default all cores, or those of the backend that `parallel_config`
+            names. There are never more of them than cores or cases.
         measure: from a case to its row, of JSON's plain values.
         progress: called at the begin and after each case.
 
@@ -63,14 +69,15 @@ def _finished(cases: list[Case], workers: int | None, measure: Measure) -> Itera
     """Run cases and yield their keys and rows as they are finished."""
     if not cases:
         return
-    from joblib import Parallel, delayed, parallel_config  # slow to import, and needed by studies alone
+    from joblib import Parallel, delayed, effective_n_jobs, parallel_config  # slow to import; studies alone need it
 
     # -1 is every core of the backend; the backend itself is that of a surrounding parallel_config, processes by default
-    with parallel_config(n_jobs=-1 if workers is None else workers):
+    cores = effective_n_jobs(-1)
+    with parallel_config(n_jobs=min(cores if workers is None else workers, cores, len(cases))):
         # one case at a time: it takes long against its way to the worker, and is kept as soon as it is done
         parallel = Parallel(return_as="generator_unordered", batch_size=1)
         with _interrupts_ignored():  # by the workers, which are started here and inherit it: this process stops them
-            results = parallel(delayed(_keyed)(measure, case) for case in cases)
+            results = parallel(delayed(_keyed)(measure, case, os.getpid()) for case in cases)
         yield from results
 
 
@@ -87,7 +94,22 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _keyed(measure: Measure, case: Case) -> tuple[str, Row]:
+def _keyed(measure: Measure, case: Case, study: int) -> tuple[str, Row]:
+    """Return a case's key and row; in a process that the study's, of this number, has begun, end with that."""
+    if os.getppid() == study:
+        _end_with(study)
     # as it is read again from the ledger: tuples become lists, keys strings
     row: Row = json.loads(json.dumps(measure(case), allow_nan=False))
     return case.key, row
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Have this process end soon after its parent: a worker whose study was killed would wait for work for minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_GLANCE)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
