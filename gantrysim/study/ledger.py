@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
 from gantrysim.errors import InputError
 from gantrysim.study.cases import Row
+
+try:
+    import fcntl
+except ImportError:  # where the system has none, as Windows, nothing is locked
+    fcntl = None  # type: ignore[assignment]
 
 __all__ = ["LEDGER", "Ledger"]
 
@@ -19,7 +26,9 @@ class Ledger:
     """A file of lines of JSON, one for each finished case, after a first one that says whose they are.
 
     A line is written as soon as its case is finished. The last one may have been cut off by whatever ended the
-    study; it is forgotten.
+    study; it is forgotten. While the ledger is open its file is locked, so that no other study works in the folder;
+    the system takes the lock from a process that ends, however that may be. A ledger that is closed without any row
+    leaves nothing, not even a folder that was not there before.
 
     Args:
         folder: that the file lies in, or None for one that is kept in memory alone.
@@ -35,29 +44,39 @@ class Ledger:
         self._file = None if folder is None else folder / LEDGER
         self._identity = identity
         self._stream: BinaryIO | None = None
+        self._made: list[Path] = []
         self.discarded: str | None = None
         self.kept = 0
 
     def __enter__(self) -> Ledger:
         if self._file is None:
             return self
-        good = self._read()
-        self.kept = len(self._rows)
+        folder = self._file.parent
+        self._made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         try:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            self._stream = self._file.open("r+b" if good else "wb")
+            folder.mkdir(parents=True, exist_ok=True)
+            self._stream = _locked(self._file)
+            good = self._read(self._stream.read())
             self._stream.truncate(good)
             self._stream.seek(good)
+            self.kept = len(self._rows)
+            if not good:
+                self._write(self._identity)
+        except BlockingIOError:
+            raise InputError(f"--out {folder}: another study is at work in this folder") from None
         except OSError as error:
-            raise InputError(f"--out {self._file.parent}: cannot be written: {error.strerror}") from None
-        if not good:
-            self._write(self._identity)
+            self._leave()
+            raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if not self._rows:
+            self.remove()
         if self._stream is not None:
             self._stream.close()
             self._stream = None
+        if not self._rows:
+            self._leave()
 
     def __contains__(self, key: str) -> bool:
         return key in self._rows
@@ -74,22 +93,29 @@ class Ledger:
         self._write([key, row])
 
     def remove(self) -> None:
-        """Delete the file: the study is complete."""
-        if self._file is not None:
-            self._file.unlink(missing_ok=True)
+        """Delete the file and forget the rows: the study is complete, or there is nothing to be kept of it."""
+        self._rows = {}
+        if self._file is None or self._stream is None:
+            return
+        if fcntl is None:  # such a system deletes no open file
+            self._stream.close()
+        self._file.unlink(missing_ok=True)
+        self._stream.close()  # the lock with it, after the file
+        self._stream = None
+
+    def _leave(self) -> None:
+        """Remove the folders that this ledger has made, those that are empty."""
+        for parent in self._made:
+            with suppress(OSError):
+                parent.rmdir()
 
     def _write(self, content: object) -> None:
         if self._stream is not None:
             self._stream.write(json.dumps(content, allow_nan=False).encode() + b"\n")
             self._stream.flush()
 
-    def _read(self) -> int:
+    def _read(self, content: bytes) -> int:
         """Take over the rows of an earlier start, and return how many bytes of the file are whole lines of them."""
-        assert self._file is not None
-        try:
-            content = self._file.read_bytes()
-        except FileNotFoundError:
-            return 0
         good = 0
         for number, line in enumerate(content.splitlines(keepends=True)):
             try:
@@ -107,6 +133,29 @@ class Ledger:
                 break
             good += len(line)
         return good
+
+
+def _locked(file: Path) -> BinaryIO:
+    """Open a file for reading and writing, made if need be, that no other process has locked, and lock it.
+
+    Raises:
+        BlockingIOError: another process has.
+    """
+    while True:
+        stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
+        if fcntl is None:
+            return stream
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stream.close()
+            raise
+        except OSError:  # a file system without locks
+            return stream
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(stream.fileno()), file.stat()):
+                return stream
+        stream.close()  # its owner has deleted it between the two calls
 
 
 def _differs(found: Any, identity: dict[str, Any]) -> str:
