@@ -35,6 +35,7 @@ from gantrysim.study import (
     run_study,
     simulated,
 )
+from gantrysim.study.checks import NoFiguresError
 from gantrysim.study.commands import carry_out
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.series import series
@@ -223,10 +224,43 @@ def leaves_interrupts(case):
     return {"status": "ok", "ignored": signal.getsignal(signal.SIGINT) == signal.SIG_IGN, "process": os.getpid()}
 
 
-def test_workers_leave_ctrl_c_to_the_study(job):
+def processes(job, monkeypatch, cores, workers, cases=8):
+    """How many processes measure the cases, where there are so many cores."""
+    monkeypatch.setattr("joblib.parallel.cpu_count", lambda only_physical_cores=False: cores)
+    monkeypatch.setattr("joblib._parallel_backends.cpu_count", lambda only_physical_cores=False: cores)
+    asked = []
+    monkeypatch.setattr("joblib.Parallel", lambda **options: asked.append(parallel_n_jobs()) or Once())
+    with Ledger(None, {}) as ledger:
+        run_cases(cases_of(job, [0.01 * (k + 1) for k in range(cases)]), ledger, workers=workers, measure=Counted())
+    return asked[0]
+
+
+def parallel_n_jobs():
+    from joblib.parallel import get_active_backend
+
+    return get_active_backend()[1]
+
+
+class Once:
+    """Does its jobs one after the other."""
+
+    def __call__(self, jobs):
+        return [function(*values, **named) for function, values, named in jobs]
+
+
+def test_there_are_never_more_processes_than_cores_or_cases(job, monkeypatch):
+    assert processes(job, monkeypatch, cores=4, workers=100_000) == 4
+    assert processes(job, monkeypatch, cores=4, workers=3) == 3
+    assert processes(job, monkeypatch, cores=4, workers=None) == 4
+    assert processes(job, monkeypatch, cores=4, workers=100_000, cases=2) == 2
+    assert processes(job, monkeypatch, cores=4, workers=None, cases=2) == 2
+
+
+def test_workers_leave_ctrl_c_to_the_study(job, monkeypatch):
+    monkeypatch.setattr("joblib._parallel_backends.cpu_count", lambda only_physical_cores=False: 2)
     before = signal.getsignal(signal.SIGINT)
     with Ledger(None, {}) as ledger:
-        rows = run_cases(cases_of(job), ledger, workers=3, measure=leaves_interrupts)
+        rows = run_cases(cases_of(job), ledger, workers=2, measure=leaves_interrupts)
     assert all(row["ignored"] and row["process"] != os.getpid() for row in rows)
     assert signal.getsignal(signal.SIGINT) is before
 
@@ -387,10 +421,20 @@ def test_a_run_s_folder_is_no_study_s(tmp_path, job):
 
 
 def test_a_job_that_is_refused_as_it_stands_is_no_study(tmp_path, job):
-    far = job.changed({"program.start": [1e3, 0.0]})
-    with pytest.raises(InputError, match="must lie in the travel"):
-        run_study(Toy(far), tmp_path / "new", workers=1)
-    assert not (tmp_path / "new").exists()
+    refused = {
+        "must lie in the travel": {"program.start": [1e3, 0.0]},
+        "physics_step = 1 s: must be at most": {"simulation.physics_step": 1.0},
+        "must be a multiple of the physics step": {"servo.delay": 0.0123e-3},
+    }
+    jobs = {text: job.changed(values) for text, values in refused.items()}
+    rapid = {"controller": "fanuc.Program", "program": "N10 G00 X5 Y5\n"}
+    jobs["the dispenser is never on"] = Job(name="rapid", program=rapid)
+    for text, refused_job in jobs.items():
+        study = Toy(refused_job)
+        with pytest.raises(InputError, match=text):
+            run_study(study, tmp_path / "new", workers=1)
+        assert study.measure.seen == []
+        assert not (tmp_path / "new").exists()
 
 
 def test_a_study_that_fails_at_its_end_keeps_its_rows_and_writes_nothing(tmp_path, job):
@@ -402,7 +446,7 @@ def test_a_study_that_fails_at_its_end_keeps_its_rows_and_writes_nothing(tmp_pat
     assert mended.measure.seen == []
 
 
-@pytest.mark.parametrize("at", [0, 1, 3])
+@pytest.mark.parametrize("at", [1, 3])
 def test_an_interrupted_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path, job, at):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     expected = run_study(Toy(job), whole, workers=1)
@@ -415,6 +459,66 @@ def test_an_interrupted_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path, j
     assert len(rest.measure.seen) == 4 - at
     assert (outcome.kept, outcome.rows, outcome.findings) == (at, expected.rows, expected.findings)
     assert content(broken) == content(whole)
+
+
+def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_path, job, capsys):
+    with pytest.raises(typer.Exit):
+        carry_out(Toy(job, Counted(interrupted_at=0)), tmp_path / "a" / "b", 1)
+    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is kept\n"
+    assert not list(tmp_path.iterdir())
+
+
+class Failing(Counted):
+    """Fails at one of its cases."""
+
+    def __init__(self, at):
+        super().__init__()
+        self.at = at
+
+    def __call__(self, case):
+        if len(self.seen) == self.at:
+            raise ZeroDivisionError
+        return super().__call__(case)
+
+
+def test_a_study_whose_first_case_fails_leaves_nothing_and_a_later_one_its_rows(tmp_path, job):
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, Failing(0)), tmp_path / "a" / "b", workers=1)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, Failing(1)), tmp_path / "a" / "b", workers=1)
+    assert list(content(tmp_path)) == [f"a/b/{LEDGER}"]
+
+
+def test_what_lay_in_the_folder_stays_where_nothing_was_finished(tmp_path, job):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, Failing(0)), tmp_path, workers=1)
+    assert list(content(tmp_path)) == ["notes.txt"]
+
+
+class Ending(Counted):
+    """Gives every case one of some statuses, in turn."""
+
+    def __init__(self, *statuses):
+        super().__init__()
+        self.statuses = statuses
+
+    def __call__(self, case):
+        status = self.statuses[len(self.seen) % len(self.statuses)]
+        return {**super().__call__(case), "status": status}
+
+
+def test_a_study_in_which_no_case_has_figures_says_so_and_writes_nothing(tmp_path, job, capsys):
+    with pytest.raises(NoFiguresError, match=r"^none of the study's 5 cases has figures: refused: no$"):
+        carry_out(Toy(job, Ending("refused: no")), tmp_path / "new", 1)
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(Toy(job, Ending("refused: no", "fault: trip")), tmp_path / "new", 1)
+    assert stopped.value.exit_code == 3
+    assert capsys.readouterr() == ("", "fault: none of the study's 5 cases has figures: fault: trip\n")
+    assert not list(tmp_path.iterdir())
+    carry_out(Toy(job, Ending("refused: no", "fault: trip", "ok")), tmp_path / "new", 1)
+    assert (tmp_path / "new" / "report.html").exists()
 
 
 def test_another_study_in_the_folder_begins_anew(tmp_path, job):
@@ -492,6 +596,48 @@ def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp
         carry_out(Toy(job, Counted(interrupted_at=1)), tmp_path, 1)
     carry_out(Toy(job, values=(0.3,)), tmp_path, 1)
     assert "which were not taken: they differ in settings" in capsys.readouterr().err
+
+
+def test_two_studies_in_one_folder_at_once(tmp_path, gantrysim_command):
+    folder = tmp_path / "loop"
+    process = begun(folder)
+    try:
+        before = (folder / LEDGER).read_bytes()
+        status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
+        assert status == 2
+        assert said == f"error: --out {folder}: another study is at work in this folder\n"
+        assert (folder / LEDGER).read_bytes().startswith(before)
+        assert process.poll() is None
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    with Ledger(folder, json.loads(before.splitlines()[0])) as ledger:  # the lock has gone with its process
+        assert ledger.kept >= 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
+def test_workers_end_with_a_study_that_is_killed(tmp_path):
+    process = begun(tmp_path / "loop")
+    assert len(members(process.pid)) >= 2
+    process.kill()  # it alone
+    process.communicate()
+    until = time.monotonic() + PATIENCE
+    while left := members(process.pid):
+        assert time.monotonic() < until, left
+        time.sleep(0.1)
+
+
+def members(group):
+    """Processes of a group that are alive."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, of = stat.read_text().rpartition(")")[2].split()[:3]
+        except OSError:  # it has ended
+            continue
+        if int(of) == group and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
 
 
 def test_a_killed_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path):

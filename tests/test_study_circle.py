@@ -9,6 +9,7 @@ import pytest
 from gantrysim.errors import InputError
 from gantrysim.iso import Trace
 from gantrysim.study import OK, run_study
+from gantrysim.study.checks import NoFiguresError
 from gantrysim.study.circle import CircleStudy
 
 ROUND = 2e-4  # [mm], of a frictionless machine whose axes have one frequency
@@ -114,9 +115,12 @@ def test_what_a_fast_circle_cannot_tell_apart_is_said():
 
 def test_a_fault_is_told(tmp_path):
     study = CircleStudy("xy", 40.0, 80.0, ("following_error_limit=0.01",))
-    outcome = run_study(study, tmp_path / "out", workers=1)
-    assert outcome.findings[0].startswith("The circle run clockwise has no figures: fault: following error on axis")
-    assert not (tmp_path / "out" / "curves.csv").exists()
+    assert study.findings(measured(study))[0].startswith(
+        "The circle run clockwise has no figures: fault: following error on axis"
+    )
+    with pytest.raises(NoFiguresError, match="none of the study's 2 cases has figures: fault: following error on axis"):
+        run_study(study, tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -124,6 +128,10 @@ def test_a_fault_is_told(tmp_path):
     [
         (lambda: CircleStudy("xy", 0.0), "radius = 0 mm: must be greater than 0 mm"),
         (lambda: CircleStudy("xy", 10.0, -1.0), "speed = -1 mm/s: must be greater than 0 mm/s"),
+        (
+            lambda: CircleStudy("xy", 0.001),
+            r"radius = 0\.001 mm: must be at least 1\.91 mm, for 120 servo periods of 0\.001 s on the circle at",
+        ),
         (lambda: CircleStudy("xz"), "unknown model 'xz'"),
         (lambda: CircleStudy("xy", overrides=("perod=1",)), r"unknown key 'perod': did you mean"),
     ],
@@ -138,6 +146,13 @@ def test_a_circle_needs_axes_x_and_y(rigid):
     file.write_text(file.read_text().replace('"y"', '"v"'))
     with pytest.raises(InputError, match="machine rigid has the axes x, v: must have x and y"):
         CircleStudy(str(file))
+
+
+def test_the_smallest_circle_has_figures():
+    least = CircleStudy("xy", 1.92, 100.0)
+    rows = measured(least)
+    assert [row["status"] for row in rows] == [OK, OK]
+    assert len(rows[0]["angle_deg"]) == pytest.approx(120, abs=1)
 
 
 def test_a_circle_beyond_the_travel_is_refused(tmp_path):

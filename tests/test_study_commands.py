@@ -72,14 +72,46 @@ def test_repeat_by_command(gantrysim_command, tmp_path):
         (("speed", "--tolerance", 0), "tolerance = 0: must be greater than 0"),
         (("machine", "--spread", "mass=1"), "unknown spread 'mass'"),
         (("machine", "--samples", 3), "samples = 3: must be at least 12, for 9 factors"),
+        (("speed", "an225", "--figure", "nofigure"), "unknown figure 'nofigure': known: contour_max, contour_p95, "),
+        (
+            ("machine", "an225", "--figure", "contour_mx"),
+            "unknown figure 'contour_mx': did you mean contour_max?",
+        ),
+        (("machine", "--samples", 10**12), "samples = 1000000000000: must be at most 10000"),
+        (("circle", "--radius", 0.001), "radius = 0.001 mm: must be at least 1.91 mm"),
+        (("repeat", "--repeats", 10**12), "repeats = 1000000000000: must be at most 10000"),
         (("repeat", "--repeats", 1), "repeats = 1: must be at least 2"),
         (("repeat", "nothing"), "unknown job 'nothing'"),
     ],
 )
-def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, arguments, text):
+def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, arguments, text, monkeypatch):
+    monkeypatch.setattr("gantrysim.study.study.run_cases", None)  # no case is run
     status, printed, messages = gantrysim_command("study", *arguments, "--out", tmp_path / "out")
     assert status == 2
     assert text in messages
     assert messages.count("\n") == 1
     assert printed == ""
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("study", ["loop", "speed", "machine", "repeat"])
+def test_a_job_that_never_dispenses_is_no_study(gantrysim_command, tmp_path, study, monkeypatch):
+    monkeypatch.setattr("gantrysim.study.study.run_cases", None)  # no case is run
+    job = tmp_path / "dry.toml"
+    job.write_text('name = "dry"\n[program]\ncontroller = "fanuc.Program"\nprogram = "G00 X5 Y5 F600\\n"\n')
+    status, printed, messages = gantrysim_command("study", study, job, "--out", tmp_path / "out")
+    assert status == 2
+    assert "the dispenser is never on in this run" in messages
+    assert messages.count("\n") == 1
+    assert printed == ""
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_study_that_faults_end_has_the_exit_status_of_a_fault(gantrysim_command, tmp_path):
+    status, _, messages = gantrysim_command(
+        "study", "circle", "--set", "following_error_limit=0.01", "--workers", 1, "--out", tmp_path / "out"
+    )
+    assert status == 3
+    assert messages.startswith("fault: none of the study's 2 cases has figures: fault: following error on axis")
+    assert messages.count("\n") == 1
     assert not (tmp_path / "out").exists()

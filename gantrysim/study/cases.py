@@ -23,7 +23,7 @@ from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple, steady
 from gantrysim.perturbation import Perturbation
 from gantrysim.run import Run
 
-__all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "judged", "measure", "simulated"]
+__all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "is_fault", "judged", "measure", "simulated"]
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve, which goes into a file of its own
 Row = dict[str, Value]
@@ -122,6 +122,11 @@ def judged(run_it: Callable[[], Run], figures: Callable[[Run], Row]) -> Row:
         return {"status": OK, **figures(run)}
     except InputError as error:
         return {"status": f"{_REFUSED}{error}"}
+
+
+def is_fault(row: Row) -> bool:
+    """Return whether a fault has ended the run of a row."""
+    return str(row["status"]).startswith(_FAULT)
 
 
 def simulated(case: Case) -> Run:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["INTERRUPTED", "JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
 
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
+_FAULT = 3  # exit status where faults ended every run, as of the command run
 
 # what every study's command takes
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
@@ -31,7 +32,9 @@ Model = Annotated[str | None, typer.Option(help="Machine to take instead of the 
 Out = Annotated[
     Path | None, typer.Option(help="Folder to write into; by default out/, the study's name and the job's.")
 ]
-Workers = Annotated[int | None, typer.Option(min=1, help="Number of processes; by default all cores.")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, help="Number of processes; by default, and at most, the number of cores.")
+]
 Tolerance = Annotated[float, typer.Option(help="Largest value of the figure that will do, in its unit.")]
 Figure = Annotated[str, typer.Option(help="Figure of a run that the tolerance is for, as study.csv names it.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of the random numbers.")]
@@ -54,8 +57,9 @@ def _main() -> None:
 def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
     """Carry out a study with a progress bar, print its findings and say what was written.
 
-    Exit status 130 where it is interrupted, with a word of how to go on.
+    Exit status 130 where it is interrupted, with a word of how to go on, and 3 where faults have left no figures.
     """
+    from gantrysim.study.checks import NoFiguresError
     from gantrysim.study.study import StudyInterrupted, run_study
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
@@ -63,9 +67,17 @@ def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
         with _terminated_as_interrupted(), _progress(study.name) as advance:
             outcome = run_study(study, folder, workers=workers, progress=advance)
     except StudyInterrupted as interrupted:
-        text = f"interrupted: the rows of {interrupted.done} finished cases are kept in {folder}/; "
-        _messages.print(escape(text + "the same command goes on from there"), soft_wrap=True, highlight=False)
+        text = "interrupted: no case was finished, nothing is kept"
+        if interrupted.done:
+            text = f"interrupted: the rows of {interrupted.done} finished cases are kept in {folder}/; "
+            text += "the same command goes on from there"
+        _messages.print(escape(text), soft_wrap=True, highlight=False)
         raise typer.Exit(INTERRUPTED) from None
+    except NoFiguresError as none:
+        if not none.faulted:
+            raise
+        _messages.print(f"[bold red]fault[/]: {escape(str(none))}", soft_wrap=True, highlight=False)
+        raise typer.Exit(_FAULT) from None
     if outcome.discarded:
         said = f"note: {folder}/ held the rows of another start, which were not taken: {outcome.discarded}"
         _messages.print(escape(said), soft_wrap=True, highlight=False)

@@ -51,6 +51,15 @@ class Criterion:
                 return key
         raise unknown("figure", self.figure, known.values())
 
+    def check(self, row: Row) -> None:
+        """Refuse a figure that a row has none of; a row without any figures shows nothing.
+
+        Raises:
+            InputError: there is no such figure.
+        """
+        if row["status"] == OK:
+            self.key(row)
+
     def value(self, row: Row) -> float:
         """Return the figure; inf of a case that a fault has ended or that was refused, or that has no such figure."""
         if row.get("status") != OK:

@@ -18,6 +18,7 @@ import tomli_w
 from gantrysim.job import Job
 from gantrysim.report import JOB, PLOTS, Output, output_folder, versions
 from gantrysim.study.cases import OK, Case, Row
+from gantrysim.study.checks import NoFiguresError, check_figures, check_job
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Measure, Progress, run_cases
 
@@ -84,7 +85,8 @@ class Study(Protocol):
     def rounds(self) -> Rounds:
         """Yield the cases of one round after the other, and be sent their rows: `rows = yield cases`.
 
-        A study without rounds yields once; one that searches chooses its next cases by the rows it was sent.
+        A study without rounds yields once; one that searches chooses its next cases by the rows it was sent. What can
+        be refused without a case is refused before the first yield: by then nothing is written.
         """
 
     def findings(self, rows: list[Row]) -> list[str]:
@@ -148,12 +150,17 @@ def run_study(
         progress: as in `run_cases`.
 
     Raises:
-        InputError: a folder that may not be written to, or a job that is refused as it stands.
+        InputError: a folder that may not be written to, or that another study is at work in, or a job that is refused
+            as it stands.
+        NoFiguresError: no case has figures; nothing is written.
         StudyInterrupted: by Ctrl-C; the same call goes on.
     """
-    study.job.follow()  # a job that is refused as it stands is refused here, not case by case
     output = output_of(study)
     target = output.check(folder)
+    check_job(study.job)  # here, not case by case
+    rounds = study.rounds()
+    cases = next(rounds)
+    measure = study.measure
     identity = {
         "study": study.name,
         "settings": _plain(study.settings),
@@ -163,10 +170,8 @@ def run_study(
     rows: list[Row] = []
     with Ledger(target, identity) as ledger:
         try:
-            rounds = study.rounds()
-            cases = next(rounds)
             while True:
-                found = run_cases(cases, ledger, workers=workers, measure=study.measure, progress=progress)
+                found = run_cases(cases, ledger, workers=workers, measure=measure, progress=progress)
                 rows += found
                 try:
                     cases = rounds.send(found)
@@ -174,11 +179,16 @@ def run_study(
                     break
         except KeyboardInterrupt:
             raise StudyInterrupted(len(ledger)) from None
+        try:
+            check_figures(rows)
+        except NoFiguresError:
+            ledger.remove()
+            raise
         findings = study.findings(rows)
         with output_folder(folder, output) as scratch:
             _write(study, rows, findings, scratch, identity)
             written = sorted(item.name for item in scratch.iterdir())
-    ledger.remove()
+        ledger.remove()
     return Outcome(rows, findings, written, ledger.kept, ledger.discarded)
 
 

@@ -24,6 +24,7 @@ __all__ = ["CircleStudy"]
 _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the circle that counts, at least: it begins and ends between two reversals [deg]
 _CALM = 0.3  # at the full speed before it counts, at least [s]
+_LEAST_TICKS = 120  # on the circle, one every 3 deg
 _ACCELERATION = 3000.0  # along the path, at begin and end [mm/s²]
 
 
@@ -52,6 +53,13 @@ class CircleStudy:
     def __post_init__(self) -> None:
         positive("radius", self.radius, "mm")
         positive("speed", self.speed, "mm/s")
+        period = self.job.built_servo.period
+        least = _LEAST_TICKS * self.speed * period / (2 * math.pi)
+        if self.radius < least:
+            raise InputError(
+                f"radius = {self.radius:g} mm: must be at least {least:.4g} mm, for {_LEAST_TICKS} servo periods of "
+                f"{period:g} s on the circle at {self.speed:g} mm/s"
+            )
         names = self.job.built_machine.axis_names
         if not set(AXES) <= set(names):
             raise InputError(

@@ -12,7 +12,7 @@ from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, whole
 from gantrysim.job import Job
 from gantrysim.perturbation import FACTORS, Perturbation
-from gantrysim.study.cases import OK, Case, Row, measure
+from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.machine.figures import figures
 from gantrysim.study.machine.findings import findings
@@ -21,6 +21,8 @@ from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
 
 __all__ = ["MachineStudy"]
+
+_MOST = 10_000  # samples: by then the yield is known to a hundredth
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class MachineStudy:
         count = len(self._spreads)
         if whole("samples", self.samples, 1) < count + 3:
             raise InputError(f"samples = {self.samples}: must be at least {count + 3}, for {count} factors")
+        if self.samples > _MOST:
+            raise InputError(f"samples = {self.samples}: must be at most {_MOST}")
 
     @cached_property
     def criterion(self) -> Criterion:
@@ -128,16 +132,23 @@ class MachineStudy:
         return Perturbation(payload=values.get("payload_kg", 0.0), **given)
 
     def rounds(self) -> Rounds:
-        """Yield the nominal machine, whose figures show that there is such a figure, and then all the others."""
-        nothing = dict.fromkeys(self.machines, 1.0) | ({"payload_kg": 0.0} if self.spread.payload else {})
-        rows = yield [Case.of(self.job).tagged(sample=0, **nothing)]
-        if rows[0]["status"] == OK:
-            self.criterion.key(rows[0])  # raises where there is no such figure
+        """Yield the nominal machine and all the others.
+
+        Raises:
+            InputError: there is no such figure.
+        """
+        self.criterion.check(self.measure(Case.of(self.job, mode="perfect follower")))
+        nominal, nothing = Case.of(self.job), dict.fromkeys(self.machines, 1.0)
+        if self.spread.payload:
+            nothing["payload_kg"] = 0.0
         yield [
-            Case.of(self.job, perturbation=self.perturbation(number)).tagged(
-                sample=number, **{name: float(values[number - 1]) for name, values in self.machines.items()}
-            )
-            for number in range(1, self.samples + 1)
+            nominal.tagged(sample=0, **nothing),
+            *(
+                replace(nominal, perturbation=self.perturbation(number)).tagged(
+                    sample=number, **{name: float(values[number - 1]) for name, values in self.machines.items()}
+                )
+                for number in range(1, self.samples + 1)
+            ),
         ]
 
     def drawn(self, rows: list[Row]) -> tuple[Row, list[Row], Floats]:

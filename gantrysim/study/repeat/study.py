@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.controllers.path import Floats
-from gantrysim.errors import at_least, whole
+from gantrysim.errors import InputError, at_least, whole
 from gantrysim.iso import RepeatedPath
 from gantrysim.job import Job
 from gantrysim.metrics import Analysis
@@ -24,6 +24,7 @@ from gantrysim.study.study import Plot, Rounds
 __all__ = ["RepeatStudy"]
 
 _UM = 1e3
+_MOST = 10_000  # repeats
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ class RepeatStudy:
     plots = ("along", "plan")
 
     def __post_init__(self) -> None:
-        whole("repeats", self.repeats, 2)
+        if whole("repeats", self.repeats, 2) > _MOST:
+            raise InputError(f"repeats = {self.repeats}: must be at most {_MOST}")
         whole("places", self.places, 2)
         whole("seed", self.seed, 0)
         at_least("friction", self.friction, 0)

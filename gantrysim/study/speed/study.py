@@ -8,7 +8,7 @@ from typing import Any
 
 from gantrysim.errors import at_least
 from gantrysim.job import Job
-from gantrysim.study.cases import OK, Case, Row, measure
+from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.runner import Measure
 from gantrysim.study.speed.figures import figures
@@ -69,7 +69,13 @@ class SpeedStudy:
         return {"tolerance": self.tolerance, "figure": self.figure, "resolution": self.resolution}
 
     def rounds(self) -> Rounds:
-        """Yield the speeds of one round after the other."""
+        """Yield the speeds of one round after the other.
+
+        Raises:
+            InputError: there is no such figure.
+        """
+        overrides = speed_overrides(self.job, self.own)
+        self.criterion.check(self.measure(Case.of(self.job, overrides, "perfect follower")))
         tried: dict[float, bool] = {}
         number = 0
         while speeds := next_speeds(tried, self.own, self.resolution):
@@ -77,8 +83,6 @@ class SpeedStudy:
             rows = yield [
                 Case.of(self.job, speed_overrides(self.job, speed), round=number, speed_mm_s=speed) for speed in speeds
             ]
-            if number == 1 and (good := next((row for row in rows if row["status"] == OK), None)) is not None:
-                self.criterion.key(good)  # raises where there is no such figure
             tried |= {speed_of(row): self.criterion.within(row) for row in rows}
 
     def findings(self, rows: list[Row]) -> list[str]:
