@@ -591,7 +591,7 @@ def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp
     carry_out(Toy(job), tmp_path, 1)
     output, said = capsys.readouterr()
     assert said == "note: the rows of 2 cases were there from an interrupted start\n"
-    assert output.startswith("5 rows\na second paragraph\nwritten to ")
+    assert output.startswith("5 rows\n\na second paragraph\n\nwritten to ")
     with pytest.raises(typer.Exit):
         carry_out(Toy(job, Counted(interrupted_at=1)), tmp_path, 1)
     carry_out(Toy(job, values=(0.3,)), tmp_path, 1)

@@ -21,7 +21,8 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
-from gantrysim.study.loop.findings import convergence, findings, loop_knee
+from gantrysim.study.loop.findings import findings, loop_knee
+from gantrysim.study.loop.integrator import convergence
 from gantrysim.study.loop.trends import Convergence, crossing, knee, power
 
 SMALL = {
@@ -186,17 +187,25 @@ def test_the_knee_of_known_rows(study):
     exact = 10 * math.sqrt(1.1**2 - 1) / 2000
     at, floor = loop_knee(known_rows())
     assert (at, floor) == (pytest.approx(exact, rel=INTERPOLATED), 10.0)
-    text = findings(study, known_rows())[0]
-    said = re.match(r"Below T = ([\d.]+) ms the program loop no longer matters: .* within 10 % of the 10 µm ", text)
+    summary, text = findings(study, known_rows())[:2]
+    clause = (
+        r"By itself, without the limits of ACCEL, WA and CONNECT, the loop would no longer matter below T = ([\d.]+) ms"
+    )
+    assert float(re.search(clause, summary)[1]) == pytest.approx(1e3 * exact, rel=INTERPOLATED)
+    said = re.search(clause + ": the contour error is then within 10 % of the 10 µm that servo and machine", text)
     assert float(said[1]) == pytest.approx(1e3 * exact, rel=INTERPOLATED)
     assert "The loop's own part grows as T^1.00, 2 µm for each millisecond." in text
 
 
 def test_a_faster_loop_that_is_worse_is_said_so_with_its_cause(study):
-    text = findings(study, known_rows())[0]
-    assert (
-        "As the job is, the error is least at T = 100 ms, with 600 µm where the loop by itself would cost 200 µm"
-        in text
+    summary, text = findings(study, known_rows())[:2]
+    assert summary.startswith(
+        "As the job is, a program loop of T = 100 ms is best, with a contour error of 600 µm (rms): a faster one is "
+        "worse, because WA cuts every wait to a multiple of 1 ms. By itself, without"
+    )
+    assert text.startswith(
+        "As the job is, the contour error (rms) is least at T = 100 ms, with 600 µm where the loop by itself would "
+        "cost 200 µm"
     )
     assert "(ACCEL costs as much as a loop of 100 ms does)" in text
     said = re.search(r"a faster loop makes it worse, up to (\d+) µm at ([\d.]+) ms, ([\d.]+) times as much", text)
@@ -210,40 +219,97 @@ def test_a_faster_loop_that_is_worse_is_said_so_with_its_cause(study):
 @pytest.mark.parametrize("resolution", [0, 1e-6])
 def test_the_cause_is_not_wa_where_wa_hardly_cuts(resolution):
     free = LoopStudy(Job.load("an225", [f"wait_resolution={resolution}"]))
-    text = findings(free, known_rows())[0]
+    summary, text = findings(free, known_rows())[:2]
+    assert "a faster one is worse. " in summary
     assert "a faster loop makes it worse" in text
-    assert "WA" not in text
+    assert "because" not in summary + text
 
 
 def test_knees_at_the_ends_of_the_sweep(study):
-    assert findings(study, known_rows(floor=1e5))[0].startswith("Up to T = 1e+03 ms the program loop does not matter")
-    text = findings(study, known_rows(floor=0.5))[0]
-    assert text.startswith("The program loop matters at every period down to T = 1 ms")
+    for paragraph in findings(study, known_rows(floor=1e5))[:2]:
+        assert "the loop does not matter up to T = 1e+03 ms" in paragraph
+    for paragraph in findings(study, known_rows(floor=0.5))[:2]:
+        assert "the loop matters at every period down to T = 1 ms" in paragraph
 
 
-def test_servo_and_encoder_of_known_rows(study):
+def test_a_loop_whose_fastest_is_best_is_said_so(study):
+    summary, text = findings(study, known_rows(least=1e-5))[:2]
+    assert "is best, with a contour error of" in summary
+    assert "worse" not in summary + text
+
+
+def servo_rows(generation=100.0):
+    """A servo whose error goes with the square of its period, hidden by the program's part as the job is."""
     rows = []
     for p in (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3):
         tracking = 10 * (p / 1e-3) ** 2
         values = {
-            "contour_rms_um": math.hypot(100.0, tracking),
+            "contour_rms_um": math.hypot(generation, tracking),
             "tracking_rms_um": tracking,
-            "generation_rms_um": 100.0,
+            "generation_rms_um": generation,
+            "steady_tracking_normal_rms_um": 3 * tracking,
         }
         rows.append(row("servo_period", AS_IT_IS, p, **values))
-        rows.append(row("servo_period", NO_FRICTION, p, steady_tracking_normal_rms_um=0.05))
+        bare = {"contour_rms_um": tracking, "steady_tracking_normal_rms_um": 0.9 * tracking}
+        rows.append(row("servo_period", NO_LOOP, p, **bare))
+        rows.append(row("servo_period", NO_FRICTION, p, steady_tracking_normal_rms_um=0.05, tracking_rms_um=0.3))
+    return rows
+
+
+def test_the_servo_is_told_as_the_job_is_and_without_the_loop(study):
+    summary, text = findings(study, servo_rows())
+    knee_said = (
+        r"[Aa]s the job is, below a servo period of ([\d.]+) ms the servo no longer matters to the contour error"
+    )
+    for paragraph in (summary, text):
+        at = float(re.search(knee_said, paragraph)[1])
+        assert at == pytest.approx(math.sqrt(10 * math.sqrt(0.21)), rel=0.15)  # points an octave apart
+        pays = "ithout the loop,? every shortening of the servo period down to 0.25 ms pays"
+        assert re.search(pays, paragraph)
+    assert (
+        "the program's own part, at least 100 µm, hides it, and the tracking error exceeds that only above 3.16" in text
+    )
+    assert ": the contour error is 0.625 µm at 0.25 ms, 2.5 µm at 0.5 ms, 10 µm at 1 ms, 40 µm at 2 ms, 160" in text
+    assert "(as period^2.0, for the gains follow from the period)" in text
+
+
+def test_what_friction_costs_is_told_of_one_figure_of_one_program(study):
+    assert (
+        "Of the tracking error normal to the path in the middle 90 % of the time, 36 µm at 2 ms, 50 nm would be left "
+        "without friction, encoder counts and integral term." in findings(study, servo_rows())[1]
+    )
+
+
+def test_a_program_s_part_that_hides_nothing_is_not_told(study):
+    text = findings(study, servo_rows(generation=1e-3))[1]
+    assert "As the job is, every shortening of the servo period down to 0.25 ms pays. Without the loop" in text
+    assert "hides" not in text
+
+
+def test_the_servo_of_a_program_without_a_loop():
+    rows = [one for one in servo_rows(generation=0.0) if one["variant"] != NO_LOOP]
+    summary, text = findings(LoopStudy(Job.load("fanuc-spiral")), rows)[:2]
+    assert summary == "As the job is, every shortening of the servo period down to 0.25 ms pays."
+    assert text.startswith(f"{summary[:-1]}: the contour error is 0.625 µm at 0.25 ms, ")
+    assert "120 µm at 2 ms, 50 nm would be left without friction" in text
+
+
+def test_the_encoder_of_known_rows(study):
+    rows = []
     for q in (1e-4, 1e-3, 1e-2, 1e-1):
         rows.append(row("encoder_resolution", NO_LOOP, q, contour_rms_um=math.hypot(10, 290 * q)))
         rows.append(row("encoder_resolution", AS_IT_IS, q, speed_ripple=q))
-    text = findings(study, rows)[0]
-    at = float(re.search(r"Below a servo period of ([\d.]+) ms the servo no longer matters", text)[1])
-    assert at == pytest.approx(math.sqrt(10 * math.sqrt(0.21)), rel=0.15)  # points an octave apart
-    assert "the tracking error is 0.625 µm at 0.25 ms and 640 µm at 8 ms (as period^2.0" in text
-    assert "exceeds the program's part above 3.16 ms" in text
-    assert "Of the 40 µm at 2 ms, 50 nm would be left without friction, encoder counts and integral term" in text
-    count = float(re.search(r"Below ([\d.]+) µm per count the encoder no longer matters", text)[1])
-    assert count == pytest.approx(1e3 * 10 * math.sqrt(0.21) / 290, rel=0.3)  # points a decade apart
+    for text in findings(study, rows):
+        count = float(re.search(r"Below ([\d.]+) µm per count the encoder no longer matters", text)[1])
+        assert count == pytest.approx(1e3 * 10 * math.sqrt(0.21) / 290, rel=0.3)  # points a decade apart
     assert "the speed ripple goes from 0.01 % at 0.1 µm to 10 % at 100 µm" in text
+
+
+def test_each_sweep_has_a_paragraph_of_its_own(study):
+    said = findings(study, [*known_rows(), *servo_rows()])
+    assert len(said) == 4  # with the cases without figures
+    assert "servo" not in said[1].replace("servo and machine", "")
+    assert "T = " not in said[2]
 
 
 def stepped_rows(share, variant=AS_IT_IS):
@@ -295,8 +361,16 @@ def done(tmp_path_factory):
 def test_a_small_study_from_end_to_end(done):
     small, folder, outcome = done
     assert len(outcome.rows) == len(small.cases)
-    assert outcome.findings[0].startswith(("Below T = ", "The program loop matters at every period"))
-    assert outcome.findings[1].startswith("The physics step was halved from 0.25 ms down to 0.0625 ms")
+    assert outcome.findings[0].startswith("As the job is, a program loop of T = ")
+    begins = (
+        "As the job is, ",
+        "The interpreter's time ",
+        "As the job is, ",
+        "",
+        "The physics step was halved from 0.25",
+    )
+    for paragraph, begin in zip(outcome.findings[1:], begins, strict=False):
+        assert paragraph.startswith(begin)
     for sweep in SWEEPS:
         assert (folder / "plots" / f"{sweep}.png").read_bytes().startswith(b"\x89PNG")
     report = (folder / "report.html").read_text()
@@ -332,7 +406,7 @@ def test_the_command(tmp_path, monkeypatch, gantrysim_command):
         "study", "loop", "an225", *settings, "--out", tmp_path / "a", "--workers", 1
     )
     assert (status, said) == (0, "")
-    assert "As the job is, the error is least at T = " in " ".join(output.split())
+    assert "As the job is, the contour error (rms) is least at T = " in " ".join(output.split())
     assert output.endswith(f"written to {tmp_path / 'a'}/: job.toml, plots, report.html, study.csv, study.toml\n")
     assert 'command = "gantrysim study loop job.toml"' in (tmp_path / "a" / "study.toml").read_text()
 

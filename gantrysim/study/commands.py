@@ -85,7 +85,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
         said = f"note: the rows of {outcome.kept} cases were there from an interrupted start"
         _messages.print(escape(said), soft_wrap=True, highlight=False)
     for paragraph in outcome.findings:
-        _output.print(escape(paragraph), highlight=False)
+        _output.print(escape(paragraph), highlight=False, end="\n\n")
     written = f"written to {folder}/: {', '.join(outcome.written)}"
     _output.print(escape(written), soft_wrap=True, highlight=False)
 

@@ -13,7 +13,8 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import Row
 from gantrysim.study.loop.arcs import involute_radius, local_pitch, loop_error
-from gantrysim.study.loop.findings import CONVERGING, convergence, loop_knee
+from gantrysim.study.loop.findings import loop_knee
+from gantrysim.study.loop.integrator import CONVERGING, convergence
 from gantrysim.study.loop.panels import SHAPES, Panels
 from gantrysim.study.loop.sampling import quantisation, sample_and_hold
 from gantrysim.study.loop.trends import knee
