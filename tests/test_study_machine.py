@@ -1,6 +1,8 @@
 """Many machines that differ: their yield, and what matters."""
 
 import csv
+import itertools
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from gantrysim.job import Job
 from gantrysim.metrics import Analysis
 from gantrysim.study import OK, measure, run_study
 from gantrysim.study.machine import MachineStudy, Spread
+from gantrysim.study.machine.figures import _draw_yield
+from gantrysim.study.machine.findings import findings
 from gantrysim.study.machine.yields import influences, yield_of
 
 NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I
@@ -165,6 +169,37 @@ def test_the_yield_of_a_known_figure(tmp_path):
     assert drawn == {"yield.png", "influence.png", "scatter.png"}
     report = (tmp_path / "out" / "report.html").read_text()
     assert "The worst machines" in report
+
+
+@pytest.mark.parametrize(("tolerance", "told"), [(1.0, False), (50.0, True), (1e3, False)])
+def test_shares_within_the_tolerance_are_told_where_there_are_both_kinds(tolerance, told):
+    study = MachineStudy(Job.load("an225"), tolerance, samples=64)
+    (cases,) = study.rounds()
+    rows = [{**dict(case.tags), **synthetic(case)} for case in cases]
+    text = findings(study, [{**row, "status": OK, "contour_max_um": 50 * row["friction_x"]} for row in rows])[1]
+    assert text.startswith("What matters most is friction of x (rank coefficient +")
+    assert (": of the machines with more of it" in text) is told
+    assert re.search(r"coefficient \+[\d.]+\)[.:] ", text)
+
+
+@pytest.mark.parametrize("tolerance", [5.0, 11.0, 14.0, 20.0, 29.0, 35.0])
+@pytest.mark.parametrize("power", [0.2, 1.0, 5.0])
+def test_the_yield_s_words_stand_clear_of_the_curve(tolerance, power):
+    figure = 10 + 20 * np.linspace(0, 1, 65) ** power
+    drawing = _draw_yield(figure, 12.0, tolerance, "error [µm]")
+    drawing.draw_without_rendering()
+    (axes, _), renderer = drawing.axes, drawing.canvas.get_renderer()
+    (words,) = (text for text in axes.texts if text.get_text().startswith("yield"))
+    box = words.get_window_extent(renderer)
+    curve = max(axes.lines, key=lambda line: len(line.get_xdata()))
+    places = axes.transData.transform(np.column_stack([curve.get_xdata(), curve.get_ydata()]))
+    corners = np.insert(places, slice(1, None), np.column_stack([places[1:, 0], places[:-1, 1]]), axis=0)  # "post"
+    step = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(corners)])
+    inside = (step > [box.x0, box.y0]) & (step < [box.x1, box.y1])
+    assert not inside.all(axis=1).any()
+    frame = axes.get_window_extent(renderer)
+    assert frame.y0 < box.y0
+    assert box.y1 < frame.y1
 
 
 def test_findings_where_no_machine_runs():

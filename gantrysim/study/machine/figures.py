@@ -24,6 +24,7 @@ __all__ = ["figures"]
 _GOOD, _BAD = COLOURS["structure"], COLOURS["fault"]
 _BINS = (12, 40)
 _WORST = 5
+_ROOM = 12  # for the yield's words beyond 0 and 100 % [%]
 
 
 def figures(study: MachineStudy, rows: list[Row]) -> list[Plot]:
@@ -96,13 +97,15 @@ def _draw_yield(figure: Floats, nominal: float, tolerance: float, label: str) ->
         above, below = drawing.subplots(2, sharex=True, height_ratios=(3, 2))
         above.step(np.concatenate([finite[:1], finite]), np.concatenate([[0], share]), where="post", color=INK, lw=1.8)
         above.plot([tolerance], [within], "o", ms=7, color=_BAD, zorder=4)
-        side = -1 if tolerance > 0.5 * (finite[0] + finite[-1]) else 1
+        # the curve rises to the right: above it to the left and below it to the right there is room
+        left = tolerance > 0.5 * (finite[0] + finite[-1])
         above.annotate(
             f"yield {within:.1f} %",
             (tolerance, within),
-            xytext=(10 * side, -14 if within > 50 else 8),
+            xytext=(-8, 6) if left else (8, -6),
             textcoords="offset points",
-            ha="right" if side < 0 else "left",
+            ha="right" if left else "left",
+            va="bottom" if left else "top",
             color=_BAD,
             weight="bold",
         )
@@ -119,7 +122,7 @@ def _draw_yield(figure: Floats, nominal: float, tolerance: float, label: str) ->
             axes.axvline(tolerance, color=_BAD, lw=1.2, ls="--", label=f"tolerance {tolerance:g}")
             if np.isfinite(nominal):
                 axes.axvline(nominal, color=COLOURS["tracking"], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
-        above.set(ylabel="share of machines [%]", ylim=(0, 103))
+        above.set(ylabel="share of machines [%]", ylim=(-_ROOM, 100 + _ROOM), yticks=range(0, 101, 20))
         below.set(ylabel="machines", xlabel=label)
         below.yaxis.get_major_locator().set_params(integer=True)
         drawing.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -57,11 +57,13 @@ def _what_matters(study: MachineStudy, figure: Floats) -> str:
     values = study.machines[first.factor]
     more = values > np.median(values)
     within = figure <= study.tolerance
-    text = (
-        f"What matters most is {in_words(first.factor)} (rank coefficient {first.coefficient:+.2f}): of the machines "
-        f"with more of it {100 * within[more].mean():.0f} % are within the tolerance, of those with less "
-        f"{100 * within[~more].mean():.0f} %."
-    )
+    text = f"What matters most is {in_words(first.factor)} (rank coefficient {first.coefficient:+.2f})"
+    if within.any() and not within.all():  # else there are not two kinds of machines to be told apart
+        text += (
+            f": of the machines with more of it {100 * within[more].mean():.0f} % are within the tolerance, of those "
+            f"with less {100 * within[~more].mean():.0f} %"
+        )
+    text += "."
     if others := clear[1 : 1 + _NAMED]:
         several = _listed([f"{in_words(other.factor)} ({other.coefficient:+.2f})" for other in others])
         text += f" Then {'come' if len(others) > 1 else 'comes'} {several}."
