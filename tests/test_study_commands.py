@@ -1,10 +1,33 @@
 """The commands of the studies of speed, machines, circles and repeats."""
 
+import subprocess
+import sys
 import tomllib
 
 import pytest
 
+import gantrysim.study
+
 SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
+
+
+@pytest.mark.parametrize("name", ["Circle", "Loop", "Machine", "Repeat", "Speed"])
+def test_every_study_is_had_from_the_package(name):
+    found = getattr(gantrysim.study, f"{name}Study")
+    assert found.name == name.lower()
+    assert found.__module__ == f"gantrysim.study.{name.lower()}.study"
+    assert f"{name}Study" in gantrysim.study.__all__
+    assert f"{name}Study" in dir(gantrysim.study)
+
+
+def test_studies_are_imported_when_they_are_asked_for():
+    code = (
+        "import sys, gantrysim.study as s; late = 'gantrysim.study.loop.study'; "
+        "assert late not in sys.modules; s.LoopStudy; assert late in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match=r"module 'gantrysim\.study' has no attribute 'LopStudy'"):
+        gantrysim.study.LopStudy  # noqa: B018
 
 
 def test_circle_by_command(gantrysim_command, tmp_path):
