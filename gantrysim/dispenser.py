@@ -8,17 +8,16 @@ Its time constants are told apart by the direction in which the flow, or the pre
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError, at_least, positive, unknown
+from gantrysim.jit import jit
 from gantrysim.needle import Needle
 
 __all__ = ["Dispenser"]
@@ -28,7 +27,6 @@ VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 _MOST_PIECES = 40  # time constants after which a lag is over
 _EDGE = 1e-9  # of a servo period, within which an edge is at the tick
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -227,12 +225,7 @@ def _gauss() -> tuple[Floats, Floats]:
     return 0.5 * (nodes + 1), 0.5 * weights
 
 
-def _jit(function: _Function) -> _Function:
-    compiled: _Function = numba.njit(cache=True, error_model="numpy")(function)
-    return compiled
-
-
-@_jit
+@jit
 def _volumes(duration: Floats, request: Floats, opening: float, closing: float) -> Floats:
     """Integrals of the first-order lag over pieces of constant request, (k,)."""
     volume = np.empty(duration.size)
@@ -250,7 +243,7 @@ def _volumes(duration: Floats, request: Floats, opening: float, closing: float) 
     return volume
 
 
-@_jit
+@jit
 def _power_volumes(
     duration: Floats,
     request: Floats,

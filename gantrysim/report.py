@@ -245,14 +245,21 @@ def _bead(figures: BeadFigures) -> dict[str, Any]:
         "overlapping_share": figures.overlapping,
         "gapping_share": figures.gapping,
         "coverage": figures.coverage,
-        "start_late_mm": of(figures.start),
-        "stop_late_mm": of(figures.stop),
+        "missing_at_start_mm": of(figures.start),
+        "too_much_at_stop_mm": of(figures.stop),
         "seen_to_begin_late_mm": of(figures.begins),
         "seen_to_end_late_mm": of(figures.ends),
         "volume_mm3": figures.laid,
         "volume_asked_mm3": figures.asked,
         "volume_error_mm3": figures.error,
         "volume_error_percent": figures.error_percent,
+        "volume_error_parts_mm3": {
+            "ramps": figures.ramps,
+            "starts": figures.starts,
+            "running": figures.running,
+            "stops": figures.stops,
+        },
+        "height_map_ridge": figures.ridge,
     }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.markup import escape
 from rich.table import Table
 
@@ -11,7 +13,7 @@ from gantrysim.machine import Machine
 from gantrysim.metrics import THOUSANDTH, Figures
 from gantrysim.run import Run
 
-__all__ = ["links_table", "outcome_table"]
+__all__ = ["links_table", "outcome_table", "ridge_note"]
 
 _UM = 1e3
 _BETWEEN = {
@@ -88,6 +90,23 @@ def _add_bead(table: Table, bead: BeadFigures) -> None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"
         covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; {100 * bead.coverage:.1f} % covered"
         table.add_row(f"{between} of turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
-    stop = "" if bead.stop is None else f", {bead.stop.mean:+.2f} mm at the stop"
-    table.add_row("glue late by", f"{bead.start.mean:+.2f} mm", f"at the start{stop}")
-    table.add_row("volume", f"{bead.laid:.1f} mm³", f"{bead.error_percent:+.2f} % of {bead.asked:.1f} asked for")
+    table.add_row("missing at the start", f"{bead.start.mean:+.2f} mm", "of nominal bead")
+    if bead.stop is not None:
+        table.add_row("too much at the stop", f"{bead.stop.mean:+.2f} mm", "of nominal bead")
+    table.add_row("volume", f"{bead.laid:.4g} mm³", f"{bead.error_percent:+.2f} % of {bead.asked:.4g} asked for")
+    parts = {"ramps": bead.ramps, "starts": bead.starts, "running": bead.running, "stops": bead.stops}
+    told = ", ".join(f"{name} {_volume(value, bead.asked)}" for name, value in parts.items())
+    table.add_row("volume error", f"{_volume(bead.error, bead.asked)} mm³", told)
+    if bead.ridge:
+        table.add_row("height map", "not settled", ridge_note(bead))
+
+
+def ridge_note(bead: BeadFigures) -> str:
+    """What is said of a height map that has not settled."""
+    return f"glue found no room and stands {100 * bead.ridge:.3g} % above the nozzle: heights and coverage are not right"
+
+
+def _volume(value: float, whole: float) -> str:
+    """A part of a volume down to a hundred thousandth of the whole."""
+    decimals = max(0, 5 - math.ceil(math.log10(max(whole, 1e-9))))
+    return f"{value:+.{min(decimals, 9)}f}"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine
 from gantrysim.bead import Bead, BeadSettings, HeightMap, Section
+from gantrysim.bead import pushing
 from gantrysim.bead.pushing import push_aside
 from gantrysim.engine import perfect_follower
 
@@ -48,6 +49,7 @@ def wet_widths(bead, place, direction, reach):
 )
 def test_the_map_holds_what_flowed(seed, gap, angle, squashed, cell):
     """Of any trace, with rests, corners and loops, and any flow."""
+    cell = min(cell, 0.333 * float(Section(np.array([AREA]), np.array([gap if squashed else np.inf]), angle).width[0]))
     random = np.random.default_rng(seed)
     n = 400
     heading = np.cumsum(random.normal(0.0, 0.3, n) + (random.random(n) < 0.02) * random.uniform(-3, 3, n))
@@ -172,7 +174,7 @@ def test_pushing_aside_keeps_the_volume_and_makes_a_round_heap():
     height[60, 60] = 2000.0
     push_aside(height, np.ones_like(height), 0.01, 1000)
     assert height.sum() == pytest.approx(2000.0, rel=1e-12)
-    assert 0 <= height.min() <= height.max() <= 1.01
+    assert -ROUNDING < height.min() <= height.max() <= 1.01
     rows, columns = np.nonzero(height > 0.5)
     radius, distance = np.sqrt(2000.0 / np.pi), np.hypot(rows - 60, columns - 60)
     assert rows.size == pytest.approx(2000, rel=0.02)
@@ -195,21 +197,80 @@ def test_excess_finds_room_through_a_film_that_is_full():
     assert gained[:, :20].sum() > 3 * gained[:, 61:].sum() > 0
 
 
-def test_what_finds_no_room_stays_as_a_ridge():
+def test_what_finds_no_room_stays_as_a_ridge_and_is_told():
     height = np.full((9, 9), 1.0)
     height[4, 4] = 5.0
-    assert push_aside(height, np.ones_like(height), 0.01, 50) == 50
+    ridge = push_aside(height, np.ones_like(height), 0.01, 50)
+    assert ridge == pytest.approx(height.max() - 1.0)
+    assert ridge > 0.01
     assert height.sum() == pytest.approx(85.0, rel=1e-12)
-    heap = np.zeros((41, 41))
-    heap[20, 20] = 300.0
-    assert push_aside(heap, np.ones_like(heap), 0.01, 3) == 3
-    assert heap.sum() == pytest.approx(300.0, rel=1e-12)
+    heap = np.zeros((15, 15))
+    heap[7, 7] = 100.0
+    assert push_aside(heap, np.ones_like(heap), 0.01, 3) == pytest.approx(heap.max() - 1.0) != 0
+    assert heap.sum() == pytest.approx(100.0, rel=1e-12)
     assert heap.max() > 2.0
-    assert push_aside(heap, np.ones_like(heap), 0.01, 1000) < 1000
+    assert push_aside(heap, np.ones_like(heap), 0.01, 1000) <= 0.01
     assert heap.max() <= 1.01
     single = np.full((1, 1), 3.0)
-    push_aside(single, np.ones_like(single), 0.01, 5)
+    assert push_aside(single, np.ones_like(single), 0.01, 5) == pytest.approx(2.0)
     assert single[0, 0] == 3.0
+
+
+@pytest.mark.parametrize("shape", [(160, 160), (321, 333)])
+def test_a_heap_settles_in_few_sweeps_however_wide_it_is(shape):
+    """On one grid alone they would be twice as many as the grid has rows."""
+    rim = 0.44 * shape[0]
+    rows, columns = np.indices(shape)
+    distance = np.hypot(rows - shape[0] // 2, columns - shape[1] // 2)
+    heap = np.where(distance < 0.2 * rim, 25.0, 0.0)
+    volume = heap.sum()
+    assert push_aside(heap, np.ones_like(heap), 0.02, 100) <= 0.02
+    assert heap.sum() == pytest.approx(volume, rel=1e-12)
+    assert heap.min() > -ROUNDING
+    assert distance[heap > 0.5].max() == pytest.approx(rim, abs=1.5)
+    assert (heap > 0.5).sum() == pytest.approx(volume, rel=0.01)
+
+
+def test_an_overfull_bead_finds_room_around_its_map_and_is_a_film_of_the_gap():
+    """At five times what the film between the turns holds; its area is the volume over the gap."""
+    bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=10 * AREA * SPEED))
+    assert bead.map.ridge == 0
+    assert bead.map.volume == pytest.approx(bead.laid, rel=VOLUME)
+    assert bead.map.height.max() <= GAP * (1 + FILM)
+    rim = np.concatenate([bead.map.height[[0, -1]].ravel(), bead.map.height[:, [0, -1]].ravel()])
+    assert not rim.any()
+    assert (bead.map.height > 0.5 * GAP).sum() * bead.map.cell**2 == pytest.approx(bead.laid / GAP, rel=0.02)
+    x, y = np.meshgrid(bead.map.x, bead.map.y)
+    middle = [float((place * bead.map.height).sum() / bead.map.height.sum()) for place in (x, y)]
+    weight = bead.run.flow[:-1, None] / bead.run.flow[:-1].sum()
+    assert np.hypot(*((weight * bead.run.nozzle[:-1, :2]).sum(axis=0) - middle)) < 1.0
+
+
+def test_a_map_that_does_not_settle_says_so(monkeypatch):
+    monkeypatch.setattr("gantrysim.bead.deposit._SWEEPS", 1)
+    bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=4 * AREA * SPEED))
+    assert bead.map.ridge == pytest.approx(bead.map.height.max() / GAP - 1)
+    assert bead.map.ridge > 0.04
+    assert bead.figures.ridge == bead.map.ridge
+
+
+def test_an_interrupt_is_heard_while_glue_is_pushed_aside(monkeypatch):
+    """The native code comes back every few sweeps."""
+    calls = []
+    sweep = pushing._sweep
+
+    def counted(*arguments):
+        calls.append(arguments[-1])
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return sweep(*arguments)
+
+    monkeypatch.setattr(pushing, "_sweep", counted)
+    heap = np.zeros((12, 12))
+    heap[6, 6] = 200.0  # more than there is room for
+    with pytest.raises(KeyboardInterrupt):
+        push_aside(heap, np.ones_like(heap), 0.02, 5000)
+    assert max(calls) <= 20
 
 
 def test_under_a_nozzle_that_stands_higher_the_film_is_thicker():
@@ -281,5 +342,16 @@ def test_off_the_map_there_is_nothing():
 
 def test_cells_too_small_for_the_bead_are_refused():
     bead = laid(XY, line(), cell=0.001)
-    with pytest.raises(InputError, match=r"cell = 0.001 mm: makes a height map of .* cells, at most 2e\+07"):
+    text = r"cell = 0.001 mm: of a bead 4.5\d+ mm wide, .* makes a height map of .* cells, at most 2e\+07"
+    with pytest.raises(InputError, match=text):
         HeightMap.of(bead)
+    wide = laid(XY, line(), gap=1e-6)
+    with pytest.raises(InputError, match=r"of a bead 2e\+06 mm wide, .* makes a height map of"):
+        HeightMap.of(wide)
+
+
+def test_cells_too_large_for_the_bead_are_refused():
+    width = float(nominal().width[0])
+    with pytest.raises(InputError, match=r"cell = 50 mm: must be at most 1.5\d+ mm, a third of the bead's width of 4.5"):
+        HeightMap.of(laid(XY, line(), cell=50.0))
+    assert laid(XY, line(), cell=0.333 * width).map.volume == pytest.approx(AREA * 100.0, rel=VOLUME)

@@ -20,15 +20,25 @@ _TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor le
 _LINKS = 1000  # between neighbouring turns, along which the annulus is looked at
 _ON_A_LINK = 48  # points
 _GOLDEN = 0.618034
+_SETTLED = 1e-5  # of the flow asked for, within which it has settled
 
 
 @dataclass(frozen=True)
 class BeadFigures:
     """The figures of a bead, in mm, mm² and mm³.
 
-    Start and stop are told twice. By volume: at a start the glue that is missing of what was asked for, up to the
-    middle of the stretch of dispensing, and at a stop what is laid beyond it from there on, each as length of the
-    nominal section; that is what the dispenser's lags and leads make. By place: how far behind the nozzle's place
+    What is laid beyond the nominal section is told in parts that add up,
+
+        error = ramps + starts + running + stops,
+
+    of which `ramps` is the program's and the others are the dispenser's: a fixed flow asks for as much while the path
+    speed ramps as at speed, and so for more than the nominal section on the way; an area asks for the nominal section
+    at any speed, and its ramps are 0. A start lasts until the flow has settled: until it is off the flow asked for by
+    as much as it is in the median over the stretch of dispensing; a stop begins where that is last so. Between the two
+    lies what a limit withholds.
+
+    Start and stop are told twice. By volume: at a start the glue that is missing of what was asked for, and at a stop
+    what is laid beyond it, each as length of the nominal section. By place: how far behind the nozzle's place
     at the program's command half the nominal section is reached first, and last; that is where the bead is seen to
     begin and to end. The ranges are over the stretches of dispensing.
 
@@ -41,12 +51,18 @@ class BeadFigures:
         overlapping: share of the turns' length on which they overlap; None likewise.
         gapping: share on which they leave a gap; None likewise.
         coverage: share of the area between neighbouring turns that is wet, on the height map; None likewise.
-        start: late by so much where positive, by volume.
+        start: missing where positive, by volume.
         stop: too much where positive, by volume; None where no stretch ends within the record.
         begins: late by so much where positive, by place; None where no stretch reaches half the section.
         ends: overrun where positive, by place; None likewise.
         laid: volume laid.
         asked: volume of the nominal section along the commanded path, while the dispenser is on.
+        ramps: volume that the program asks for beyond that, negative for less.
+        starts: volume laid beyond what the program asks for until the flow has settled, negative where it is missing.
+        running: the same from there on, as a limit makes it.
+        stops: the same from where the flow no longer is the settled one, to the record's end.
+        ridge: of glue that has found no room on the height map, over the nozzle's height, as its share; 0 where the
+            map has settled, as `HeightMap.ridge`.
     """
 
     nominal: float
@@ -62,6 +78,11 @@ class BeadFigures:
     ends: Range | None
     laid: float
     asked: float
+    ramps: float
+    starts: float
+    running: float
+    stops: float
+    ridge: float
 
     @property
     def error(self) -> float:
@@ -72,6 +93,11 @@ class BeadFigures:
     def error_percent(self) -> float:
         """The same, of what was asked for [%]."""
         return 100 * self.error / self.asked
+
+    @property
+    def dispenser(self) -> float:
+        """What the dispenser makes of the error, at starts, stops and while running [mm³]."""
+        return self.starts + self.running + self.stops
 
 
 class Bead(Strand):
@@ -95,7 +121,11 @@ class Bead(Strand):
         clearance, weight = self.clearance, self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
-        start, stop, begins, ends = self._ends
+        run, parts = self.run, self._parts
+        # of a stretch that the record's end cuts off there is no stop to tell
+        stopped = self.stretches[:, 1] < len(run.time)
+        start, stop = -parts[:, 0] / self.nominal, parts[stopped, 2] / self.nominal
+        begins, ends = self._ends
         return BeadFigures(
             nominal=self.nominal,
             width=Range.of(self.width[on]),
@@ -110,6 +140,11 @@ class Bead(Strand):
             ends=Range.of(ends) if ends.size else None,
             laid=self.laid,
             asked=self.asked,
+            ramps=float(run.asked[:-1].sum()) * run.period - self.asked,
+            starts=float(parts[:, 0].sum()),
+            running=float(parts[:, 1].sum()),
+            stops=float(parts[:, 2].sum()),
+            ridge=self.map.ridge,
         )
 
     @property
@@ -166,31 +201,57 @@ class Bead(Strand):
         return float(np.average(wet, weights=distance[some]))
 
     @cached_property
-    def _ends(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Start and stop by volume, begin and end by place, those that there are of every stretch [mm]."""
-        run, ticks = self.run, len(self.run.time)
-        more = np.concatenate([[0.0], np.cumsum(run.flow - run.asked)]) * run.period / self.nominal
+    def _bounds(self) -> NDArray[np.intp]:
+        """Ticks from which on what is laid belongs to each stretch; between two half to the one, half to the other."""
+        between = (self.stretches[:-1, 1] + self.stretches[1:, 0]) // 2
+        return np.concatenate([[0], between, [len(self.run.time) - 1]])
+
+    @cached_property
+    def _parts(self) -> Floats:
+        """Volume laid beyond the flow asked for at start, while running and at stop of every stretch, (k, 3) [mm³]."""
+        run = self.run
+        more = np.concatenate([[0.0], np.cumsum((run.flow - run.asked)[:-1])]) * run.period
+        last = more.size - 1
+        ticks = [
+            [low, *self._settled(on, min(off, last)), high]
+            for (on, off), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True)
+        ]
+        parts: Floats = np.diff(more[np.array(ticks)], axis=1)
+        return parts
+
+    def _settled(self, on: int, off: int) -> tuple[int, int]:
+        """Tick at which the flow of a stretch has settled, and that from which on it no longer is so."""
+        asked = self.run.asked[on:off]
+        excess = self.run.flow[on:off] - asked
+        usual = float(np.median(excess)) if excess.size else 0.0
+        # on a ramp the flow may pass what it settles to
+        full = asked >= 0.5 * asked.max(initial=0.0)
+        near = np.flatnonzero(full & (np.abs(excess - usual) <= _SETTLED * asked))
+        middle = (on + off) // 2
+        if not near.size or usual <= -asked.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
+            return middle, middle
+        return on + int(near[0]), on + int(near[-1]) + 1
+
+    @cached_property
+    def _ends(self) -> tuple[Floats, Floats]:
+        """Begin and end by place, those that there are of every stretch [mm]."""
         wet = np.concatenate([[0.0], (self.area >= 0.5 * self.nominal).astype(float), [0.0]])
         first, last = (np.flatnonzero(np.diff(wet) == step) for step in (1, -1))
         rises = np.array([self._crossing(k - 1, k) for k in first.tolist()])
         falls = np.array([self._crossing(k - 1, k) for k in last.tolist()])
-        found: tuple[list[float], ...] = ([], [], [], [])
-        # what is laid between two stretches belongs half way to the one and half way to the other
-        bounds = np.concatenate([[0], (self.stretches[:-1, 1] + self.stretches[1:, 0]) // 2, [ticks - 1]])
+        begins: list[float] = []
+        ends: list[float] = []
         for k, (on, off) in enumerate(self.stretches.tolist()):
-            low, middle, high = int(bounds[k]), (on + off) // 2, int(bounds[k + 1])
-            found[0].append(float(more[low] - more[middle]))
+            low, middle, high = int(self._bounds[k]), (on + off) // 2, int(self._bounds[k + 1])
             begun = rises[(rises >= self.length[low]) & (rises <= self.length[middle])]
             if begun.size:
-                found[2].append(float(begun[0] - self.length[on]))
-            if off >= ticks:
+                begins.append(float(begun[0] - self.length[on]))
+            if off >= len(self.run.time):
                 continue
-            found[1].append(float(more[high] - more[middle]))
             ended = falls[(falls >= self.length[middle]) & (falls <= self.length[high])]
             if ended.size:
-                found[3].append(float(ended[-1] - self.length[off]))
-        start, stop, begins, ends = (np.array(values) for values in found)
-        return start, stop, begins, ends
+                ends.append(float(ended[-1] - self.length[off]))
+        return np.array(begins), np.array(ends)
 
     def _crossing(self, before: int, after: int) -> float:
         """Place between two stations where the section is half the nominal one; at the trace's ends these [mm]."""

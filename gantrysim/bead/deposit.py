@@ -21,9 +21,12 @@ _SAMPLES = 3.0  # per cell, across the bead and along it
 _MARGIN = 4  # cells around the bead
 _SPREADING = 0.25  # of its width, around it
 _MOST_CELLS = 2e7
+_WIDEST = 1 / 3  # cell, of the nominal width
+_BLOCK = 8  # cells in a row, on which it is tried how far glue that is pushed aside comes
 _EVEN = 1e-3  # of the gap, within which the nozzle's height is one
 _RIPPLE = 0.02  # of the nozzle's height, by which a flat may be uneven
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
+_TRIAL = 1000  # of them, on a coarse map
 _WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
 _BISECTIONS = 60
 
@@ -39,29 +42,40 @@ class HeightMap:
     1 - kappa u, with the trace's curvature kappa and the distance u to its left: the inner side of a bend has less
     way to lie on. Its ends are round: half the body that the section makes when it turns about its middle. Where
     beads overlap their heights add. Where that is higher than the nozzle stood its face pushes the excess aside, into
-    the nearest cells with room; what finds none stays as a ridge. That is done at the end, for the whole map at once,
+    the nearest cells with room, of which there are as many around the bead as that takes. What still stands above
+    the face after so many sweeps is told as `ridge`. That is done at the end, for the whole map at once,
     and so knows no order of the turns. A bead that is not squashed is not pushed. All steps conserve volume.
 
     Attributes:
         x, y: middles of the cells, (nx,) and (ny,) [mm].
         height: mean over each cell, (ny, nx) [mm].
         contact: height at which a bead of the nominal section ends, as the cells blur it [mm].
+        ridge: of glue that the nozzle's face did not find room for, above the face, as share of its height; 0 where
+            the map has settled.
     """
 
     x: Floats
     y: Floats
     height: Floats
     contact: float
+    ridge: float = 0.0
 
     @classmethod
     def of(cls, bead: Strand) -> HeightMap:
         """Return the map of a bead.
 
         Raises:
-            InputError: cells so small that there are too many.
+            InputError: cells so small that there are too many, or so large that they do not show the bead.
         """
         cell = bead.settings.cell
-        _check_cells((np.ptp(bead.point[:, :2], axis=0) + bead.nominal_section.width) / cell, cell)
+        width = float(bead.nominal_section.width[0])
+        if cell > _WIDEST * width > 0:
+            raise InputError(
+                f"cell = {cell:g} mm: must be at most {_WIDEST * width:.4g} mm, a third of the bead's width of "
+                f"{width:.4g} mm"
+            )
+        # before anything is made that is as long as the bead is wide
+        _check_cells(bead, (np.ptp(bead.point[:, :2], axis=0) + width) / cell)
         volume = 0.5 * (bead.area[1:] + bead.area[:-1]) * bead.ds
         ends = list(_round_ends(bead, volume))
         x, y = _grid(bead, volume, ends)
@@ -89,13 +103,14 @@ class HeightMap:
             max(math.ceil(bead.ds * _SAMPLES / cell), 1),
             _SAMPLES,
         )
-        height = glue / cell**2
+        height, excess = glue / cell**2, 0.0
         if bead.settings.squashed:
             ceiling = np.full_like(glue, bead.gap)
             if uneven:  # the nozzle's height over a cell is the mean over the glue laid there
                 np.divide(moment, glue, out=ceiling, where=glue > 0)
-            push_aside(height, ceiling, _RIPPLE, _SWEEPS)
-        return cls(x, y, height, _contact(bead, cell))
+            x, y, height, ceiling = _with_room(bead, x, y, height, ceiling)
+            excess = push_aside(height, ceiling, _RIPPLE, _SWEEPS)
+        return cls(x, y, height, _contact(bead, cell), excess if excess > 2 * _RIPPLE else 0.0)
 
     @property
     def cell(self) -> float:
@@ -147,15 +162,65 @@ def _grid(bead: Strand, volume: Floats, ends: list[_End]) -> tuple[Floats, Float
     around = _MARGIN * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
     low = np.floor((low - around) / cell) * cell
     count = np.ceil((high + around - low) / cell) + 1
-    if count.prod() > _MOST_CELLS:
-        raise InputError(f"cell = {cell:g} mm: makes a height map of {count.prod():.3g} cells, at most {_MOST_CELLS:g}")
+    _check_cells(bead, count)
     nx, ny = int(count[0]), int(count[1])
     return low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)
 
 
-def _check_cells(count: Floats, cell: float) -> None:
-    if count.prod() > _MOST_CELLS:
-        raise InputError(f"cell = {cell:g} mm: makes a height map of {count.prod():.3g} cells, at most {_MOST_CELLS:g}")
+def _check_cells(bead: Strand, count: ArrayLike) -> None:
+    cells = float(np.prod(np.asarray(count, float)))
+    if not cells <= _MOST_CELLS:
+        raise InputError(
+            f"cell = {bead.settings.cell:g} mm: of a bead {float(bead.nominal_section.width[0]):.4g} mm wide, "
+            f"{float(bead.width.max()):.4g} mm where it is widest, makes a height map of {cells:.3g} cells, "
+            f"at most {_MOST_CELLS:g}"
+        )
+
+
+def _with_room(
+    bead: Strand, x: Floats, y: Floats, height: Floats, ceiling: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return a map with as many dry cells around it as what is pushed aside will need.
+
+    That is tried on a map of coarse cells.
+    """
+    coarse, over = _blocks(height, 0.0), _blocks(ceiling, bead.gap)
+    room = 0  # coarse cells
+    while True:
+        tried = np.pad(coarse, room)
+        push_aside(tried, np.pad(over, room, constant_values=bead.gap), _RIPPLE, _TRIAL)
+        if not max(tried[0].max(), tried[-1].max(), tried[:, 0].max(), tried[:, -1].max()) > 0:
+            break
+        room = max(2 * room, max(coarse.shape) // 4, 2)
+        _check_cells(bead, (np.array(coarse.shape) + 2 * room) * float(_BLOCK))
+    if not room:
+        return x, y, height, ceiling
+    wet_rows, wet_columns = np.flatnonzero(tried.any(axis=1)), np.flatnonzero(tried.any(axis=0))
+    # as much as is wet, with a coarse cell beyond; where the map begins is where it began, a whole number of cells off
+    more = [
+        _BLOCK * max(room - int(wet[0]) + 1, 0) for wet in (wet_rows, wet_columns)
+    ]
+    beyond = [
+        _BLOCK * max(int(wet[-1]) + 2 - room - size, 0)
+        for wet, size in zip((wet_rows, wet_columns), coarse.shape, strict=True)
+    ]
+    around = tuple(zip(more, beyond, strict=True))
+    cell = bead.settings.cell
+    _check_cells(bead, [sum(pair) + size for pair, size in zip(around, height.shape, strict=True)])
+    height = np.pad(height, around)
+    ceiling = np.pad(ceiling, around, constant_values=bead.gap)
+    x = x[0] + cell * (np.arange(height.shape[1]) - more[1])
+    y = y[0] + cell * (np.arange(height.shape[0]) - more[0])
+    return x, y, height, ceiling
+
+
+def _blocks(values: Floats, beyond: float) -> Floats:
+    """Means over blocks of cells; what lacks to whole ones is `beyond`."""
+    lacking = [(0, -size % _BLOCK) for size in values.shape]
+    whole = np.pad(values, lacking, constant_values=beyond)
+    ny, nx = (size // _BLOCK for size in whole.shape)
+    means: Floats = whole.reshape(ny, _BLOCK, nx, _BLOCK).mean(axis=(1, 3))
+    return means
 
 
 def _round_ends(bead: Strand, volume: Floats) -> Iterator[_End]:

@@ -6,25 +6,22 @@ Heights are volumes per cell here, places are in cells.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar
-
-import numba
+from typing import Any, Literal
 import numpy as np
 
 from gantrysim.controllers.path import Floats
+from gantrysim.jit import jit
 
 __all__ = ["drop", "lay", "push_aside"]
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_COARSEST = 16  # rows or columns
+_FINER = 0.25  # ripple of a coarser grid, of that of the finer one
+_LEAST_RIPPLE = 1e-3
+_CHUNK = 20  # sweeps
+_ROUGH = 1.7
+_ROUGH_SWEEPS = 200
 
-
-def _jit(function: _Function) -> _Function:
-    compiled: _Function = numba.njit(cache=True, error_model="numpy")(function)
-    return compiled
-
-
-@_jit
+@jit
 def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap: float) -> None:
     """Share volumes at points between the four cells around each; `moment`, unless it is empty, sums volume * gap."""
     ny, nx = glue.shape
@@ -39,7 +36,7 @@ def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap
                     moment[row, column] += share * volume[k] * gap
 
 
-@_jit
+@jit
 def lay(
     glue: Floats,
     moment: Floats,
@@ -122,9 +119,8 @@ def lay(
                         moment[row, i + 1] += a * high * g
 
 
-@_jit
-def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> int:
-    """Push what stands above the ceiling aside, and return the number of sweeps.
+def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> float:
+    """Push what stands above the ceiling aside, and return by which share of the ceiling a cell is still off it.
 
     A cell above its ceiling c hands its excess in equal parts to its neighbours, which do likewise: the divisible
     sandpile, whose heap about a point is a disc (Levine and Peres, Potential Analysis 30, 2009). So excess finds room
@@ -132,7 +128,9 @@ def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> i
 
         h = h0 - u + sum(u / 4 of the neighbours),  u >= 0,  h <= c,  and h = c where u > 0,
 
-    which is an obstacle problem, solved by successive over-relaxation with projection.
+    which is an obstacle problem, solved by successive over-relaxation with projection. It begins with what a grid of
+    cells twice as large hands on, four times that, which is found in the same way; so its sweeps do not grow in number
+    with the way that glue has to go.
 
     Args:
         height: h, (ny, nx), changed; its sum is kept.
@@ -140,20 +138,96 @@ def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> i
         ripple: share of the ceiling by which a cell may be off it.
         sweeps: most of them; what has not found room by then stays as a ridge.
     """
+    _handed_on(height, ceiling, ripple, sweeps)
+    return max(float((height / ceiling).max()) - 1.0, 0.0)
+
+
+def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> Floats:
+    """Push aside, and return what every cell has handed on, u, (ny, nx)."""
+    handed = np.zeros(height.shape)
+    if not (height > ceiling * (1.0 + ripple)).any():
+        return handed
+    if min(height.shape) > _COARSEST:
+        finer = _FINER * ripple if ripple > _LEAST_RIPPLE else ripple
+        coarse = _handed_on(_coarser(height, "constant"), _coarser(ceiling, "edge"), finer, sweeps)
+        handed = np.ascontiguousarray(4.0 * _finer(_finer(coarse).T).T[: height.shape[0], : height.shape[1]])
+        _hand_on(height, handed)
+    cells, listed, count = _to_push(height, ceiling, handed, ripple)
+    for first in range(0, sweeps, _CHUNK):  # in between an interrupt is heard
+        # what the coarse start leaves is rough, and wants little over-relaxation; what stays after that is long
+        best = 2.0 / (1.0 + math.pi / max(math.sqrt(count), 4.0))  # for a square of so many cells
+        factor = min(best, _ROUGH) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST else best
+        settled, count = _sweep(
+            height, ceiling, handed, cells, listed, count, ripple, factor, min(_CHUNK, sweeps - first)
+        )
+        if settled:
+            break
+    return handed
+
+
+def _coarser(values: Floats, pad: Literal["constant", "edge"]) -> Floats:
+    """Means over two by two cells, those at a rim that is left over with zeros or with the rim's own."""
+    even = np.pad(values, [(0, size % 2) for size in values.shape], mode=pad)
+    coarse: Floats = 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
+    return coarse
+
+
+def _finer(values: Floats) -> Floats:
+    """Values in proportion in the middles of rows half as wide, (2 ny, nx)."""
+    rim = np.pad(values, ((1, 1), (0, 0)), mode="edge")
+    fine = np.empty((2 * values.shape[0], values.shape[1]))
+    fine[::2] = 0.75 * values + 0.25 * rim[:-2]
+    fine[1::2] = 0.75 * values + 0.25 * rim[2:]
+    return fine
+
+
+@jit
+def _hand_on(height: Floats, handed: Floats) -> None:
     ny, nx = height.shape
-    handed = np.zeros((ny, nx))
+    for j in range(ny):
+        for i in range(nx):
+            change = handed[j, i]
+            around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
+            if change == 0.0:
+                continue
+            height[j, i] -= change
+            for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+                if 0 <= p < ny and 0 <= q < nx:
+                    height[p, q] += change / around
+
+
+@jit
+def _to_push(height: Floats, ceiling: Floats, handed: Floats, ripple: float) -> tuple[Any, Any, int]:
+    """Cells that stand above the ceiling or have handed on, whether a cell is one, and their number."""
+    ny, nx = height.shape
     listed = np.zeros((ny, nx), np.bool_)
     cells = np.empty(ny * nx, np.int32)
     count = 0
     for j in range(ny):
         for i in range(nx):
-            if height[j, i] > ceiling[j, i] * (1.0 + ripple):
+            if height[j, i] > ceiling[j, i] * (1.0 + ripple) or handed[j, i] > 0.0:
                 cells[count] = j * nx + i
                 listed[j, i] = True
                 count += 1
-    for sweep in range(sweeps):
+    return cells, listed, count
+
+
+@jit
+def _sweep(
+    height: Floats,
+    ceiling: Floats,
+    handed: Floats,
+    cells: Any,
+    listed: Any,
+    count: int,
+    ripple: float,
+    factor: float,
+    sweeps: int,
+) -> tuple[bool, int]:
+    """Sweep over the listed cells, and return whether none is off its ceiling, and how many there are then."""
+    ny, nx = height.shape
+    for _ in range(sweeps):
         settled = True
-        factor = 2.0 / (1.0 + math.pi / max(math.sqrt(count), 4.0))  # the best for a square of so many cells
         for k in range(count):  # grows meanwhile; the new ones wait for the next sweep
             j, i = cells[k] // nx, cells[k] % nx
             off = height[j, i] - ceiling[j, i]
@@ -173,5 +247,5 @@ def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> i
                         cells[count] = p * nx + q
                         count += 1
         if settled:
-            return sweep
-    return sweeps
+            return True, count
+    return False, count

@@ -13,6 +13,7 @@ from gantrysim.budget import Budget, PartFigures
 from gantrysim.machine import Machine
 from gantrysim.metrics import THOUSANDTH, Analysis, Range
 from gantrysim.page.document import Column, Section, Table
+from gantrysim.tables import ridge_note
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -173,8 +174,8 @@ def bead_section(bead: Bead) -> Section:
     facts = [
         (
             "Volume laid",
-            f"{figures.laid:.1f} mm³",
-            f"{_signed(figures.error_percent)} % against {figures.asked:.1f} mm³ asked for",
+            f"{figures.laid:.4g} mm³",
+            f"{_signed(figures.error_percent)} % against {figures.asked:.4g} mm³ asked for",
         ),
         ("Cross-section", f"{figures.section.mean:.3f} mm²", f"nominal {figures.nominal:.3f} mm²"),
         ("Width", f"{figures.width.mean:.3f} mm", f"from {figures.width.min:.3f} to {figures.width.max:.3f} mm"),
@@ -189,9 +190,24 @@ def bead_section(bead: Bead) -> Section:
                 f"turns overlap on {100 * figures.overlapping:.1f} % of their length",
             ),
         ]
+    volumes = Table(
+        ["part", Column("volume [mm³]", ".4g"), Column("of what was asked for [%]", ".3f"), "what it is"],
+        [
+            [name, value, 100 * value / figures.asked, meaning]
+            for name, value, meaning in (
+                ("ramps", figures.ramps, "asked for by the program beyond the nominal section, as the speed ramps"),
+                ("starts", figures.starts, "laid beyond what the program asks for until the flow has settled"),
+                ("running", figures.running, "the same while it has, as a limit makes it"),
+                ("stops", figures.stops, "the same from where the dispenser closes"),
+                ("error", figures.error, "all of it"),
+            )
+        ],
+        "Volume laid beyond the nominal section along the path, in parts that add up",
+    )
     tall = plots.view_height(float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y)), _PLAN)
     return Section(
         "Bead",
+        [f"The height map has not settled: {ridge_note(figures)}."] if figures.ridge else None,
         facts=facts,
         figure=[
             drawn(plots.draw_height_map, bead, _PLAN, 0.9 * tall),
@@ -201,11 +217,14 @@ def bead_section(bead: Bead) -> Section:
             "Map of the glue's height in plan view.",
             "Width of the bead along the nozzle's trace, and the gap or overlap between neighbouring turns.",
         ],
-        table=Table(
-            columns,
-            [one for one in rows if one],
-            "The bead while the dispenser is on; its starts and stops in lengths of nominal bead",
-        ),
+        table=[
+            Table(
+                columns,
+                [one for one in rows if one],
+                "The bead while the dispenser is on; its starts and stops in lengths of nominal bead",
+            ),
+            volumes,
+        ],
     )
 
 

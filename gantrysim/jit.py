@@ -1,0 +1,18 @@
+"""Native code: how numba compiles a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+
+__all__ = ["jit"]
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def jit(function: _Function) -> _Function:
+    """Compile a function for numbers as NumPy treats them, and keep what is compiled on the disk."""
+    compiled: _Function = numba.njit(cache=True, error_model="numpy")(function)
+    return compiled
