@@ -28,7 +28,6 @@ _MOST_PIECES = 40  # time constants after which a lag is over
 _EDGE = 1e-9  # of a servo period, within which an edge is at the tick
 
 
-
 @dataclass(frozen=True)
 class Dispenser:
     """A dispenser with valve and pump or pressure vessel; `Dispenser()` lays nothing.

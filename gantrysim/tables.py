@@ -103,7 +103,9 @@ def _add_bead(table: Table, bead: BeadFigures) -> None:
 
 def ridge_note(bead: BeadFigures) -> str:
     """What is said of a height map that has not settled."""
-    return f"glue found no room and stands {100 * bead.ridge:.3g} % above the nozzle: heights and coverage are not right"
+    return (
+        f"glue found no room and stands {100 * bead.ridge:.3g} % above the nozzle: heights and coverage are not right"
+    )
 
 
 def _volume(value: float, whole: float) -> str:

@@ -174,6 +174,57 @@ def test_start_and_stop_are_off_by_the_way_of_their_lags(lead):
     assert figures.error_percent == pytest.approx(100 / 90, rel=1e-3)
 
 
+def ramped(dispenser):
+    """A bead along a line whose speed ramps to SPEED and back in 0.2 s each, at SPEED for a second."""
+    speed = np.concatenate(
+        [np.linspace(0, SPEED, 200), np.full(1000, SPEED), np.linspace(SPEED, 0, 200), np.zeros(300)]
+    )
+    position = np.concatenate([[0.0], np.cumsum(speed) * PERIOD])[:-1] - 60.0
+    on = np.arange(speed.size) < 1400
+    base = run_setpoints(laid(XY, line()))
+    points = replace(base, position=np.stack([position, 0 * position], axis=1), dispense=on)
+    return Bead(perfect_follower(XY, points, dispenser=dispenser), BeadSettings())
+
+
+@pytest.mark.parametrize(
+    "lags", [{}, LAGS, {**LAGS, "start_lead": 0.0, "stop_lead": 0.04}], ids=["none", "lags", "lead"]
+)
+@pytest.mark.parametrize("fixed", [True, False])
+def test_the_volume_error_is_the_sum_of_its_parts(fixed, lags):
+    """A fixed flow on ramps of 0.2 s each asks for half of 0.4 s more; an area for none; no lags, no more."""
+    figures = ramped(Dispenser(**({"flow": AREA * SPEED} if fixed else {"area": AREA}), **lags)).figures
+    parts = figures.ramps + figures.starts + figures.running + figures.stops
+    assert parts == pytest.approx(figures.error, abs=1e-9)
+    assert figures.dispenser == pytest.approx(figures.error - figures.ramps, abs=1e-9)
+    assert figures.ramps == pytest.approx(AREA * SPEED * 0.2 if fixed else 0.0, rel=1e-2, abs=1e-9)
+    if not lags:
+        assert [figures.starts, figures.running, figures.stops] == pytest.approx([0, 0, 0], abs=1e-9)
+    elif fixed:
+        assert figures.starts == pytest.approx(-AREA * SPEED * 0.05, rel=1e-3)
+        assert figures.stops == pytest.approx(AREA * SPEED * (0.06 - lags.get("stop_lead", 0.0)), rel=1e-3)
+        assert figures.running == pytest.approx(0, abs=1e-3)
+    else:  # of a lag on a ramp the volume is that of the same way; after the last setpoint the flow closes with 0.06 s
+        assert figures.starts == pytest.approx(-AREA * SPEED * 0.05, rel=1e-2)
+        assert figures.running == pytest.approx(0, abs=1e-2)
+
+
+def test_what_a_limit_withholds_is_told_while_running_and_not_as_a_late_start():
+    """Three quarters of what is asked for at speed: a quarter is missing all the way but on the ramps' lower parts."""
+    dispenser = Dispenser(area=AREA, limit=0.75 * AREA * SPEED, dead_time=0.01, opening=0.01, closing=0.01)
+    figures = ramped(dispenser).figures
+    assert figures.running == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
+    assert figures.ramps == pytest.approx(0.0, abs=1e-9)
+    assert figures.start.mean < 8.0  # [mm], where the whole way lacks 27 mm
+    assert figures.starts + figures.running + figures.stops == pytest.approx(figures.error, abs=1e-9)
+    whole = ramped(replace(dispenser, limit=math.inf)).figures
+    assert whole.running == pytest.approx(0.0, abs=1e-2)
+
+
+def test_a_start_that_an_advance_makes_good_is_no_error():
+    bead = ramped(Dispenser(flow=AREA * SPEED, opening=0.02, closing=0.02, advance=0.02))
+    assert bead.figures.start.mean == pytest.approx(0.0, abs=1e-3)
+
+
 def test_starts_and_stops_are_told_of_every_stretch():
     path = line(200.0, start=(-100.0, 0.0))
     bead = laid(XY, path, Dispenser(flow=AREA * SPEED, dead_time=0.01))

@@ -352,6 +352,8 @@ def test_cells_too_small_for_the_bead_are_refused():
 
 def test_cells_too_large_for_the_bead_are_refused():
     width = float(nominal().width[0])
-    with pytest.raises(InputError, match=r"cell = 50 mm: must be at most 1.5\d+ mm, a third of the bead's width of 4.5"):
+    with pytest.raises(
+        InputError, match=r"cell = 50 mm: must be at most 1.5\d+ mm, a third of the bead's width of 4.5"
+    ):
         HeightMap.of(laid(XY, line(), cell=50.0))
     assert laid(XY, line(), cell=0.333 * width).map.volume == pytest.approx(AREA * 100.0, rel=VOLUME)

@@ -63,11 +63,28 @@ def test_the_table_is_what_the_job_gives():
 
 def test_the_bead_is_what_the_job_gives():
     job = Job.load("an225")
-    bead = Bead(job.run(), job.bead).figures
-    said = re.search(r"comes ([\d.]+) mm late, and ([\d.]+) mm too much .*: ([\d.]+) % more glue", README, re.DOTALL)
+    run = job.run()
+    strand = Bead(run, job.bead)
+    bead = strand.figures
+    said = re.search(
+        r"Here ([\d.]+) mm of bead are missing .*\s([\d.]+) mm too much .* the ([\d.]+) % more glue .* \(([\d.]+) mm³\)"
+        r" .* makes ([\d.]+) mm³ .*\sother ([\d.]+) mm³ is its fixed flow .*, ([\d.]+) mm³ of it at the end",
+        README,
+        re.DOTALL,
+    )
     assert float(said[1]) == pytest.approx(bead.start.mean, abs=0.01)
     assert float(said[2]) == pytest.approx(bead.stop.mean, abs=0.01)
     assert float(said[3]) == pytest.approx(bead.error_percent, abs=0.01)
+    assert float(said[4]) == pytest.approx(bead.error, abs=0.1)
+    assert float(said[5]) == pytest.approx(bead.dispenser, abs=0.1)
+    assert float(said[6]) == pytest.approx(bead.ramps, abs=0.1)
+    slow = slice(len(run.time) // 2, -1)
+    at_end = (run.asked[slow].sum() * run.period) - bead.nominal * (strand.commanded_steps * run.dispense[:-1])[
+        slow
+    ].sum()
+    assert float(said[7]) == pytest.approx(at_end, abs=1)
+    even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
+    assert Bead(even.follow(), even.bead).figures.ramps == pytest.approx(0, abs=1e-6)
     assert bead.overlapping > 0  # the blob touches the turn beside it
 
 

@@ -197,9 +197,7 @@ def _with_room(
         return x, y, height, ceiling
     wet_rows, wet_columns = np.flatnonzero(tried.any(axis=1)), np.flatnonzero(tried.any(axis=0))
     # as much as is wet, with a coarse cell beyond; where the map begins is where it began, a whole number of cells off
-    more = [
-        _BLOCK * max(room - int(wet[0]) + 1, 0) for wet in (wet_rows, wet_columns)
-    ]
+    more = [_BLOCK * max(room - int(wet[0]) + 1, 0) for wet in (wet_rows, wet_columns)]
     beyond = [
         _BLOCK * max(int(wet[-1]) + 2 - room - size, 0)
         for wet, size in zip((wet_rows, wet_columns), coarse.shape, strict=True)

@@ -21,6 +21,7 @@ _CHUNK = 20  # sweeps
 _ROUGH = 1.7
 _ROUGH_SWEEPS = 200
 
+
 @jit
 def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap: float) -> None:
     """Share volumes at points between the four cells around each; `moment`, unless it is empty, sums volume * gap."""
