@@ -2,7 +2,7 @@
 
 from gantrysim import metrics
 from gantrysim.axis import Axis
-from gantrysim.bead import Bead
+from gantrysim.bead import Bead, BeadSettings, HeightMap
 from gantrysim.budget import Budget
 from gantrysim.controllers.servo import Servo, Tick
 from gantrysim.dispenser import Dispenser
@@ -18,10 +18,12 @@ __version__ = "0.1.0"
 __all__ = [
     "Axis",
     "Bead",
+    "BeadSettings",
     "Budget",
     "Dispenser",
     "Fault",
     "GantryError",
+    "HeightMap",
     "InputError",
     "Job",
     "Machine",

@@ -25,6 +25,7 @@ __all__ = ["Dispenser"]
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 
 _MOST_PIECES = 40  # time constants after which a lag is over
+_MOST = 1e9  # of flow, area and pressure
 _EDGE = 1e-9  # of a servo period, within which an edge is at the tick
 
 
@@ -86,7 +87,8 @@ class Dispenser:
     def __post_init__(self) -> None:
         asked = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
         for name, unit in asked.items():
-            at_least(name, getattr(self, name), 0, unit)
+            if at_least(name, getattr(self, name), 0, unit) > _MOST:
+                raise InputError(f"{name} = {getattr(self, name):g} {unit}: must be at most {_MOST:g} {unit}")
         given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in asked.items() if getattr(self, name)]
         if len(given) > 1:
             raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be asked for")
@@ -96,6 +98,8 @@ class Dispenser:
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which turns pressure into flow")
+        if self.metering == VOLUMETRIC and self.needle is not None:
+            raise InputError("metering volumetric: meters the flow whatever the needle; a needle needs time-pressure")
         if self.pressure and self.metering == VOLUMETRIC:
             raise InputError(f"{given[0]}: metering volumetric meters flow or area; pressure needs time-pressure")
         if self.limit != math.inf:
@@ -131,13 +135,20 @@ class Dispenser:
             period: servo period [s].
 
         Raises:
-            InputError: a start lead longer than the time before the first dispensing.
+            InputError: a start lead longer than the time before the first dispensing, or arrays that are not of one
+                shape, (n,), or not of finite numbers.
         """
-        on = np.asarray(dispense, bool)
+        on, speeds = np.asarray(dispense, bool), np.asarray(speed, float)
+        positive("period", period, "s")
+        if on.ndim != 1 or speeds.shape != on.shape:
+            raise InputError(f"speed of shape {speeds.shape}: must be that of dispense, (n,), here {on.shape}")
+        if not np.isfinite(speeds).all() or (speeds < 0).any():
+            wrong = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
+            raise InputError(f"speed = {speeds[wrong]:g} mm/s at tick {wrong}: must be finite and at least 0 mm/s")
         begins, ends = self._valve(on, period)
         if not begins.size or not (self.flow or self.area or self.pressure):
             return np.zeros(on.size)
-        request = self._request(self._asked_flow(np.asarray(speed, float)))
+        request = self._request(self._asked_flow(speeds))
         ticks = np.arange(on.size + 1, dtype=np.float64)
         # breaks: where the request changes, in periods; gate: whether the valve is open from each to the next
         breaks = np.unique(np.concatenate([ticks, begins, ends]))

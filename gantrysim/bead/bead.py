@@ -113,9 +113,12 @@ class Bead(Strand):
         """The figures; of a run that a fault ended, those up to the fault.
 
         Raises:
-            InputError: no glue is asked for while the nozzle is to move.
+            InputError: no glue is asked for while the nozzle is to move, or not at a speed that is steady before a
+                fault.
         """
         if not self.nominal > 0:
+            if self.run.fault is not None and self.run.asked.any():
+                raise InputError("the fault came before the path speed was steady: what section was asked for is unknown")
             raise InputError("the run asks for no glue while the nozzle moves: its bead has no figures")
         on = self.dispensing
         clearance, weight = self.clearance, self._turn_lengths

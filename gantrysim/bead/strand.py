@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.bead.section import Section
 from gantrysim.controllers.path import Floats
-from gantrysim.errors import InputError, finite, positive
+from gantrysim.errors import InputError, at_least, finite, whole
 from gantrysim.metrics import Analysis
 from gantrysim.run import Run
 
@@ -23,6 +23,9 @@ __all__ = ["BeadSettings", "Strand", "surface_steps"]
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
+_LEAST = 1e-6  # [mm], of gap and cell
+_LEAST_ANGLE = 1.0  # [deg], below which glue is a film without a shape
+_STEADY, _MOSTLY = 0.1, 0.5  # of the median speed, and of the ticks up to a fault, for it to be that of the path
 _SHORTEST = 1e-6  # [mm], of a trace that is no more than a dot
 _LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
 
@@ -33,7 +36,7 @@ class BeadSettings:
 
     Attributes:
         gap: height of the nozzle above the surface where it is on the requested path; None for the machine's [mm].
-        contact_angle: of a drop on the surface, above 0 and at most 90 [deg].
+        contact_angle: of a drop on the surface, from 1 to 90 [deg].
         squashed: whether a bead that would stand higher than the nozzle stays squashed to the nozzle's height; else it
             relaxes to a sessile one behind it.
         cell: of the height map [mm].
@@ -48,10 +51,12 @@ class BeadSettings:
 
     def __post_init__(self) -> None:
         if self.gap is not None:
-            positive("gap", self.gap, "mm")
-        if not 0 < finite("contact_angle", self.contact_angle, "deg") <= 90:
-            raise InputError(f"contact_angle = {self.contact_angle:g} deg: must be above 0 and at most 90 deg")
-        positive("cell", self.cell, "mm")
+            at_least("gap", self.gap, _LEAST, "mm")
+        if not _LEAST_ANGLE <= finite("contact_angle", self.contact_angle, "deg") <= 90:
+            raise InputError(
+                f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
+            )
+        at_least("cell", self.cell, _LEAST, "mm")
 
 
 class Strand:
@@ -88,7 +93,7 @@ class Strand:
         steps = surface_steps(run.nozzle)
         self.length: Floats = np.concatenate([[0.0], np.cumsum(steps)])
         total = max(float(self.length[-1]), _SHORTEST)
-        count = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS)) if stations is None else stations
+        count = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS)) if stations is None else whole("stations", stations, 2)
         self.place: Floats = np.linspace(0.0, total, count)
 
     @cached_property
@@ -135,11 +140,17 @@ class Strand:
     def nominal(self) -> float:
         """Section asked for, the median over the ticks of the flow asked for over the commanded speed [mm²].
 
-        Of a fixed flow that is the flow over the median speed; 0 where glue is asked for at rest alone, or none.
+        Of a fixed flow that is the flow over the median speed. 0 where it is not known: where glue is asked for at rest
+        alone, or none, or where a fault ends the run before the speed of a fixed flow is steady.
         """
         asked, speed = self.run.asked[:-1], self.commanded_steps / self.run.period
         moving = (asked > 0) & (speed > 0)
-        return float(np.median(asked[moving] / speed[moving])) if moving.any() else 0.0
+        if not moving.any():
+            return 0.0
+        sections = asked[moving] / speed[moving]
+        section = float(np.median(sections))
+        steady = np.abs(sections - section) <= _STEADY * section
+        return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
 
     @cached_property
     def commanded_steps(self) -> Floats:
