@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
+from functools import cache
 from typing import Any, Protocol, get_args, get_type_hints
 
 from pydantic import ConfigDict
@@ -82,14 +83,16 @@ def _without_none(value: Any) -> Any:
 
 def keys(name: str) -> list[str]:
     """Return the dotted names of a program's arguments, those of its parts included; none where there is no such."""
-    return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []
+    return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []  # type: ignore[arg-type]
 
 
-def dotted(table: type[Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted names of a dataclass' fields, those of its parts included."""
-    hints = get_type_hints(table)
+@cache
+def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
+    """Return the dotted names of a dataclass' fields, those of its parts included."""
+    hints, names = get_type_hints(table), []
     for field in fields(table):
-        yield prefix + field.name
+        names.append(prefix + field.name)
         for part in (hints[field.name], *get_args(hints[field.name])):
             if is_dataclass(part) and isinstance(part, type):
-                yield from dotted(part, f"{prefix}{field.name}.")
+                names += dotted(part, f"{prefix}{field.name}.")
+    return tuple(names)

@@ -85,6 +85,29 @@ def test_the_key_tells_results_apart_and_tags_do_not_matter(job):
     assert dict(case.tagged(sweep="a").tagged(sweep="b").tags) == {"sweep": "b"}
 
 
+def test_what_the_job_has_anyway_is_no_change(job):
+    own = {"program.loop_period": 0.05, "program.turns": 1, "program.wait_resolution": 1e-3, "servo.period": 1e-3}
+    assert Case.of(job, own) == Case.of(job)
+    assert Case.of(job, {**own, "program.turns": 2}).settings == {"program.turns": 2}
+    for none in ({"program.lop_period": None}, {"name.x": 1}, {"servo.perod": 1}):
+        assert Case.of(job, none).settings == none
+        assert measure(Case.of(job, none))["status"].startswith("refused: unknown key")
+
+
+def test_a_changed_case_shares_what_is_the_job_s_own(job):
+    encoder, slower = Case.of(job, {"servo.resolution": 0.01}), Case.of(job, {"program.speed": 120.0})
+    own, same = Case.of(job).job(), encoder.job()
+    assert same is encoder.job()
+    assert same.built_machine is own.built_machine
+    assert same.controller is own.controller
+    assert slower.job().controller is not own.controller
+    assert slower.job().controller.speed == 120.0
+    other = Case.of(job, {"machine": "xyz"}).job()
+    assert other.built_machine.name == "xyz"
+    fresh = Job.load("an225", [*SHORT, "servo.resolution=0.01"])
+    assert measure(encoder) == {"status": "ok", **figures_row(fresh.run(), fresh.bead)}
+
+
 def test_the_key_belongs_to_a_version(job, monkeypatch):
     before = Case.of(job).key
     monkeypatch.setattr(gantrysim, "__version__", "99")
@@ -272,7 +295,7 @@ class Counted:
         self.seen, self.interrupted_at = [], interrupted_at
 
     def __call__(self, case):
-        value = dict(case.settings).get("program.loop_period")
+        value = case.job().program["loop_period"]
         if len(self.seen) == self.interrupted_at:
             raise KeyboardInterrupt
         self.seen.append(value)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Job
-from gantrysim.study import run_study
+from gantrysim.study import Case, run_study
 from gantrysim.study.loop import (
     AS_IT_IS,
     FREE,
@@ -92,7 +92,7 @@ def test_scatter_has_no_order_and_counts_in_full():
 def test_the_default_study_has_at_least_60_simulations(study):
     simulated = {case.key for case in study.cases if case.mode == "simulated"}
     assert len(simulated) >= 60
-    assert len({case.key for case in study.cases}) == len(study.cases)
+    assert len({(case.key, *dict(case.tags).values()) for case in study.cases}) == len(study.cases)
     assert {dict(case.tags)["sweep"] for case in study.cases} == set(SWEEPS)
     periods = [dict(c.tags)["value"] for c in study.cases if dict(c.tags)["sweep"] == "loop_period"]
     assert (min(p for p in periods if p), max(periods)) == (1e-3, 1.0)
@@ -107,7 +107,8 @@ def chosen(study, sweep, variant):
 def test_variants_of_a_move_spiral(study):
     for case in chosen(study, "loop_period", AS_IT_IS):
         changed = case.settings
-        assert changed == {"program.loop_period": dict(case.tags)["value"]}
+        value = dict(case.tags)["value"]
+        assert changed == ({} if value == study.job.program["loop_period"] else {"program.loop_period": value})
     job = chosen(study, "loop_period", LOOP_ALONE)[-1].job()
     assert (job.program["acceleration"], job.program["wait_resolution"]) == (math.inf, 0.0)
     assert "ratio_bits" not in job.program
@@ -118,6 +119,20 @@ def test_variants_of_a_move_spiral(study):
     assert smooth.perturbation.friction < 1e-6
     assert smooth.job().servo.resolution == 0
     assert smooth.job().servo.integral_time == math.inf
+
+
+def test_the_job_itself_is_run_once_for_all_sweeps(study):
+    sweeps = {dict(case.tags)["sweep"] for case in study.cases if case.key == Case.of(study.job).key}
+    assert sweeps == set(SWEEPS)
+
+
+def test_slow_servos_are_run_at_no_finer_steps_than_their_theory_needs(study):
+    steps = {dict(c.tags)["value"]: c.job().simulation.physics_step for c in chosen(study, "servo_period", NO_FRICTION)}
+    own = study.job.built_machine.model.opt.timestep
+    assert steps[2.5e-4] == steps[1e-3] == own / 4
+    assert steps[2e-3] == own / 2
+    assert steps[4e-3] in (None, own)
+    assert steps[8e-3] in (None, own)
 
 
 def test_a_program_bound_to_servo_ticks_keeps_to_them():

@@ -43,7 +43,8 @@ class Case:
 
     Attributes:
         content: of the job that the study is about, as TOML.
-        overrides: values changed in it, as (dotted key, JSON of the value), sorted.
+        overrides: values changed in it, as (dotted key, JSON of the value), sorted; what the job has anyway is no
+            change, so that cases with the same result have the same key.
         mode: "simulated", or "perfect follower" for a machine that is always where it is commanded to be.
         perturbation: of the machine, or None; the servo keeps the gains of the machine as it is drawn.
         tags: columns of the row that say what the case is to the study, as (name, value).
@@ -73,7 +74,9 @@ class Case:
             perturbation: as in the class.
             tags: as in the class.
         """
-        changed = tuple(sorted((key, json.dumps(value)) for key, value in (overrides or {}).items()))
+        own = job.model_dump(exclude_none=True)
+        changes = {key: value for key, value in (overrides or {}).items() if not _has(own, key, value)}
+        changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))
         return cls(job.toml(), changed, mode, perturbation, tuple(tags.items()))
 
     @property
@@ -97,8 +100,7 @@ class Case:
         Raises:
             InputError: the job is refused.
         """
-        job = _job(self.content)
-        return job.changed(self.settings) if self.overrides else job
+        return _changed(self.content, self.overrides) if self.overrides else _job(self.content)
 
 
 def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:
@@ -226,6 +228,27 @@ def _plain(value: Value) -> Value:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def _has(content: dict[str, Any], key: str, value: Any) -> bool:
+    """Whether a job's content has a value at a dotted key."""
+    own: Any = content
+    for part in key.split("."):
+        own = own.get(part) if isinstance(own, dict) else None
+    # of None, which takes a key away, there is none: one that is unknown has to be refused
+    return own is not None and type(own) is type(value) and bool(own == value)
+
+
 @lru_cache(maxsize=8)
 def _job(content: str) -> Job:
     return Job(**tomllib.loads(content))
+
+
+@lru_cache(maxsize=1)
+def _changed(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
+    """Return the job with what is changed of it; the parts that are not are those of the job itself, built once."""
+    own = _job(content)
+    job = own.changed({key: json.loads(value) for key, value in overrides})
+    if job.machine == own.machine:
+        job.__dict__["built_machine"] = own.built_machine
+    if job.program == own.program:
+        job.__dict__["controller"] = own.controller
+    return job

@@ -150,13 +150,18 @@ class LoopStudy:
                 if bound and variant == AS_IT_IS:
                     changes["program.servo_period"] = value  # the program's ticks are the servo's
                 if variant == NO_FRICTION:
-                    changes["simulation.physics_step"] = self._physics / _FINER
+                    # by the number of steps in a servo period the slow servos need them no finer
+                    finer = max(self._physics / _FINER, min(value / _FINER**2, self._physics))
+                    changes["simulation.physics_step"] = finer
                 yield self._case("servo_period", value, variant, changes)
 
     def _encoder_resolution(self) -> Iterable[Case]:
         for variant in (AS_IT_IS, NO_LOOP) if self.spiral else (AS_IT_IS,):
             for value in self.resolutions:
-                changes = {"servo.resolution": self._resolutions(value)}
+                resolutions = self._resolutions(value)
+                changes = (
+                    {} if resolutions == list(self.job.built_servo.resolution) else {"servo.resolution": resolutions}
+                )
                 yield self._case("encoder_resolution", value, variant, changes)
 
     def _physics_step(self) -> Iterable[Case]:
@@ -165,7 +170,8 @@ class LoopStudy:
         for halvings in range(self.halvings, -1, -1):
             value = period / (first * 2**halvings)
             for variant in (AS_IT_IS, NO_FRICTION):
-                yield self._case("physics_step", value, variant, {"simulation.physics_step": value})
+                changes = {} if value == self._physics else {"simulation.physics_step": value}
+                yield self._case("physics_step", value, variant, changes)
 
     @property
     def _physics(self) -> float:
