@@ -102,6 +102,13 @@ class Dispenser:
             raise InputError("metering volumetric: meters the flow whatever the needle; a needle needs time-pressure")
         if self.pressure and self.metering == VOLUMETRIC:
             raise InputError(f"{given[0]}: metering volumetric meters flow or area; pressure needs time-pressure")
+        if self.pressure and self.needle is not None:
+            with np.errstate(over="ignore"):
+                flow = float(self.needle.flow(self.pressure))
+            if not flow <= _MOST:
+                raise InputError(
+                    f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_MOST:g} mm³/s"
+                )
         if self.limit != math.inf:
             limit = positive("limit", self.limit, self._unit)
             most = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure

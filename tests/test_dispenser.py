@@ -258,14 +258,42 @@ BAD = {
     "limit": ({"limit": 0.0}, "limit = 0 mm³/s: must be greater than 0"),
     "metering": ({"metering": "volumetrical"}, "unknown metering 'volumetrical': did you mean volumetric"),
     "needle": ({"metering": "time-pressure"}, "metering time-pressure: needs a needle"),
+    "needless": ({"flow": FLOW, "needle": NEEDLE}, "metering volumetric: meters the flow whatever the needle"),
+    "absurd": ({"flow": 1e300}, r"flow = 1e\+300 mm³/s: must be at most 1e\+09 mm³/s"),
+    "absurd pressure": (
+        {"metering": "time-pressure", "pressure": 1e9, "needle": Needle(index=0.01)},
+        r"pressure = 1e\+09 kPa: drives inf mm³/s through the needle, must be at most 1e\+09 mm³/s",
+    ),
     "pressure": ({"pressure": 300.0}, r"pressure = 300 kPa: metering volumetric meters flow or area"),
 }
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(("arguments", "text"), BAD.values(), ids=BAD.keys())
 def test_a_dispenser_that_cannot_be_is_refused(arguments, text):
     with pytest.raises(InputError, match=text):
         Dispenser(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("on", "speed", "period", "text"),
+    [
+        (command(), np.full(820, SPEED), 0.0, "period = 0 s: must be greater than 0 s"),
+        (command(), np.full(820, SPEED), math.nan, "period = nan s: must be finite"),
+        (
+            command(),
+            np.full(819, SPEED),
+            PERIOD,
+            r"speed of shape \(819,\): must be that of dispense, \(n,\), here \(820,\)",
+        ),
+        (command()[:, None], np.full((820, 1), SPEED), PERIOD, r"speed of shape \(820, 1\): must be"),
+        (command(), np.where(np.arange(820) == 7, np.nan, SPEED), PERIOD, "speed = nan mm/s at tick 7: must be finite"),
+        (command(), np.where(np.arange(820) == 7, -1.0, SPEED), PERIOD, "speed = -1 mm/s at tick 7: must be finite"),
+    ],
+)
+def test_commands_that_cannot_be_are_refused(on, speed, period, text):
+    with pytest.raises(InputError, match=text):
+        Dispenser(flow=FLOW).flows(on, speed, period)
 
 
 def test_a_needle_that_cannot_be_is_refused():
