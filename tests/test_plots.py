@@ -263,3 +263,30 @@ def test_plots_of_a_bead_are_saved_with_it(analysis, bead, tmp_path):
     assert told == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
     dry = Bead(replace(bead.run, flow=0 * bead.run.flow, asked=0 * bead.run.flow), analysis=analysis)
     assert "bead.png" not in [file.name for file in plots.save_plots(analysis, tmp_path, dry)]
+
+
+def test_the_width_of_a_rare_blob_leaves_the_picture_and_is_written_down(bead):
+    last = np.flatnonzero(bead.run.dispense)[-1]
+    flow = bead.run.flow * np.where(np.abs(np.arange(len(bead.run.time)) - last + 20) < 15, 10.0, 1.0)
+    even, bead = bead, Bead(replace(bead.run, flow=flow), analysis=bead.analysis)
+    figure = Figure()
+    plots.draw_bead_along(figure, bead)
+    axes = figure.axes[0]
+    widest = int(bead.width.argmax())
+    texts = [text.get_text() for text in axes.texts]
+    assert bead.width[widest] > 2 * np.median(bead.width)
+    assert axes.get_ylim()[1] < 0.7 * bead.width[widest]
+    assert axes.get_ylim()[1] > 1.2 * np.median(bead.width)
+    assert f"widest {bead.width[widest]:.3g} mm at {bead.place[widest]:.4g} mm" in texts
+    figure = Figure()
+    plots.draw_bead_along(figure, even)
+    assert not [text for text in figure.axes[0].texts if "widest" in text.get_text()]
+    assert figure.axes[0].get_ylim()[1] > even.width.max()
+
+
+def test_the_colours_of_the_height_say_which_is_the_gap(bead):
+    figure = Figure()
+    plots.draw_height_map(figure, bead)
+    bar = figure.axes[1]
+    assert [text.get_text() for text in bar.texts] == ["gap"]
+    assert [line.get_ydata()[0] for line in bar.get_lines() if len(set(line.get_ydata())) == 1] == [bead.gap]

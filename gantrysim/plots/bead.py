@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.bead import Bead
+from gantrysim.controllers.path import Floats
 from gantrysim.plots.style import COLOURS, INK, thinned
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["draw_bead_along", "draw_height_map"]
 
 _DRY = 1e-3  # of the nozzle's height, below which there is nothing on the map
+_USUAL, _ABOVE = 95.0, 1.6  # percentile of the width that is shown, and by how much more
 _GLUE, _GAP, _OVERLAP = "#b87a00", "#3a9fc7", "#d55e00"
 
 
@@ -33,7 +36,19 @@ def draw_height_map(figure: Figure, bead: Bead) -> None:
         zorder=2,
     )
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="Height of the bead")
-    figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
+    bar = figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
+    if bead.settings.squashed and bead.gap <= float(heights.max()):
+        bar.ax.axhline(bead.gap, color=INK, lw=1.0)
+        bar.ax.annotate(
+            "gap",
+            (0, bead.gap),
+            xytext=(-2, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="right",
+            va="center",
+            fontsize=7,
+        )
 
 
 def draw_bead_along(figure: Figure, bead: Bead) -> None:
@@ -44,7 +59,7 @@ def draw_bead_along(figure: Figure, bead: Bead) -> None:
     nominal = float(bead.nominal_section.width[0])
     upper.axhline(nominal, color=INK, lw=1.0, ls="--", label=f"nominal: {nominal:.3f} mm")
     upper.set(ylabel="width [mm]")
-    upper.set_ylim(bottom=0)
+    _clip(upper, bead.place, bead.width, nominal)
     upper.set_title("Width of the bead", loc="right")
     upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in lower:
@@ -66,3 +81,22 @@ def draw_bead_along(figure: Figure, bead: Bead) -> None:
             if bead.length[last] > bead.length[first]:
                 axes.axvspan(bead.length[first], bead.length[last], color=COLOURS["requested"], alpha=0.2, lw=0)
     (lower[-1] if lower else upper).set_xlabel("place along the nozzle's trace [mm]")
+
+
+def _clip(axes: Axes, place: Floats, width: Floats, nominal: float) -> None:
+    """Let rare blobs leave the picture, and write down how wide the widest is."""
+    widest = int(width.argmax())
+    usual = _ABOVE * max(float(np.percentile(width, _USUAL)), nominal)
+    if width[widest] <= usual:
+        axes.set_ylim(bottom=0)
+        return
+    axes.set_ylim(0, usual)
+    right = place[widest] > 0.5 * place[-1]
+    axes.annotate(
+        f"widest {width[widest]:.3g} mm at {place[widest]:.4g} mm",
+        (place[widest], usual),
+        xytext=(-8 if right else 8, -12),
+        textcoords="offset points",
+        ha="right" if right else "left",
+        color=_GLUE,
+    )
