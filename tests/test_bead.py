@@ -1,19 +1,24 @@
 """The bead along the trace: conservation, shapes of the section, and figures against closed forms."""
 
 import math
+import re
 from contextlib import suppress
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.console import Console
 
 from gantrysim import Dispenser, InputError, Job, Machine
 from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.engine import perfect_follower
 from gantrysim.job import builtin_jobs
+from gantrysim.page.sections import bead_section
 from gantrysim.run import Fault
+from gantrysim.tables import outcome_table, ridge_note
 
 from beads import AREA, GAP, PERIOD, SPEED, away_from_ends, laid, line, spiral, volume_of
 
@@ -411,3 +416,29 @@ def test_the_boldest_values_that_are_taken_make_no_warning():
     heavy = laid(XY, line(), Dispenser(flow=1e9))
     with pytest.raises(InputError, match=r"of a bead 2e\+07 mm wide"):
         _ = heavy.map
+
+
+def told(bead):
+    console = Console(width=200, file=StringIO())
+    console.print(outcome_table(bead.run, bead.analysis.figures, bead.figures))
+    return console.file.getvalue()
+
+
+def test_the_console_tells_the_volumes_of_a_tiny_bead_too():
+    """Of 1e-3 mm² along 100 mm, of whose start 1 mm is missing."""
+    dispenser = Dispenser(flow=1e-3 * SPEED, dead_time=0.01)
+    text = told(laid(XY, line(), dispenser, cell=0.01, gap=0.05))
+    assert re.search(r"volume +0.099 mm³ +-1.00 % of 0.1 asked for", text)
+    assert re.search(r"missing at the start +\+1.00 mm +of nominal bead", text)
+    assert re.search(r"volume error +-0.00100\d* mm³ +ramps \+0.0+, starts -0.00100\d*, running \+0.0+, stops", text)
+    assert "late" not in text
+
+
+def test_the_console_tells_that_the_map_has_not_settled():
+    bead = laid(XY, line())
+    text = told(bead)
+    assert "not settled" not in text
+    bead.figures = replace(bead.figures, ridge=0.5)
+    assert re.search(r"height map +not settled +glue found no room and stands 50 % above the nozzle", told(bead))
+    note = bead_section(bead).text
+    assert note == ["The height map has not settled: " + ridge_note(bead.figures) + "."]

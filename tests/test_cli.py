@@ -34,7 +34,16 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
     assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
     links = (*LINKS, "by x", "contour")
     outcome = ("following error x", "asked for 5", "path speed", "end point", "error comes from")
-    for word in (*links, *outcome, "bead's width", "gap of turns", "% covered", "missing at the start", "too much at the stop", "volume error"):
+    for word in (
+        *links,
+        *outcome,
+        "bead's width",
+        "gap of turns",
+        "% covered",
+        "missing at the start",
+        "too much at the stop",
+        "volume error",
+    ):
         assert word in printed
 
 

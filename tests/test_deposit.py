@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine
-from gantrysim.bead import Bead, BeadSettings, HeightMap, Section
-from gantrysim.bead import pushing
+from gantrysim.bead import Bead, BeadSettings, HeightMap, Section, pushing
 from gantrysim.bead.pushing import push_aside
 from gantrysim.engine import perfect_follower
 

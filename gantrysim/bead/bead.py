@@ -118,7 +118,9 @@ class Bead(Strand):
         """
         if not self.nominal > 0:
             if self.run.fault is not None and self.run.asked.any():
-                raise InputError("the fault came before the path speed was steady: what section was asked for is unknown")
+                raise InputError(
+                    "the fault came before the path speed was steady: what section was asked for is unknown"
+                )
             raise InputError("the run asks for no glue while the nozzle moves: its bead has no figures")
         on = self.dispensing
         clearance, weight = self.clearance, self._turn_lengths

@@ -26,7 +26,7 @@ _BLOCK = 8  # cells in a row, on which it is tried how far glue that is pushed a
 _EVEN = 1e-3  # of the gap, within which the nozzle's height is one
 _RIPPLE = 0.02  # of the nozzle's height, by which a flat may be uneven
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
-_TRIAL = 1000  # of them, on a coarse map
+_TRIAL = 300  # of them, on a coarse map
 _WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
 _BISECTIONS = 60
 
@@ -184,6 +184,8 @@ def _with_room(
 
     That is tried on a map of coarse cells.
     """
+    if not (height > ceiling * (1 + _RIPPLE)).any():
+        return x, y, height, ceiling
     coarse, over = _blocks(height, 0.0), _blocks(ceiling, bead.gap)
     room = 0  # coarse cells
     while True:
@@ -191,7 +193,7 @@ def _with_room(
         push_aside(tried, np.pad(over, room, constant_values=bead.gap), _RIPPLE, _TRIAL)
         if not max(tried[0].max(), tried[-1].max(), tried[:, 0].max(), tried[:, -1].max()) > 0:
             break
-        room = max(2 * room, max(coarse.shape) // 4, 2)
+        room = max(2 * room, 1)
         _check_cells(bead, (np.array(coarse.shape) + 2 * room) * float(_BLOCK))
     if not room:
         return x, y, height, ceiling

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from typing import Any, Literal
+
 import numpy as np
 
 from gantrysim.controllers.path import Floats

@@ -63,7 +63,9 @@ class Strand:
     """The bead of a run at stations evenly spaced along the nozzle's trace in the work frame.
 
     More than usual, as at a stop or in a slow corner, spreads along the trace as far as it is wide; volume is
-    conserved: sum of area * ds, the first and the last station for half a length, is the volume laid.
+    conserved: sum of area * ds, the first and the last station for half a length, is the volume laid. Of the trace
+    alone there is no place before its start and after its end: what is laid at rest there spreads to one side, into a
+    pear whose round end is half as wide as the disc of the same volume is and a little more, not that disc.
 
     Args:
         run: the run.
@@ -93,7 +95,11 @@ class Strand:
         steps = surface_steps(run.nozzle)
         self.length: Floats = np.concatenate([[0.0], np.cumsum(steps)])
         total = max(float(self.length[-1]), _SHORTEST)
-        count = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS)) if stations is None else whole("stations", stations, 2)
+        count = (
+            int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
+            if stations is None
+            else whole("stations", stations, 2)
+        )
         self.place: Floats = np.linspace(0.0, total, count)
 
     @cached_property
