@@ -216,6 +216,7 @@ def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, ide
     plots = study.figures(rows)
     for plot in plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
+        plot.figure.set_layout_engine("none")  # laid out by now: the report's drawing need not do it again
     sections = [Section("Findings", findings)]
     sections += [Section(plot.title, plot.text, plot.figure, plot.tables or None) for plot in plots]
     failed = [row for row in rows if row["status"] != OK]
