@@ -65,7 +65,7 @@ class Strand:
     More than usual, as at a stop or in a slow corner, spreads along the trace as far as it is wide; volume is
     conserved: sum of area * ds, the first and the last station for half a length, is the volume laid. Of the trace
     alone there is no place before its start and after its end: what is laid at rest there spreads to one side, into a
-    pear whose round end is half as wide as the disc of the same volume is and a little more, not that disc.
+    pear, not into a disc.
 
     Args:
         run: the run.
