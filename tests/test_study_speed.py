@@ -162,7 +162,7 @@ def test_below_the_answer_every_speed_tried_is_within_whatever_the_figure_does(e
 
 def synthetic(case, knee=130.0, fault=350.0):
     """A figure of speed^2 / knee, and a fault beyond a speed."""
-    speed = case.settings["program.speed"]
+    speed = case.settings.get("program.speed", 100.0)  # the job's own where it is not changed
     if speed > fault:
         return {"status": "fault: overspeed on axis x"}
     size = 50 * (speed / knee) ** 2
@@ -285,6 +285,6 @@ def test_what_makes_no_search_is_refused(build, text):
         build()
 
 
-def test_an_unknown_figure_ends_the_study_after_the_first_round(tmp_path):
+def test_an_unknown_figure_ends_the_study_before_it_begins(tmp_path):
     with pytest.raises(InputError, match="unknown figure 'contour_mx'"):
         run_study(SpeedStudy(Job.load("an225"), 50.0, "contour_mx", measure=synthetic), tmp_path / "out", workers=1)
