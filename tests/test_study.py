@@ -1,5 +1,6 @@
 """Cases, their rows, and studies that are interrupted and go on."""
 
+import contextlib
 import csv
 import json
 import math
@@ -596,6 +597,20 @@ def test_ctrl_c_in_a_terminal_ends_the_command_with_a_word_of_how_to_go_on(tmp_p
     assert "Traceback" not in said
     assert output == ""
     assert list(content(folder)) == [LEDGER]
+
+
+def test_an_interrupt_that_is_lost_in_a_finaliser_ends_the_study_at_the_next_row(tmp_path, job, capsys):
+    class Lost(Counted):
+        def __call__(self, case):
+            if len(self.seen) == 1:
+                with contextlib.suppress(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGINT)
+            return super().__call__(case)
+
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(Toy(job, Lost()), tmp_path, 1)
+    assert stopped.value.exit_code == 130
+    assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
 
 
 def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp_path, job, capsys):

@@ -72,7 +72,7 @@ def test_ratio_of_few_bits(xy):
 @given(
     st.floats(30, 140),
     st.integers(1, 5),
-    st.floats(0.2, 0.9),
+    st.floats(0.2, 0.7),  # one that comes near its centre ends beside the requested path's end
     st.floats(20, 200),
     st.floats(-2.7, -0.7).map(lambda e: 10**e),
     st.floats(0, 2e-3),

@@ -64,8 +64,13 @@ def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
     try:
-        with _terminated_as_interrupted(), _progress(study.name) as advance:
-            outcome = run_study(study, folder, workers=workers, progress=advance)
+        with _interruptible() as go_on, _progress(study.name) as advance:
+
+            def each(done: int, every: int) -> None:
+                go_on()
+                advance(done, every)
+
+            outcome = run_study(study, folder, workers=workers, progress=each)
     except StudyInterrupted as interrupted:
         text = "interrupted: no case was finished, nothing is kept"
         if interrupted.done:
@@ -195,17 +200,29 @@ def repeat(
 
 
 @contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Have a polite kill end the study as Ctrl-C does: workers stopped, rows kept."""
+def _interruptible() -> Iterator[Callable[[], None]]:
+    """Have a polite kill end the study as Ctrl-C does: workers stopped, rows kept.
+
+    What is given raises the interrupt once more: the first is lost where it meets code that cannot pass it on, such as
+    a finaliser.
+    """
+    asked = False
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    def go_on() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield go_on
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
