@@ -6,7 +6,7 @@ Heights are volumes per cell here, places are in cells.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -151,8 +151,8 @@ def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> F
         return handed
     if min(height.shape) > _COARSEST:
         finer = _FINER * ripple if ripple > _LEAST_RIPPLE else ripple
-        coarse = _handed_on(_coarser(height, "constant"), _coarser(ceiling, "edge"), finer, sweeps)
-        handed = np.ascontiguousarray(4.0 * _finer(_finer(coarse).T).T[: height.shape[0], : height.shape[1]])
+        coarse = _handed_on(_coarser(height, False), _coarser(ceiling, True), finer, sweeps)
+        handed = 4.0 * _finer(coarse, *height.shape)
         _hand_on(height, handed)
     cells, listed, count = _to_push(height, ceiling, handed, ripple)
     for first in range(0, sweeps, _CHUNK):  # in between an interrupt is heard
@@ -167,19 +167,30 @@ def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> F
     return handed
 
 
-def _coarser(values: Floats, pad: Literal["constant", "edge"]) -> Floats:
-    """Means over two by two cells, those at a rim that is left over with zeros or with the rim's own."""
-    even = np.pad(values, [(0, size % 2) for size in values.shape], mode=pad)
-    coarse: Floats = 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
+@jit
+def _coarser(values: Floats, edge: bool) -> Floats:
+    """Means over two by two cells; those beyond a rim that is left over are the rim's own at an edge, else zeros."""
+    ny, nx = values.shape
+    coarse = np.zeros(((ny + 1) // 2, (nx + 1) // 2))
+    for j in range(2 * coarse.shape[0]):
+        for i in range(2 * coarse.shape[1]):
+            if edge or (j < ny and i < nx):
+                coarse[j // 2, i // 2] += 0.25 * values[min(j, ny - 1), min(i, nx - 1)]
     return coarse
 
 
-def _finer(values: Floats) -> Floats:
-    """Values in proportion in the middles of rows half as wide, (2 ny, nx)."""
-    rim = np.pad(values, ((1, 1), (0, 0)), mode="edge")
-    fine = np.empty((2 * values.shape[0], values.shape[1]))
-    fine[::2] = 0.75 * values + 0.25 * rim[:-2]
-    fine[1::2] = 0.75 * values + 0.25 * rim[2:]
+@jit
+def _finer(values: Floats, ny: int, nx: int) -> Floats:
+    """Values in proportion in the middles of cells half as wide, of which there are (ny, nx)."""
+    fine = np.empty((ny, nx))
+    for j in range(ny):
+        q = j // 2
+        p = min(max(q + (1 if j % 2 else -1), 0), values.shape[0] - 1)
+        for i in range(nx):
+            m = i // 2
+            n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
+            near, far = 0.75 * values[q, m] + 0.25 * values[p, m], 0.75 * values[q, n] + 0.25 * values[p, n]
+            fine[j, i] = 0.75 * near + 0.25 * far
     return fine
 
 
