@@ -4,7 +4,7 @@ set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 
 gantrysim run an225 --out "$root/out/an225"
-echo "plots: $root/out/an225/plots/{plan,error,spacing}.png"
+echo "report: $root/out/an225/report.html"
 if [ -f "$root/out/an225/video.mp4" ]; then
     echo "video: $root/out/an225/video.mp4"
 fi
