@@ -2,6 +2,7 @@
 
 from gantrysim import metrics
 from gantrysim.axis import Axis
+from gantrysim.batch import simulate_batch
 from gantrysim.bead import Bead, BeadSettings, HeightMap
 from gantrysim.budget import Budget
 from gantrysim.controllers.servo import Servo, Tick
@@ -34,4 +35,5 @@ __all__ = [
     "metrics",
     "perfect_follower",
     "simulate",
+    "simulate_batch",
 ]

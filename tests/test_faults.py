@@ -12,9 +12,8 @@ from gantrysim import Fault, Machine, Servo, metrics, simulate
 from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine import _fill
 from gantrysim.native.hook import installed
-from gantrysim.native.row import ROW, ROW_NUMBERS, log_width
+from gantrysim.simulation import Simulation
 
 from runs import PERIOD, STEP, ideal_motors, plain, ramp, turn, turntable
 
@@ -184,13 +183,10 @@ def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monke
 def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
     machine = rigid()
     servo = Servo.derive(machine.axes, PERIOD, delay=5e-4, following_error_limit=0.6)
-    position = np.ascontiguousarray(ramp(400.0).position[:, [0, 0]] * [1, 0])
-    model = machine.stepping(STEP)
+    simulation = Simulation.of(machine, servo, ramp(400.0), physics_step=STEP)
+    model = simulation.model
     data = mujoco.MjData(model)
-    data.qpos[:] = machine.to_qpos(position[0])
-    log = np.zeros((len(position), log_width(2)))
-    row = data.userdata[:ROW_NUMBERS].view(ROW)
-    _fill(row, machine, servo, position, log, 4)
+    row = simulation.start(data.qpos, data.userdata)
     before = 0.0
     with installed():
         for _ in range(4000):

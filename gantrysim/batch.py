@@ -1,0 +1,166 @@
+"""Many simulations at once: each on a row of MuJoCo's batch, stepped on threads without Python in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from mujoco.batch import Batch
+
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.dispenser import Dispenser
+from gantrysim.engine import CALLS
+from gantrysim.errors import GantryError, InputError, whole
+from gantrysim.machine import Machine
+from gantrysim.native.hook import installed
+from gantrysim.run import Run
+from gantrysim.simulation import Row, Simulation
+
+__all__ = ["Fleet", "simulate_batch"]
+
+
+def simulate_batch(
+    machine: Machine | Sequence[Machine],
+    servo: Servo | Sequence[Servo],
+    setpoints: Setpoints | Sequence[Setpoints],
+    *,
+    physics_step: float | Sequence[float | None] | None = None,
+    dispenser: Dispenser | Sequence[Dispenser | None] | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[Run]:
+    """Run many simulations on threads and return their records, each the same to the last bit as by `simulate`.
+
+    Every argument is one for all, or a sequence with one for each simulation. Machines of different MJCF files, servo
+    periods and lengths may stand side by side; those of one file, perturbed or not, share a batch of MuJoCo's.
+
+    Args:
+        machine: the machines.
+        servo: the servos.
+        setpoints: the commanded positions.
+        physics_step: longest physics step, as for `simulate` [s].
+        dispenser: of the glue, as for `simulate`.
+        threads: number of threads; by default all cores.
+        progress: called now and then with the share of all servo ticks that is done, 0 to 1.
+
+    Returns:
+        The records, in order. A fault ends its own simulation only: see `Run.fault`.
+
+    Raises:
+        InputError: sequences of different lengths, no simulation at all, or what `simulate` would refuse; the
+            number of the simulation stands in the text.
+    """
+    simulations = _simulations(
+        {
+            "machine": machine,
+            "servo": servo,
+            "setpoints": setpoints,
+            "physics_step": physics_step,
+            "dispenser": dispenser,
+        }
+    )
+    places: dict[Path, dict[int, int]] = {}  # by MJCF file: place in the fleet to number of the simulation
+    for number, simulation in enumerate(simulations):
+        group = places.setdefault(simulation.machine.source, {})
+        group[len(group)] = number
+    every = sum(len(simulation.position) for simulation in simulations)
+    records: dict[int, Run] = {}
+    before = 0
+    for group in places.values():
+        own = {place: simulations[number] for place, number in group.items()}
+        fleet = Fleet(own[0].machine, len(own), threads)
+        fleet.load(own)
+
+        def tell(done: int, before: int = before) -> None:
+            if progress is not None:
+                progress((before + done) / every)
+
+        _run(fleet, own, tell)
+        before += sum(len(simulation.position) for simulation in own.values())
+        records |= {number: own[place].record(fleet.rows[place]) for place, number in group.items()}
+    return [records[number] for number in range(len(simulations))]
+
+
+def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
+    lengths = {name: len(value) for name, value in arguments.items() if isinstance(value, Sequence)}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{length} of {name}" for name, length in lengths.items())
+        raise InputError(f"a batch of {said}: must be one for all, or as many of each")
+    count = min(lengths.values(), default=1)
+    if not count:
+        raise InputError("a batch of no simulation: must have at least one")
+    simulations = []
+    for k in range(count):
+        own = {name: value[k] if isinstance(value, Sequence) else value for name, value in arguments.items()}
+        try:
+            simulations.append(Simulation.of(**own))
+        except InputError as error:
+            raise InputError(f"simulation {k} of the batch: {error}") from None
+    return simulations
+
+
+def _run(fleet: Fleet, simulations: Mapping[int, Simulation], tell: Callable[[int], None]) -> None:
+    """Step a fleet until all its simulations are done, in calls that Ctrl-C can come between."""
+    rows = fleet.rows
+    most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
+    begun = -1
+    while places := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
+        steps = sum(int(rows[place][0]["steps"]) for place in places)
+        if steps == begun:  # MuJoCo does not call the servo: the record says so
+            return
+        begun = steps
+        fleet.step(min(max(simulations[place].steps_left(rows[place]) for place in places), most), places)
+        tell(sum(int(rows[place][0]["index"]) for place in simulations))
+
+
+class Fleet:
+    """Places for simulations of one machine, perturbed or not, that are stepped together.
+
+    Args:
+        machine: whose MJCF all simulations share.
+        places: number of simulations.
+        threads: number of threads; by default all cores.
+
+    Attributes:
+        rows: the servos' rows by place, once they are loaded; live views of the state.
+
+    Raises:
+        InputError: a number of places or threads below one.
+    """
+
+    def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
+        whole("places", places, 1)
+        threads = 0 if threads is None else whole("threads", threads, 1)
+        self._batch = Batch(machine.model, places, nthread=threads)
+        self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
+        self._models = [machine.model] * places
+        self._source = machine.source
+        self.rows: dict[int, Row] = {}
+
+    def load(self, simulations: Mapping[int, Simulation]) -> None:
+        """Put simulations at their start into places, over whatever is there.
+
+        Args:
+            simulations: by place; the caller keeps them, their setpoints and logs are written to as the fleet steps.
+        """
+        for place, simulation in simulations.items():
+            if simulation.machine.source != self._source:
+                raise GantryError(f"a fleet of {self._source} cannot take a simulation of {simulation.machine.source}")
+            self._models[place] = simulation.model
+        self._batch.set_models(self._models)
+        self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
+        for place, simulation in simulations.items():
+            self.rows[place] = simulation.start(self._qpos[place], self._userdata[place])
+
+    def step(self, steps: int, places: Sequence[int] | None = None) -> None:
+        """Step simulations; one that is done does no more than idle.
+
+        Args:
+            steps: number of physics steps of each.
+            places: of those to be stepped, by default all.
+        """
+        with installed():
+            self._batch.step(places, nstep=steps)
