@@ -21,7 +21,7 @@ from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, positive, unknown
 from gantrysim.kinematics import Kinematics
 from gantrysim.native.row import MAX_AXES, ROW_NUMBERS
-from gantrysim.perturbation import Perturbation, perturbed_model
+from gantrysim.perturbation import Perturbation, perturbed_model, springs_have_axes
 
 __all__ = ["NOZZLE", "WORK", "Machine", "builtin_models"]
 
@@ -120,6 +120,16 @@ class Machine:
         on_work = geom[0] >= 0 and self.model.geom_bodyid[geom[0]] == self.work
         return _MM * float(distance) if on_work else _DEFAULT_GAP
 
+    @cached_property
+    def springs_have_axes(self) -> bool:
+        """Whether each axis can have a factor of stiffness of its own."""
+        return springs_have_axes(self.model, self._joints)
+
+    @property
+    def _joints(self) -> list[int]:
+        """Index of each axis' joint."""
+        return [int(joint) for joint in self.model.actuator_trnid[:, 0]]
+
     def perturbed(self, perturbation: Perturbation) -> Machine:
         """Return the machine as it is with a perturbation; its name and source stay, this one is left as it is.
 
@@ -132,7 +142,7 @@ class Machine:
             self.model,
             perturbation,
             axes=self.axes,
-            joints=[int(joint) for joint in self.model.actuator_trnid[:, 0]],
+            joints=self._joints,
             nozzle=self.nozzle,
             work=self.work,
         )

@@ -17,7 +17,7 @@ from gantrysim.axis import PER_SI, Axis
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, finite, positive
 
-__all__ = ["FACTORS", "PerAxis", "Perturbation", "perturbed_model"]
+__all__ = ["FACTORS", "PerAxis", "Perturbation", "perturbed_model", "springs_have_axes"]
 
 PerAxis = float | tuple[float, ...]  # of all axes, or one per axis
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
@@ -152,6 +152,16 @@ def perturbed_model(
     offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
     changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
     return changed
+
+
+def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
+    """Return whether each axis can have a factor of stiffness of its own: a spring above all axes has none.
+
+    Args:
+        model: of the machine.
+        joints: index of the joint of each axis.
+    """
+    return len(joints) == 1 or all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
 
 
 def _dcmotors(model: mujoco.MjModel) -> Floats:

@@ -8,8 +8,8 @@ import numpy as np
 
 from gantrysim.controllers.path import Floats
 from gantrysim.plots.style import COLOURS, INK, sheet
+from gantrysim.spread import in_words
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.machine.spread import in_words
 from gantrysim.study.machine.yields import influences
 from gantrysim.study.study import Plot
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.controllers.path import Floats
+from gantrysim.spread import in_words
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.machine.spread import in_words
 from gantrysim.study.machine.yields import influences, yield_of
 
 if TYPE_CHECKING:

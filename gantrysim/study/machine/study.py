@@ -11,12 +11,12 @@ import numpy as np
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, whole
 from gantrysim.job import Job
-from gantrysim.perturbation import FACTORS, Perturbation
+from gantrysim.perturbation import Perturbation
+from gantrysim.spread import Spread
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.machine.figures import figures
 from gantrysim.study.machine.findings import findings
-from gantrysim.study.machine.spread import Spread
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
 
@@ -87,33 +87,12 @@ class MachineStudy:
     @cached_property
     def _spreads(self) -> dict[str, float]:
         """Spread of every factor by the name of its column."""
-        axes = self.job.built_machine.axis_names
-        spreads = {"payload_kg": self.spread.payload} if self.spread.payload else {}
-        for name in FACTORS:
-            if spread := getattr(self.spread, name):
-                each = self._per_axis(name)
-                spreads |= {f"{name}_{axis}": spread for axis in axes} if each else {name: spread}
-        return spreads
+        return self.spread.columns(self.job.built_machine)
 
     @cached_property
     def machines(self) -> dict[str, Floats]:
         """The machines: values of every factor by the name of its column, (samples,)."""
-        from scipy.stats.qmc import LatinHypercube  # slow to import, and needed by this study alone
-
-        unit = LatinHypercube(len(self._spreads), rng=self.seed).random(self.samples)
-        return {
-            name: spread * unit[:, k] if name == "payload_kg" else (1 + spread) ** (2 * unit[:, k] - 1)
-            for k, (name, spread) in enumerate(self._spreads.items())
-        }
-
-    def _per_axis(self, name: str) -> bool:
-        """Whether every axis can have a factor of its own: a spring above all axes has none."""
-        machine = self.job.built_machine
-        try:
-            machine.perturbed(replace(Perturbation(), **{name: tuple(1.0 + k for k in range(len(machine.axes)))}))  # type: ignore[arg-type]
-        except InputError:
-            return False
-        return True
+        return self.spread.hypercube(self.job.built_machine, self.samples, self.seed)
 
     def perturbation(self, sample: int) -> Perturbation:
         """Return what of a machine differs from the nominal one.
@@ -121,15 +100,8 @@ class MachineStudy:
         Args:
             sample: its number, from 1.
         """
-        axes = self.job.built_machine.axis_names
         values = {name: float(column[sample - 1]) for name, column in self.machines.items()}
-        given: dict[str, Any] = {}
-        for name in FACTORS:
-            if name in values:
-                given[name] = values[name]
-            elif f"{name}_{axes[0]}" in values:
-                given[name] = tuple(values[f"{name}_{axis}"] for axis in axes)
-        return Perturbation(payload=values.get("payload_kg", 0.0), **given)
+        return self.spread.perturbation(values, self.job.built_machine)
 
     def rounds(self) -> Rounds:
         """Yield the nominal machine and all the others.
