@@ -31,6 +31,7 @@ __all__ = [
     "spacing",
     "speed_ripple",
     "steady",
+    "torque_ripple",
     "tracking_error",
 ]
 
@@ -201,6 +202,25 @@ def speed_ripple(run: Run) -> float:
     speed = path_speed(run)[on[steady(on.size)]]
     mean = float(speed.mean())
     return float(speed.std()) / mean if mean > 0 else 0.0
+
+
+def torque_ripple(run: Run) -> Floats:
+    """Return how restless each axis' torque demand is while the dispenser is on, (axes,) [N·m].
+
+        ripple = rms(d tau) / sqrt(2),        d tau: change of the demand from one tick to the next
+
+    It is the standard deviation of the white noise that would change as much; a smooth torque has almost none. Over
+    `Axis.peak_torque` it is a share of what the drive can give. Of a dispenser that is never on for two ticks on end
+    it is 0.
+
+    Raises:
+        InputError: the dispenser is never on.
+    """
+    if not run.dispense.any():
+        raise InputError("the dispenser is never on in this run: its torque ripple is taken while it is")
+    change = np.diff(run.demand, axis=0)[run.dispense[:-1] & run.dispense[1:]]
+    ripple: Floats = np.sqrt(np.sum(change**2, axis=0) / (2 * max(len(change), 1)))
+    return ripple
 
 
 def steady(ticks: int) -> slice:

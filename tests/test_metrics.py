@@ -16,7 +16,7 @@ from gantrysim.controllers.lengths import arc_length
 from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
-from gantrysim.metrics import Analysis, Range, Spread, figures, path_speed, spacing, tracking_error
+from gantrysim.metrics import Analysis, Range, Spread, figures, path_speed, spacing, torque_ripple, tracking_error
 from gantrysim.run import Fault, Run
 
 from runs import archimedean
@@ -26,6 +26,7 @@ SPACING = 1e-9  # of an involute followed perfectly [mm]
 TWO_DECIMALS = 5e-3  # [mm]
 CURVED_TRACE = 1e-5  # spacing of a trace whose error varies [mm]
 CHORD = 1e-4  # of a length measured by chords, relative
+NOISE = 0.02  # of the standard deviation of white noise, relative: three times that of 20,000 samples
 LAST_PERIOD = 2e-4  # of a mean speed, as the last of some 10,000 setpoints comes sooner, relative
 
 INVOLUTE = Involute(60, 10, 4)
@@ -498,3 +499,44 @@ def test_spacing_is_that_of_the_stretch_that_turns_furthest_one_way():
     assert [found.distance.min(), found.distance.max()] == pytest.approx(
         [expected.distance.min(), expected.distance.max()], abs=0.02
     )
+
+
+def demanded(demand, dispense=None):
+    """A run with these torque demands, (n, 2) [N·m]."""
+    run = run_along(ArcChain((0.0, 0.0), 0.0, [0.0], [0.1 * (len(demand) - 1)]), dispense=dispense)
+    assert len(run.demand) == len(demand)
+    return dataclasses.replace(run, demand=np.asarray(demand, float))
+
+
+def test_torque_ripple_of_white_noise_is_its_standard_deviation():
+    noise = np.random.default_rng(1).normal(0.3, [0.02, 0.5], (20_000, 2))
+    assert torque_ripple(demanded(noise)) == pytest.approx([0.02, 0.5], rel=NOISE)
+
+
+def test_torque_ripple_of_a_torque_that_alternates_and_of_one_that_stands():
+    alternating = 0.25 * (-1.0) ** np.arange(50)  # changes by 0.5
+    run = demanded(np.column_stack([alternating, np.full(50, 0.7)]))
+    assert torque_ripple(run) == pytest.approx([0.5 / math.sqrt(2), 0.0], rel=1e-12, abs=0)
+
+
+def test_torque_ripple_of_a_ramp_is_its_change_in_a_tick():
+    for ticks in (10, 1000):
+        ramp = np.linspace(0, 0.9, ticks)
+        assert torque_ripple(demanded(np.column_stack([ramp, -ramp]))) == pytest.approx(
+            0.9 / (ticks - 1) / math.sqrt(2) * np.ones(2), rel=1e-12
+        )
+
+
+def test_torque_ripple_is_taken_between_ticks_that_both_dispense():
+    """The jumps at the ends and across the gap are none."""
+    demand = np.array([9.0, 0.1, 0.2, 7.0, 7.0, 0.4, 0.7, -5.0])[:, None] * [1, 2]
+    dispense = np.array([0, 1, 1, 0, 0, 1, 1, 0], bool)
+    once = math.sqrt((0.1**2 + 0.3**2) / 2 / 2)
+    assert torque_ripple(demanded(demand, dispense)) == pytest.approx([once, 2 * once], rel=1e-12)
+
+
+def test_torque_ripple_of_single_ticks_is_none_and_without_any_is_refused():
+    demand = np.arange(10.0).reshape(5, 2)
+    assert torque_ripple(demanded(demand, np.array([1, 0, 1, 0, 0], bool))).tolist() == [0, 0]
+    with pytest.raises(InputError, match="the dispenser is never on in this run: its torque ripple is taken while"):
+        torque_ripple(demanded(demand, np.zeros(5, bool)))
