@@ -108,7 +108,7 @@ def _run(fleet: Fleet, simulations: Mapping[int, Simulation], tell: Callable[[in
     most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
     begun = -1
     while places := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
-        steps = sum(int(rows[place][0]["steps"]) for place in places)
+        steps = sum(int(rows[place][0]["steps"]) for place in simulations)
         if steps == begun:  # MuJoCo does not call the servo: the record says so
             return
         begun = steps

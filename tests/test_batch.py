@@ -11,6 +11,7 @@ import pytest
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.batch import Fleet
 from gantrysim.controllers.path import Path
+from gantrysim.engine import CALLS
 from gantrysim.errors import GantryError
 from gantrysim.perturbation import Perturbation
 from gantrysim.simulation import Simulation
@@ -71,6 +72,17 @@ def test_the_comparison_sees_the_last_bit(various):
     nozzle[100, 0] = np.nextafter(nozzle[100, 0], 1e3)
     assert same(run, dataclasses.replace(run))
     assert not same(run, dataclasses.replace(run, nozzle=nozzle))
+
+
+@pytest.mark.parametrize("share", [0.3, 1.5, 2.5, 20.5])  # of the calls that a batch is stepped in
+def test_a_fault_in_any_call_ends_no_other_simulation(xy, servo, share):
+    length = 140.0
+    none = dict.fromkeys(("kp", "ki", "kd", "velocity_ff", "acceleration_ff"), (0.0, 0.0))
+    still = dataclasses.replace(servo, **none, following_error_limit=(length * share / CALLS, 10.0))
+    faulty, whole = simulate_batch(xy, [still, servo], ramp(SLOW, length))
+    assert faulty.fault.kind == "following error"
+    assert whole.fault is None
+    assert len(whole.time) == len(ramp(SLOW, length).position)
 
 
 def test_jobs_of_different_machines_stand_side_by_side():
