@@ -56,7 +56,11 @@ class Plot:
 
 
 class Study(Protocol):
-    """What `run_study` asks of a study; all of it follows from the study's own values and the rows alone."""
+    """What `run_study` asks of a study; all of it follows from the study's own values and the rows alone.
+
+    A study may also have `measure_together`, from several cases to their rows, as `run_cases` takes it; `measure` is
+    then left alone.
+    """
 
     @property
     def name(self) -> str:
@@ -160,7 +164,7 @@ def run_study(
     check_job(study.job)  # here, not case by case
     rounds = study.rounds()
     cases = next(rounds)
-    measure = study.measure
+    measure, measure_together = study.measure, getattr(study, "measure_together", None)
     identity = {
         "study": study.name,
         "settings": _plain(study.settings),
@@ -171,7 +175,14 @@ def run_study(
     with Ledger(target, identity) as ledger:
         try:
             while True:
-                found = run_cases(cases, ledger, workers=workers, measure=measure, progress=progress)
+                found = run_cases(
+                    cases,
+                    ledger,
+                    workers=workers,
+                    measure=measure,
+                    measure_together=measure_together,
+                    progress=progress,
+                )
                 rows += found
                 try:
                     cases = rounds.send(found)
