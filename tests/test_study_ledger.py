@@ -1,0 +1,52 @@
+"""The file of a study's finished rows."""
+
+import pytest
+
+from gantrysim.study import Ledger
+from gantrysim.study.ledger import LEDGER
+
+
+def test_the_ledger_forgives_a_line_that_was_cut_off(tmp_path):
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        ledger.add("one", {"value": 1 / 3})
+        ledger.add("two", {"value": 2.0})
+    whole = (tmp_path / LEDGER).read_bytes()
+    for cut in (3, 1):  # in the middle of the last line, and before its end
+        (tmp_path / LEDGER).write_bytes(whole[:-cut])
+        with Ledger(tmp_path, {"study": "x"}) as ledger:
+            assert (ledger.kept, "one" in ledger, "two" in ledger) == (1, True, False)
+            assert ledger["one"] == {"value": 1 / 3}
+            ledger.add("two", {"value": 2.0})
+        assert (tmp_path / LEDGER).read_bytes() == whole
+
+
+def test_a_row_is_on_the_disk_as_soon_as_it_is_finished_and_half_a_row_is_gone_at_once(tmp_path):
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        ledger.add("one", {"value": 1})
+        assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"value": 1}]\n')
+    whole = (tmp_path / LEDGER).read_bytes()
+    (tmp_path / LEDGER).write_bytes(whole + b'["two", {"val')
+    with Ledger(tmp_path, {"study": "x"}):
+        assert (tmp_path / LEDGER).read_bytes() == whole
+
+
+@pytest.mark.parametrize("found", [b"", b"{", b'{"study"', b"\xff\xfe\n", b"nonsense\n"])
+def test_a_ledger_without_a_whole_first_line_is_begun_anew(tmp_path, found):
+    (tmp_path / LEDGER).write_bytes(found)
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        assert (ledger.kept, ledger.discarded) == (0, None)
+        ledger.add("one", {"value": 1})
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        assert ledger.kept == 1
+
+
+def test_another_study_s_rows_are_discarded_and_said_so(tmp_path):
+    with Ledger(tmp_path, {"study": "x", "version": 1}) as ledger:
+        ledger.add("one", {"value": 1})
+    with Ledger(tmp_path, {"study": "x", "version": 2}) as ledger:
+        assert (ledger.kept, len(ledger), ledger.discarded) == (0, 0, "they differ in version")
+    with Ledger(tmp_path, {"study": "x", "version": 2}) as ledger:
+        assert ledger.discarded is None
+    (tmp_path / LEDGER).write_text("[1]\n")
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        assert ledger.discarded == "they are no study's"
