@@ -503,9 +503,9 @@ def test_spacing_is_that_of_the_stretch_that_turns_furthest_one_way():
 
 def demanded(demand, dispense=None):
     """A run with these torque demands, (n, 2) [N·m]."""
-    run = run_along(ArcChain((0.0, 0.0), 0.0, [0.0], [0.1 * (len(demand) - 1)]), dispense=dispense)
+    run = run_along(ArcChain((0.0, 0.0), 0.0, [0.0], [0.1 * (len(demand) - 1)]))
     assert len(run.demand) == len(demand)
-    return dataclasses.replace(run, demand=np.asarray(demand, float))
+    return dataclasses.replace(run, demand=demand, dispense=run.dispense if dispense is None else dispense)
 
 
 def test_torque_ripple_of_white_noise_is_its_standard_deviation():
