@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import gantrysim
 from gantrysim.bead import Bead
@@ -21,11 +16,9 @@ from gantrysim.job import Job
 from gantrysim.metrics import Analysis
 from gantrysim.study.commands import study_app
 from gantrysim.tables import links_table, outcome_table
+from gantrysim.terminal import FAULT, INPUT_ERROR, say, share_bar, show, warn
 
 __all__ = ["app", "main"]
-
-_INPUT_ERROR = 2
-_FAULT = 3
 
 app = typer.Typer(
     add_completion=False,
@@ -33,8 +26,6 @@ app = typer.Typer(
     help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
 )
 app.add_typer(study_app, name="study")
-_output = Console(soft_wrap=False)
-_messages = Console(stderr=True)
 
 
 @app.callback(invoke_without_command=True)
@@ -73,7 +64,7 @@ def run(
     folder = out if out is not None else Path("out") / loaded.name
     no_video = None
     with report.output_folder(folder) as scratch:
-        with _progress("simulate") as advance:
+        with share_bar("simulate") as advance:
             record = loaded.run(advance)
         analysis = Analysis(record)
         budget = Budget(analysis)
@@ -81,11 +72,11 @@ def run(
         laid = bead.figures if bead.nominal > 0 else None
         report.write_run(scratch, loaded, loaded.built_machine, budget, laid)
         if drawn:
-            with _progress("plot") as advance:
+            with share_bar("plot") as advance:
                 plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
         if video:
             try:
-                with _progress("video") as advance:
+                with share_bar("video") as advance:
                     render.save_video(
                         loaded.built_machine, record, scratch / report.VIDEO, bead=loaded.bead, progress=advance
                     )
@@ -93,20 +84,20 @@ def run(
                 no_video = f"no video: {error}"
         if drawn:
             page, film = scratch / report.REPORT, scratch / report.VIDEO
-            with _progress("report") as advance:
+            with share_bar("report") as advance:
                 write_run_page(page, loaded, loaded.built_machine, bead, film, advance)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
-    _output.print(links_table(loaded.name, loaded.built_machine, budget))
-    _output.print(outcome_table(record, analysis.figures, laid))
-    _output.print(escape(headline(budget)), highlight=False)
+    show(links_table(loaded.name, loaded.built_machine, budget))
+    show(outcome_table(record, analysis.figures, laid))
+    say(headline(budget), wrap=True)
     for note in loaded.notes:
-        _output.print(escape(f"note: {note}"), soft_wrap=True, highlight=False)
+        say(f"note: {note}")
     if no_video:
-        _messages.print(escape(no_video), soft_wrap=True, highlight=False)
-    _output.print(escape(f"written to {folder}/: {', '.join(written)}"), soft_wrap=True, highlight=False)
+        warn(no_video)
+    say(f"written to {folder}/: {', '.join(written)}")
     if record.fault is not None:
-        _messages.print(f"[bold red]fault[/]: {escape(str(record.fault))}", soft_wrap=True, highlight=False)
-        raise typer.Exit(_FAULT)
+        warn(str(record.fault), "fault")
+        raise typer.Exit(FAULT)
 
 
 @app.command()
@@ -121,20 +112,7 @@ def info() -> None:
         info.glue_table(),
         info.gains_table(),
     ):
-        _output.print(table)
-
-
-@contextmanager
-def _progress(task: str) -> Iterator[Callable[[float], None]]:
-    columns = (
-        TextColumn("{task.description:9}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=_messages, transient=True, disable=not _messages.is_terminal) as progress:
-        bar = progress.add_task(task, total=1.0)
-        yield lambda share: progress.update(bar, completed=share)
+        show(table)
 
 
 def main() -> None:
@@ -143,10 +121,10 @@ def main() -> None:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        _messages.print(f"[bold red]error[/]: {escape(text)}", soft_wrap=True, highlight=False)
-        status = _INPUT_ERROR
+        warn(text, "error")
+        status = INPUT_ERROR
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
-        _messages.print(f"[bold red]error[/]: {escape(f'{error.strerror}{where}')}", soft_wrap=True, highlight=False)
-        status = _INPUT_ERROR
+        warn(f"{error.strerror}{where}", "error")
+        status = INPUT_ERROR
     sys.exit(status)

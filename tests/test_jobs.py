@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from gantrysim import Job, Machine, cli
+from gantrysim import Job, Machine, terminal
 from gantrysim.job import builtin_jobs
 from gantrysim.machine import builtin_models
 from gantrysim.metrics import Analysis
@@ -128,7 +128,7 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
 
 
 def test_info_lists_machines_jobs_and_settings(gantrysim_command, monkeypatch):
-    monkeypatch.setattr(cli._output, "width", 160)
+    monkeypatch.setattr(terminal._output, "width", 160)
     status, printed, _ = gantrysim_command("info")
     assert status == 0
     for word in (*JOBS, *builtin_models(), "damping", "integral_time", "kp N·m/u", "deg/s", "mm/s²"):

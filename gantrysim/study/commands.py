@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from gantrysim.terminal import FAULT, INTERRUPTED, count_bar, interruptible, say, warn
 
 if TYPE_CHECKING:
     from gantrysim.study.study import Study
 
-__all__ = ["INTERRUPTED", "JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
-
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
-_FAULT = 3  # exit status where faults ended every run, as of the command run
+__all__ = ["JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
 
 # what every study's command takes
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
@@ -45,8 +37,6 @@ study_app = typer.Typer(
     no_args_is_help=True,
     help="Run a job many times with something changed, and see what it does to the bead.",
 )
-_output = Console(soft_wrap=False)
-_messages = Console(stderr=True)
 
 
 @study_app.callback()
@@ -64,7 +54,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
     try:
-        with _interruptible() as go_on, _progress(study.name) as advance:
+        with interruptible() as go_on, count_bar(study.name) as advance:
 
             def each(done: int, every: int) -> None:
                 go_on()
@@ -76,23 +66,20 @@ def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
         if interrupted.done:
             text = f"interrupted: the rows of {interrupted.done} finished cases are kept in {folder}/; "
             text += "the same command goes on from there"
-        _messages.print(escape(text), soft_wrap=True, highlight=False)
+        warn(text)
         raise typer.Exit(INTERRUPTED) from None
     except NoFiguresError as none:
         if not none.faulted:
             raise
-        _messages.print(f"[bold red]fault[/]: {escape(str(none))}", soft_wrap=True, highlight=False)
-        raise typer.Exit(_FAULT) from None
+        warn(str(none), "fault")
+        raise typer.Exit(FAULT) from None
     if outcome.discarded:
-        said = f"note: {folder}/ held the rows of another start, which were not taken: {outcome.discarded}"
-        _messages.print(escape(said), soft_wrap=True, highlight=False)
+        warn(f"note: {folder}/ held the rows of another start, which were not taken: {outcome.discarded}")
     if outcome.kept:
-        said = f"note: the rows of {outcome.kept} cases were there from an interrupted start"
-        _messages.print(escape(said), soft_wrap=True, highlight=False)
+        warn(f"note: the rows of {outcome.kept} cases were there from an interrupted start")
     for paragraph in outcome.findings:
-        _output.print(escape(paragraph), highlight=False, end="\n\n")
-    written = f"written to {folder}/: {', '.join(outcome.written)}"
-    _output.print(escape(written), soft_wrap=True, highlight=False)
+        say(paragraph, wrap=True, end="\n\n")
+    say(f"written to {folder}/: {', '.join(outcome.written)}")
 
 
 @study_app.command()
@@ -197,44 +184,3 @@ def repeat(
 
     loaded = Job.load(job, settings or (), model)
     carry_out(RepeatStudy(loaded, repeats=repeats, friction=friction, seed=seed), out, workers)
-
-
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], None]]:
-    """Have a polite kill end the study as Ctrl-C does: workers stopped, rows kept.
-
-    What is given raises the interrupt once more: the first is lost where it meets code that cannot pass it on, such as
-    a finaliser.
-    """
-    asked = False
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
-        raise KeyboardInterrupt
-
-    def go_on() -> None:
-        if asked:
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield go_on
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _progress(task: str) -> Iterator[Callable[[int, int], None]]:
-    columns = (
-        TextColumn("{task.description:9}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=_messages, transient=True, disable=not _messages.is_terminal) as progress:
-        bar = progress.add_task(task, total=None)
-        yield lambda done, every: progress.update(bar, completed=done, total=every)
