@@ -17,15 +17,18 @@ from gantrysim.axis import PER_SI, Axis
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError, finite, positive
 
-__all__ = ["FACTORS", "PerAxis", "Perturbation", "perturbed_model", "springs_have_axes"]
+__all__ = ["FACTORS", "PerAxis", "Perturbation", "perturbed_model", "smooth_model", "springs_have_axes"]
 
 PerAxis = float | tuple[float, ...]  # of all axes, or one per axis
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 # where MuJoCo keeps a dcmotor's numbers
 _MOTOR_CONSTANT = 1  # in gainprm
+_COGGING = 0  # in biasprm, the amplitude
 _COULOMB, _STATIC = 3, 4  # in biasprm
 _BRISTLE_STIFFNESS, _BRISTLE_DAMPING = 5, 6  # in dynprm
+
+_NEXT_TO_NOTHING = 1e-30
 
 
 @dataclass(frozen=True)
@@ -151,6 +154,22 @@ def perturbed_model(
     # a joint moves by its position less its reference: with this it is further on than its encoder tells
     offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
     changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
+    return changed
+
+
+def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a copy of a compiled model with viscous friction alone: without LuGre friction, frictionloss and cogging.
+
+    Args:
+        model: left as it is.
+    """
+    changed = copy.copy(model)
+    motors = _dcmotors(model)
+    # not zero, for with that MuJoCo would look for an activation less than there is
+    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= _NEXT_TO_NOTHING**motors
+    changed.actuator_biasprm[:, [_COGGING]] *= 1 - motors
+    changed.dof_frictionloss[:] = 0
+    changed.tendon_frictionloss[:] = 0
     return changed
 
 

@@ -18,7 +18,7 @@ from gantrysim.native.tick import magic
 from gantrysim.recording import fault_of, record
 from gantrysim.run import Fault, Run
 
-__all__ = ["Simulation", "positions", "ready"]
+__all__ = ["Simulation", "delay_steps", "positions", "ready", "substeps_of"]
 
 _SHORTEST_STEP = 1e-7  # [s]
 
@@ -68,8 +68,8 @@ class Simulation:
             raise InputError(
                 f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s"
             )
-        substeps = ticks(servo.period, _physics_step(machine, physics_step))
-        _delay(servo, substeps)
+        substeps = substeps_of(machine, servo.period, physics_step)
+        delay_steps(servo.delay, servo.period, substeps)
         log = np.empty((_most_ticks(setpoints), log_width(servo.axes)))
         model = machine.stepping(servo.period / substeps)
         return cls(machine, servo, setpoints, dispenser, position, substeps, model, log)
@@ -127,7 +127,7 @@ class Simulation:
         for name, value in ADDRESSES.items():
             row[name] = value
         row["axes"], row["ticks"], row["substeps"] = servo.axes, len(self.position), self.substeps
-        row["delay"] = _delay(servo, self.substeps)
+        row["delay"] = delay_steps(servo.delay, servo.period, self.substeps)
         row["setpoints"], row["log"] = self.position.ctypes.data, self.log.ctypes.data
         row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
         for name in ("resolution", "following_error_limit", *GAINS):
@@ -211,24 +211,41 @@ def _most_ticks(setpoints: Setpoints) -> int:
     return most
 
 
-def _physics_step(machine: Machine, wanted: float | None) -> float:
+def substeps_of(machine: Machine, period: float, physics_step: float | None = None) -> int:
+    """Return the number of physics steps in a servo period.
+
+    Args:
+        machine: whose MJCF has the longest step in it.
+        period: servo period [s].
+        physics_step: longest physics step, at most and by default the machine's own [s].
+
+    Raises:
+        InputError: a step that is too short, or longer than the machine's own.
+    """
     longest = float(machine.model.opt.timestep)
-    if wanted is None:
-        return longest
-    step = at_least("physics_step", wanted, _SHORTEST_STEP, "s")
+    if physics_step is None:
+        return ticks(period, longest)
+    step = at_least("physics_step", physics_step, _SHORTEST_STEP, "s")
     if step > longest * (1 + 1e-9):
         raise InputError(
             f"physics_step = {step:g} s: must be at most {longest:g} s, "
             f"the timestep that machine {machine.name} is made for"
         )
-    return step
+    return ticks(period, step)
 
 
-def _delay(servo: Servo, substeps: int) -> int:
-    """Return the servo's delay in physics steps."""
-    delay = servo.delay / servo.period * substeps
-    if abs(delay - round(delay)) > 1e-6:
-        raise InputError(
-            f"servo delay = {servo.delay:g} s: must be a multiple of the physics step, {servo.period / substeps:g} s"
-        )
-    return round(delay)
+def delay_steps(delay: float, period: float, substeps: int) -> int:
+    """Return the servo's delay in physics steps.
+
+    Args:
+        delay: from the sample to the output [s].
+        period: servo period [s].
+        substeps: physics steps in it.
+
+    Raises:
+        InputError: it is no whole number of them.
+    """
+    steps = delay / period * substeps
+    if abs(steps - round(steps)) > 1e-6:
+        raise InputError(f"servo delay = {delay:g} s: must be a multiple of the physics step, {period / substeps:g} s")
+    return round(steps)
