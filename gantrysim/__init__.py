@@ -1,6 +1,6 @@
 """gantrysim: which link of a dispensing gantry's chain caused which part of the bead's error."""
 
-from gantrysim import metrics
+from gantrysim import env, metrics  # env registers the Gymnasium environments
 from gantrysim.axis import Axis
 from gantrysim.batch import simulate_batch
 from gantrysim.bead import Bead, BeadSettings, HeightMap
@@ -32,6 +32,7 @@ __all__ = [
     "Run",
     "Servo",
     "Tick",
+    "env",
     "metrics",
     "perfect_follower",
     "simulate",

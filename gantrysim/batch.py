@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import mujoco
 from mujoco.batch import Batch
+from numpy.typing import NDArray
 
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
@@ -16,6 +17,7 @@ from gantrysim.engine import CALLS
 from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.machine import Machine
 from gantrysim.native.hook import installed
+from gantrysim.native.row import ROW
 from gantrysim.run import Run
 from gantrysim.simulation import Row, Simulation
 
@@ -78,7 +80,7 @@ def simulate_batch(
             if progress is not None:
                 progress((before + done) / every)
 
-        _run(fleet, own, tell)
+        fleet.finish(own, tell)
         before += sum(len(simulation.position) for simulation in own.values())
         records |= {number: own[place].record(fleet.rows[place]) for place, number in group.items()}
     return [records[number] for number in range(len(simulations))]
@@ -100,20 +102,6 @@ def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
         except InputError as error:
             raise InputError(f"simulation {k} of the batch: {error}") from None
     return simulations
-
-
-def _run(fleet: Fleet, simulations: Mapping[int, Simulation], tell: Callable[[int], None]) -> None:
-    """Step a fleet until all its simulations are done, in calls that Ctrl-C can come between."""
-    rows = fleet.rows
-    most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
-    begun = -1
-    while places := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
-        steps = sum(int(rows[place][0]["steps"]) for place in simulations)
-        if steps == begun:  # MuJoCo does not call the servo: the record says so
-            return
-        begun = steps
-        fleet.step(min(max(simulations[place].steps_left(rows[place]) for place in places), most), places)
-        tell(sum(int(rows[place][0]["index"]) for place in simulations))
 
 
 class Fleet:
@@ -138,13 +126,17 @@ class Fleet:
         self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
         self._models = [machine.model] * places
         self._source = machine.source
+        self._loaded: dict[int, Simulation] = {}  # kept, for the servos read and write their arrays
         self.rows: dict[int, Row] = {}
 
     def load(self, simulations: Mapping[int, Simulation]) -> None:
         """Put simulations at their start into places, over whatever is there.
 
         Args:
-            simulations: by place; the caller keeps them, their setpoints and logs are written to as the fleet steps.
+            simulations: by place; their logs are written to as the fleet steps.
+
+        Raises:
+            GantryError: a simulation of a machine of another MJCF.
         """
         for place, simulation in simulations.items():
             if simulation.machine.source != self._source:
@@ -154,6 +146,7 @@ class Fleet:
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
         for place, simulation in simulations.items():
             self.rows[place] = simulation.start(self._qpos[place], self._userdata[place])
+            self._loaded[place] = simulation
 
     def step(self, steps: int, places: Sequence[int] | None = None) -> None:
         """Step simulations; one that is done does no more than idle.
@@ -164,3 +157,34 @@ class Fleet:
         """
         with installed():
             self._batch.step(places, nstep=steps)
+
+    def finish(self, places: Iterable[int], tell: Callable[[int], None] | None = None) -> None:
+        """Step simulations until all are done, in calls that Ctrl-C can come between.
+
+        Args:
+            places: of the simulations.
+            tell: called after every call with the number of setpoints that all of them have sent.
+        """
+        simulations = {place: self._loaded[place] for place in places}
+        rows = self.rows
+        most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
+        begun = -1
+        while left := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
+            steps = sum(int(rows[place][0]["steps"]) for place in simulations)
+            if steps == begun:  # MuJoCo does not call the servo: a record says so
+                return
+            begun = steps
+            self.step(min(max(simulations[place].steps_left(rows[place]) for place in left), most), left)
+            if tell is not None:
+                tell(sum(int(rows[place][0]["index"]) for place in simulations))
+
+    def field(self, name: str) -> NDArray[Any]:
+        """Return a field of all servos' rows, a live view of the state, (places,) or of the axes (places, MAX_AXES).
+
+        Args:
+            name: as in `gantrysim.native.row`.
+        """
+        kind, offset = ROW.fields[name][:2]
+        numbers = self._userdata.view(kind.base)
+        first = offset // numbers.itemsize
+        return numbers[:, first : first + kind.shape[0]] if kind.shape else numbers[:, first]

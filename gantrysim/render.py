@@ -108,6 +108,10 @@ class Renderer:
         self._context.free()
         self._gl.free()
 
+    def show(self, run: Run) -> None:
+        """Draw another run of the machine from now on, with as many rings of the bead."""
+        self._run, self.bead = run, Sweep(run, self.bead.strand.settings, self.bead.rings)
+
     def pose(self, tick: int) -> None:
         """Put the machine where it stood at a tick, with the bead laid until then."""
         self.data.qpos[:] = self._machine.to_qpos(self._run.encoder[tick])

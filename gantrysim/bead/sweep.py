@@ -31,14 +31,16 @@ class Sweep:
     Args:
         run: the run.
         settings: how the glue lies.
+        rings: number of rings; by default as many as the length of the trace asks for.
 
     Attributes:
         strand: the bead at the rings.
     """
 
-    def __init__(self, run: Run, settings: BeadSettings | None = None) -> None:
-        length = float(surface_steps(run.nozzle).sum())
-        rings = int(np.clip(np.ceil(length / _RING_DISTANCE), *_RINGS))
+    def __init__(self, run: Run, settings: BeadSettings | None = None, rings: int | None = None) -> None:
+        if rings is None:
+            length = float(surface_steps(run.nozzle).sum())
+            rings = int(np.clip(np.ceil(length / _RING_DISTANCE), *_RINGS))
         self.strand = Strand(run, settings, stations=rings)
 
     @property

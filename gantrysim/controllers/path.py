@@ -168,7 +168,8 @@ class Path(ABC):
         return _in_frame(self.frame(s), -np.sin(theta), np.cos(theta), np.zeros_like(theta))
 
     @cached_property
-    def _table(self) -> tuple[Floats, Floats]:
+    def table(self) -> tuple[Floats, Floats]:
+        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3) [mm]."""
         count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE)) + 1
         s = np.linspace(0.0, self.length, count)
         return s, self.position(s)
@@ -182,7 +183,7 @@ class Path(ABC):
         from scipy.spatial import cKDTree  # slow to import, and needed by the analysis alone
 
         p = _points(points)
-        return self._foot(p, cKDTree(self._table[1]).query(p)[1])
+        return self._foot(p, cKDTree(self.table[1]).query(p)[1])
 
     def follow(self, trace: ArrayLike, begin: float | None = None) -> Projection:
         """Project a trace onto the path in the order of its points: each foot is the nearest near the one before.
@@ -195,7 +196,7 @@ class Path(ABC):
                 twice the distance to there. By default the nearest of the whole path, the earlier of two [mm].
         """
         p = _points(trace)
-        s_table, p_table = self._table
+        s_table, p_table = self.table
         first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
         return self._foot(p, along(p_table, p, s_table[1], first))
 
@@ -210,7 +211,7 @@ class Path(ABC):
         The foot lies between the neighbours of that entry; near a corner it may lie on either side, and is looked
         for on both.
         """
-        (s_table, p_table), corners = self._table, self._corners
+        (s_table, p_table), corners = self.table, self._corners
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
         found = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
         if corners.size:

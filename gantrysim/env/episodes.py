@@ -1,0 +1,136 @@
+"""What an episode is: a spiral and a machine, drawn by the environment's random numbers, or a job's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.controllers.profile import PointToPoint
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.spirals import Involute
+from gantrysim.dispenser import Dispenser
+from gantrysim.env.settings import Settings
+from gantrysim.errors import InputError
+from gantrysim.job import Job
+from gantrysim.machine import Machine
+from gantrysim.simulation import Simulation
+
+__all__ = ["GAINS", "Episode", "Source"]
+
+GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # that the agent sets
+_DETUNED = ("ki", *GAINS)
+_SPIRAL = ("diameter", "thickness", "speed", "turns")
+_BEAD = 2.0  # cross-section of the glue on a spiral [mm²]
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode, ready to be run.
+
+    Attributes:
+        simulation: of its setpoints on its machine.
+        points: along the requested path, evenly, (m, 3) [mm].
+        spacing: of them [mm].
+        drawn: what is special to it, by name.
+    """
+
+    simulation: Simulation
+    points: Floats
+    spacing: float
+    drawn: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What an episode has of its path."""
+
+    setpoints: Setpoints
+    dispenser: Dispenser
+    drawn: dict[str, float]
+
+    @cached_property
+    def table(self) -> tuple[Floats, Floats]:
+        return self.setpoints.requested.table
+
+
+class Source:
+    """Draws episodes.
+
+    Args:
+        settings: of the environment.
+
+    Attributes:
+        machine: the nominal machine.
+        servo: the gains about which the agent acts.
+        ticks: servo periods from one decision to the next; None for one decision per episode.
+
+    Raises:
+        InputError: no such job or machine, or a decision interval that is no multiple of the servo period.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._job = Job.load(settings.job) if isinstance(settings.job, str) else settings.job
+        if self._job is None:
+            self.machine = Machine(settings.machine)
+            servo = Servo.derive(self.machine.axes, **settings.servo)
+        else:
+            self.machine, servo = self._job.built_machine, self._job.built_servo
+        lower: dict[str, Any] = {n: tuple(gain / settings.detune for gain in getattr(servo, n)) for n in _DETUNED}
+        self.servo = replace(servo, **lower)
+        self.ticks = self._ticks()
+        self._fixed = self._fixed_plan()
+
+    def draw(self, random: np.random.Generator) -> Episode:
+        """Return an episode; of the same random numbers it is the same."""
+        plan = self._fixed or self._drawn_plan(random)
+        spread = self.settings.spread
+        machine = self.machine if spread is None else self.machine.perturbed(spread.draw(random, self.machine))
+        simulation = Simulation.of(
+            machine,
+            self.servo,
+            plan.setpoints,
+            physics_step=None if self._job is None else self._job.simulation.physics_step,
+            dispenser=plan.dispenser,
+        )
+        s, points = plan.table
+        return Episode(simulation, points, float(s[1]), plan.drawn)
+
+    def _fixed_plan(self) -> _Plan | None:
+        """Return what every episode has, if the path is not drawn."""
+        if self._job is not None:
+            return _Plan(self._job.setpoints, self._job.dispenser, {})
+        diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
+        if any(low != high for low, high in (diameter, thickness, speed, turns)):
+            return None
+        return self._spiral(diameter[0], thickness[0], speed[0], int(turns[0]))
+
+    def _drawn_plan(self, random: np.random.Generator) -> _Plan:
+        diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in _SPIRAL[:3])
+        fewest, most = self.settings.between("turns")
+        return self._spiral(diameter, thickness, speed, int(random.integers(int(fewest), int(most) + 1)))
+
+    def _spiral(self, diameter: float, thickness: float, speed: float, turns: int) -> _Plan:
+        turns = min(turns, int(0.5 * diameter / thickness - 1 + _ROUNDING))
+        path = Involute(0.5 * diameter, thickness, turns, start=(-0.5 * diameter, 0.0))
+        profile = PointToPoint(path.length, speed, self.settings.acceleration)
+        setpoints = Setpoints.along(path, profile, self.servo.period)
+        drawn = {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
+        return _Plan(setpoints, Dispenser(flow=_BEAD * speed), drawn)
+
+    def _ticks(self) -> int | None:
+        interval, period = self.settings.decision_interval, self.servo.period
+        if interval == np.inf:
+            return None
+        ticks = round(interval / period)
+        if ticks < 1 or abs(ticks * period - interval) > _ROUNDING:
+            raise InputError(
+                f"decision_interval = {interval:g} s: must be a multiple of the servo period, {period:g} s"
+            )
+        return ticks

@@ -1,0 +1,114 @@
+"""What is measured between two decisions, from the servo's log: compiled, for it is done for every environment."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+__all__ = ["PER_AXIS", "SHARED", "measure"]
+
+# what stands in a row of measurements before what every axis has, which is listed in PER_AXIS
+SHARED = ("ticks", "dispensing", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
+PER_AXIS = ("square", "largest", "sum", "demand", "ripple")
+
+_HEAD, _EACH = len(SHARED), len(PER_AXIS)
+
+_AROUND = 12  # entries of the table, to either side of the last foot, among which the next is looked for
+_BEGIN = 1.0  # [mm], about the path's start, within which a trace may begin besides twice its distance from there
+_CHORD = 8  # entries of the table to either side of a foot, over which heading and curvature are taken
+
+
+@numba.njit(error_model="numpy")
+def _distance(a, b):
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@numba.njit(error_model="numpy")
+def _nearest(points, tip, low, high):
+    best, least = low, np.inf
+    for i in range(max(low, 0), min(high, len(points) - 1) + 1):
+        x, y, z = points[i, 0] - tip[0], points[i, 1] - tip[1], points[i, 2] - tip[2]
+        square = x * x + y * y + z * z
+        if square < least:
+            best, least = i, square
+    return best
+
+
+@numba.njit(error_model="numpy")
+def _to_chord(points, i, tip):
+    """Distance of a tip to the chord from one entry to the next, and how far left of it in the XY plane."""
+    a, b = points[i], points[i + 1]
+    u, v, w = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    x, y, z = tip[0] - a[0], tip[1] - a[1], tip[2] - a[2]
+    square = u * u + v * v + w * w
+    share = min(max((x * u + y * v + z * w) / square, 0.0), 1.0) if square > 0 else 0.0
+    x, y, z = x - share * u, y - share * v, z - share * w
+    level = np.sqrt(u * u + v * v)
+    left = (u * y - v * x) / level if level > 0 else 0.0
+    return np.sqrt(x * x + y * y + z * z), left
+
+
+@numba.njit(cache=True, error_model="numpy")
+def measure(log, first, last, position, dispense, points, spacing, foot, row):
+    """Measure the ticks from `first` to before `last` and return the foot of the last.
+
+    Errors of the axes are sums over all these ticks, contour errors over those at which the dispenser is on; the
+    distance to the path is that to the chords of its points, which are off by spacing^2 curvature / 8.
+
+    Args:
+        log: of the servo, see `gantrysim.native.row.log_width`, (ticks, width).
+        first: the first tick.
+        last: the tick after the last.
+        position: the setpoints for all axes, (n, axes).
+        dispense: whether the dispenser is on, (n,).
+        points: along the requested path, (m, 3) [mm].
+        spacing: of them [mm].
+        foot: index of the point next to the nozzle at the tick before, -1 before the dispenser was ever on.
+        row: of measurements, to be written: `SHARED`, and then `PER_AXIS` for one axis after the other. The ripple is
+            a sum of squares of changes, `heading` [rad] and `turning` [1/mm] are the path's at the last foot.
+    """
+    n = position.shape[1]
+    row[:] = 0.0
+    for k in range(first, last):
+        at = int(log[k, -1])
+        tip = log[k, n : n + 3]
+        if not np.isfinite(tip).all():
+            continue
+        row[0] += 1
+        for a in range(n):
+            column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
+            error = position[at, a] - log[k, a]
+            demand = log[k, n + 3 + a]
+            column[0] += error * error
+            column[1] = max(column[1], abs(error))
+            column[2] += error
+            column[3] = max(column[3], abs(demand))
+            if k > 0:
+                change = demand - log[k - 1, n + 3 + a]
+                column[4] += change * change
+        moved = _distance(tip, log[k - 1, n : n + 3]) if k > 0 else 0.0
+        row[5] += moved
+        if not dispense[at]:
+            continue
+        if foot < 0:
+            foot = _nearest(points, tip, 0, int((2 * _distance(tip, points[0]) + _BEGIN) / spacing))
+        reach = _AROUND + int(2 * moved / spacing)
+        foot = _nearest(points, tip, foot - reach, foot + reach)
+        distance, left = np.inf, 0.0
+        for i in range(max(foot - 1, 0), min(foot + 1, len(points) - 1)):
+            to, side = _to_chord(points, i, tip)
+            if to < distance:
+                distance, left = to, side
+        row[1] += 1
+        row[2] += distance * distance
+        row[3] = max(row[3], distance)
+        row[4] += left
+    middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
+    x, y = points[middle] - points[middle - _CHORD], points[middle + _CHORD] - points[middle]
+    row[6] = np.arctan2(x[1] + y[1], x[0] + y[0])
+    between = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
+    row[7] = between / (_CHORD * spacing)
+    return foot

@@ -1,0 +1,95 @@
+"""What the environments are made of: the spirals and machines that are drawn, the agent's reach, what is rewarded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from gantrysim.errors import InputError, at_least, finite, positive, whole
+from gantrysim.job import Job
+from gantrysim.spread import Spread
+
+__all__ = ["Range", "Settings"]
+
+Range = float | tuple[float, float]  # a fixed value, or the lowest and the highest that are drawn
+
+_LEAST_DIAMETER = 4  # thicknesses: the first turn ends with a radius of one
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the environments; those of a spiral and its machine mean nothing where a job is given.
+
+    Attributes:
+        job: a job, by its name, its file or itself, whose path, machine and servo are taken; by default a spiral is
+            drawn, an involute that is commanded exactly, from rest to rest.
+        machine: a built-in machine, or an MJCF file.
+        servo: arguments of `Servo.derive`, for the gains about which the agent acts.
+        diameter: outer diameter of the spiral [mm].
+        turns: number of turns, whole; fewer where they would not leave a radius of one thickness inside.
+        thickness: distance of neighbouring turns [mm].
+        speed: path speed [mm/s].
+        acceleration: along the path, at the start and at the end [mm/s²].
+        spread: how far the machines differ of which one is drawn for every episode; None for the nominal one.
+        decision_interval: time between two decisions, a multiple of the servo period; inf for one per episode [s].
+        tolerance: of the contour error [mm].
+        gain_range: factor to either side by which the agent can change a gain.
+        detune: by which all gains are divided about which the agent acts.
+        per_axis: whether every axis has gains of its own.
+        ripple_limit: torque ripple that costs nothing, as a share of the drive's peak torque.
+
+    Raises:
+        InputError: a value out of its bounds.
+    """
+
+    job: str | Job | None = None
+    machine: str = "xy"
+    servo: Mapping[str, Any] = field(default_factory=lambda: {"integral_time": 0.03})
+    diameter: Range = (80.0, 140.0)
+    turns: Range = (2, 5)
+    thickness: Range = (6.0, 12.0)
+    speed: Range = (50.0, 150.0)
+    acceleration: float = 1000.0
+    spread: Spread | None = field(default_factory=Spread)
+    decision_interval: float = 0.1
+    tolerance: float = 0.05
+    gain_range: float = 10.0
+    detune: float = 1.0
+    per_axis: bool = False
+    ripple_limit: float = 0.02
+
+    def __post_init__(self) -> None:
+        for name, unit in (("diameter", "mm"), ("thickness", "mm"), ("speed", "mm/s")):
+            low, high = self.between(name)
+            at_least(f"highest {name}", high, positive(name, low, unit), unit)
+        fewest, most = self.between("turns")
+        whole("highest turns", most, whole("turns", fewest, 1))
+        for name, unit in (("acceleration", "mm/s²"), ("tolerance", "mm"), ("detune", ""), ("ripple_limit", "")):
+            positive(name, getattr(self, name), unit)
+        if finite("gain_range", self.gain_range) <= 1:
+            raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
+        if self.decision_interval != math.inf:
+            positive("decision_interval", self.decision_interval, "s")
+        least, thickest = self.between("diameter")[0], self.between("thickness")[1]
+        if least < _LEAST_DIAMETER * thickest:
+            raise InputError(
+                f"diameter = {least:g} mm: must be at least {_LEAST_DIAMETER} times the thickness, "
+                f"{_LEAST_DIAMETER * thickest:g} mm, for one turn to fit in"
+            )
+
+    def between(self, name: str) -> tuple[float, float]:
+        """Return the lowest and the highest value of what is drawn.
+
+        Raises:
+            InputError: neither one number nor two.
+        """
+        value = getattr(self, name)
+        if isinstance(value, int | float):
+            return value, value
+        try:
+            low, high = value
+        except (TypeError, ValueError):
+            raise InputError(f"{name} = {value!r}: must be one number, or the lowest and the highest") from None
+        return low, high

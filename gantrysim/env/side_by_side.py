@@ -1,0 +1,219 @@
+"""Episodes side by side: what the scalar and the vector environment both are, with one place and with many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.batch import Fleet
+from gantrysim.controllers.path import Floats
+from gantrysim.engine import perfect_follower
+from gantrysim.env.episodes import GAINS, Episode, Source
+from gantrysim.env.interval import PER_AXIS, SHARED, measure
+from gantrysim.env.observation import Measured, entries, observe
+from gantrysim.env.settings import Settings
+from gantrysim.errors import GantryError, InputError
+from gantrysim.machine import Machine
+from gantrysim.run import Run
+
+__all__ = ["Outcome", "SideBySide"]
+
+# The reward of an interval is -log(1 + contour error / tolerance), which a following error of 5 mm at a tolerance of
+# 50 um makes -5, less the ripple's share over its limit, at most _RIPPLE. What a fault leaves undone costs more.
+_RIPPLE = 1.0
+_FAULT = 8.0
+
+_DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
+
+
+class Outcome(NamedTuple):
+    """What a decision has led to, at every place; where none was taken the values mean nothing.
+
+    Attributes:
+        reward: sum of its terms, (places,).
+        terminated: whether a fault has ended the episode, (places,).
+        truncated: whether the path is at its end, (places,).
+        info: values by name, (places,) each.
+        final: likewise, what is told at an episode's end.
+    """
+
+    reward: Floats
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    info: dict[str, NDArray[Any]]
+    final: dict[str, NDArray[Any]]
+
+
+class SideBySide:
+    """Places in which episodes run; all advance in one native call.
+
+    Args:
+        settings: of the environment.
+        places: number of places.
+        threads: number of threads; by default all cores.
+
+    Attributes:
+        source: of the episodes.
+        entries: of the observation.
+        observation_space, action_space: of one place.
+    """
+
+    def __init__(self, settings: Settings, places: int, threads: int | None) -> None:
+        self.settings, self.source = settings, Source(settings)
+        machine, servo = self.source.machine, self.source.servo
+        self._axes = len(machine.axes)
+        self._fleet = Fleet(machine, places, threads)
+        self._peak = np.array([axis.peak_torque for axis in machine.axes])
+        self._centre = {name: np.array(getattr(servo, name)) for name in ("ki", *GAINS)}
+        self.entries = entries(machine.axis_names, settings.per_axis)
+        low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
+        self.observation_space = Box(low, high, dtype=np.float32)
+        gains = len(GAINS) * (self._axes if settings.per_axis else 1)
+        self.action_space = Box(-1.0, 1.0, (gains,), np.float32)
+
+        self.episodes: list[Episode | None] = [None] * places
+        self._action = np.zeros((places, gains))
+        self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
+        self._foot = np.full(places, -1)
+        self._measured = np.zeros(places, np.int64)  # ticks of the log that are looked at
+        self._setpoints = np.ones(places, np.int64)
+        self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
+
+    def begin(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, dict[str, float]]:
+        """Begin new episodes and return what was drawn for each.
+
+        Args:
+            randoms: random numbers by place.
+        """
+        drawn = {place: self.source.draw(random) for place, random in randoms.items()}
+        self._fleet.load({place: drawn[place].simulation for place in sorted(drawn)})
+        for place, episode in drawn.items():
+            self.episodes[place] = episode
+            self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
+            self._foot[place], self._measured[place] = -1, 0
+            self._setpoints[place] = len(episode.simulation.position)
+            self._measure(place, 0)
+        return {place: episode.drawn for place, episode in drawn.items()}
+
+    def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
+        """Set gains, run until the next decision, and return what came of it.
+
+        Args:
+            actions: of all places, (places, gains), clipped to -1 to 1.
+            mask: of the places that are to advance, (places,).
+
+        Raises:
+            InputError: an action that is not finite, or of another shape.
+        """
+        actions, places = np.asarray(actions, float), np.flatnonzero(mask).tolist()
+        if actions.shape != self._action.shape or not np.isfinite(actions[places]).all():
+            raise InputError(f"actions of shape {actions.shape}: must be finite and of shape {self._action.shape}")
+        self._action[places] = np.clip(actions[places], -1.0, 1.0)
+        if not places:
+            return self._outcome(mask)
+        self._set_gains(places)
+        if self.source.ticks is None:
+            self._fleet.finish(places)
+        else:
+            self._fleet.step(self.source.ticks * self._episode(places[0]).simulation.substeps, places)
+        ticks = self._fleet.field("tick")
+        for place in places:
+            self._measure(place, int(ticks[place]))
+        return self._outcome(mask)
+
+    def observations(self) -> NDArray[np.float32]:
+        """Return the observations of all places, (places, entries)."""
+        progress = np.minimum(self._fleet.field("index") / self._setpoints, 1.0)
+        return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
+
+    @property
+    def measured(self) -> Measured:
+        """What the last interval of every place was like."""
+        return Measured.of(self._rows, self.source.servo.period, self._peak)
+
+    def record(self, place: int) -> Run:
+        """Return the record of the episode at a place so far."""
+        simulation = self._episode(place).simulation
+        return simulation.record(self._fleet.rows[place], partial=True)
+
+    def scene(self, place: int) -> tuple[Machine, Run, int]:
+        """Return machine, record and tick of the present moment, to be drawn."""
+        simulation = self._episode(place).simulation
+        if self._measured[place] < 2:  # not begun yet
+            follower = perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
+            return simulation.machine, follower, 0
+        run = self.record(place)
+        return simulation.machine, run, len(run.time) - 1
+
+    def _set_gains(self, places: Sequence[int]) -> None:
+        chosen = self._action[places].reshape(len(places), len(GAINS), -1)
+        factor = self.settings.gain_range**chosen
+        for g, name in enumerate(GAINS):
+            self._fleet.field(name)[places, : self._axes] = self._centre[name] * factor[:, g]
+        # the integral term keeps its time constant, kp / ki
+        self._fleet.field("ki")[places, : self._axes] = self._centre["ki"] * factor[:, GAINS.index("kp")]
+
+    def _measure(self, place: int, last: int) -> None:
+        """Look at the ticks that have come since the last decision."""
+        episode = self._episode(place)
+        simulation = episode.simulation
+        row = self._rows[place]
+        self._foot[place] = measure(
+            simulation.log,
+            int(self._measured[place]),
+            last,
+            simulation.position,
+            simulation.setpoints.dispense,
+            episode.points,
+            episode.spacing,
+            int(self._foot[place]),
+            row,
+        )
+        self._measured[place] = last
+        total = self._total[place]
+        total[0] += row[_DISPENSING]
+        total[1] += row[_SQUARE]
+        total[2] = max(total[2], row[_LARGEST])
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        settings, measured = self.settings, self.measured
+        left = self._setpoints - self._fleet.field("index")
+        terminated = advanced & (self._fleet.field("fault") != 0)
+        truncated = advanced & (left <= 0) & ~terminated
+        ripple = measured.ripple.max(axis=1)
+        undone = 1 if self.source.ticks is None else 1 + left // self.source.ticks
+        terms = {
+            "reward_contour": -np.log1p(measured.contour_rms / settings.tolerance),
+            "reward_ripple": -_RIPPLE * np.clip(ripple / settings.ripple_limit - 1.0, 0.0, 1.0),
+            "reward_fault": np.where(terminated, -_FAULT * undone, 0.0),
+        }
+        faults = np.full(len(self.episodes), None, object)
+        for place in np.flatnonzero(terminated).tolist():
+            faults[place] = str(self._episode(place).simulation.fault(self._fleet.rows[place]))
+        ticks, square, largest = self._total.T
+        return Outcome(
+            reward=sum(terms.values(), np.zeros(len(self.episodes))),
+            terminated=terminated,
+            truncated=truncated,
+            info={
+                **terms,
+                "contour_rms": measured.contour_rms,
+                "contour_max": measured.contour_max,
+                "ripple": ripple,
+                "fault": faults,
+            },
+            final={
+                "episode_contour_rms": np.sqrt(square / np.maximum(ticks, 1)),
+                "episode_contour_max": largest,
+            },
+        )
+
+    def _episode(self, place: int) -> Episode:
+        episode = self.episodes[place]
+        if episode is None:
+            raise GantryError("no episode has begun: reset comes first")
+        return episode

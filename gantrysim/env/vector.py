@@ -1,0 +1,182 @@
+"""The same environment many times over, natively: all advance in one call."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from gantrysim.env.frames import Frames
+from gantrysim.env.settings import Settings
+from gantrysim.env.side_by_side import SideBySide
+from gantrysim.errors import InputError, whole
+from gantrysim.run import Run
+
+__all__ = ["GainBanditVectorEnv", "SpiralTuningVectorEnv"]
+
+Observations = NDArray[np.float32]
+Numbers = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
+    """`SpiralTuningEnv` many times over; equal to as many scalar ones, step by step, for any number of threads.
+
+    Args:
+        num_envs: number of environments.
+        threads: on which they are stepped; by default all cores.
+        autoreset_mode: when an episode that is over is followed by the next, as Gymnasium's modes have it.
+        render_mode: None or "rgb_array".
+        size: width and height of the pictures [pixels].
+        settings: as for `SpiralTuningEnv`, see `Settings`.
+
+    Raises:
+        InputError: a value out of its bounds.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        size: tuple[int, int] = (640, 480),
+        **settings: Any,
+    ) -> None:
+        self.num_envs = whole("num_envs", num_envs, 1)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.settings = Settings(**settings)
+        self._episodes = SideBySide(self.settings, self.num_envs, threads)
+        self.single_observation_space = self._episodes.observation_space
+        self.single_action_space = self._episodes.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.render_mode = render_mode
+        self._frames = Frames(size) if render_mode is not None else None
+        self._randoms: dict[int, np.random.Generator] = {}
+        self._over = np.zeros(self.num_envs, bool)
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the observation's entries, in order."""
+        return tuple(entry.name for entry in self._episodes.entries)
+
+    def run(self, place: int) -> Run:
+        """Return the record of one environment's episode so far, at least one tick of it."""
+        return self._episodes.record(place)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Begin new episodes and return their observations and what was drawn for each.
+
+        Args:
+            seed: of the random numbers: one, to which the number of the environment is added, or one for each; by
+                default they go on, and are random where there was no seed yet.
+            options: "reset_mask", a boolean array of the environments to be reset, by default all.
+
+        Raises:
+            InputError: seeds or a mask of another number.
+        """
+        mask = self._mask(options)
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        if len(seeds) != self.num_envs:
+            raise InputError(f"{len(seeds)} seeds: must be one, or {self.num_envs}, one for each environment")
+        for place in np.flatnonzero(mask).tolist():
+            if seeds[place] is not None or place not in self._randoms:
+                self._randoms[place] = seeding.np_random(seeds[place])[0]
+        info = self._begin(mask)
+        return self._episodes.observations(), info
+
+    def step(self, actions: Observations) -> tuple[Observations, Numbers, Flags, Flags, dict[str, Any]]:
+        """Take a decision in every environment, and return what came of it.
+
+        Raises:
+            ResetNeeded: before the first reset, and where an episode is over that no mode resets.
+            InputError: actions that are not finite, or of another shape.
+        """
+        resting = self._over.copy()
+        if len(self._randoms) < self.num_envs or (self.autoreset_mode is AutoresetMode.DISABLED and resting.any()):
+            raise ResetNeeded("an episode is over, or none has begun: call reset")
+        outcome = self._episodes.advance(actions, ~resting)
+        over = outcome.terminated | outcome.truncated
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
+            final = self._episodes.observations()
+            info = self._told(outcome.info, ~over)
+            info |= {"final_obs": np.full(self.num_envs, None, object), "_final_obs": over}
+            for place in np.flatnonzero(over):
+                info["final_obs"][place] = final[place]
+            info |= {"final_info": self._told({**outcome.info, **outcome.final}, over), "_final_info": over.copy()}
+            info |= self._begin(over)
+        else:
+            info = self._told(outcome.info, ~resting) | self._told(outcome.final, over)
+            info |= self._begin(resting) if resting.any() else {}
+            self._over = over
+        reward = np.where(resting, 0.0, outcome.reward)
+        return self._episodes.observations(), reward, outcome.terminated, outcome.truncated, info
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every environment, (height, width, 3) each; None without a render mode.
+
+        Raises:
+            NoOpenGLError: no OpenGL that needs no display.
+        """
+        if self._frames is None:
+            return None
+        return tuple(self._frames.picture(*self._episodes.scene(place)) for place in range(self.num_envs))
+
+    def close_extras(self, **_kwargs: Any) -> None:
+        """Free what pictures were drawn with."""
+        if self._frames is not None:
+            self._frames.close()
+
+    def _mask(self, options: dict[str, Any] | None) -> Flags:
+        mask = (options or {}).get("reset_mask")
+        if mask is None:
+            return np.ones(self.num_envs, bool)
+        mask = np.asarray(mask)
+        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
+            raise InputError(f"reset_mask = {mask}: must be {self.num_envs} booleans, at least one of them true")
+        return mask
+
+    def _begin(self, mask: Flags) -> dict[str, Any]:
+        """Begin new episodes, and return what was drawn for them as infos."""
+        drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()})
+        self._over[mask] = False
+        names = next(iter(drawn.values()))
+        values = {name: np.zeros(self.num_envs, type(value)) for name, value in names.items()}
+        for place, own in drawn.items():
+            for name, value in own.items():
+                values[name][place] = value
+        return self._told(values, mask)
+
+    def _told(self, values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
+        """Return infos as Gymnasium has them: with every name a mask of the environments that it is told of."""
+        if not mask.any():
+            return {}
+        told: dict[str, Any] = {}
+        for name, array in values.items():
+            own = np.full_like(array, None if array.dtype == object else 0)
+            own[mask] = array[mask]
+            told |= {name: own, f"_{name}": mask.copy()}
+        return told
+
+
+class GainBanditVectorEnv(SpiralTuningVectorEnv):
+    """`GainBanditEnv` many times over; arguments as of `SpiralTuningVectorEnv`, but for the decision interval."""
+
+    def __init__(self, num_envs: int = 1, **settings: Any) -> None:
+        super().__init__(num_envs, **{**settings, "decision_interval": math.inf})
