@@ -115,7 +115,7 @@ class Chain(Path):
         return self._s[1:]
 
     @cached_property
-    def _corners(self) -> Floats:
+    def corners(self) -> Floats:
         joints = self._s[1:-1]
         jump = self.tangent(joints + SHORTEST) - self.tangent(joints - SHORTEST)
         corners: Floats = joints[np.linalg.norm(jump, axis=1) > _SHARP]

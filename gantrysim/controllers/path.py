@@ -201,7 +201,7 @@ class Path(ABC):
         return self._foot(p, along(p_table, p, s_table[1], first))
 
     @cached_property
-    def _corners(self) -> Floats:
+    def corners(self) -> Floats:
         """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
         return np.zeros(0)
 
@@ -211,7 +211,7 @@ class Path(ABC):
         The foot lies between the neighbours of that entry; near a corner it may lie on either side, and is looked
         for on both.
         """
-        (s_table, p_table), corners = self.table, self._corners
+        (s_table, p_table), corners = self.table, self.corners
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
         found = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
         if corners.size:

@@ -35,7 +35,7 @@ class Episode:
 
     Attributes:
         simulation: of its setpoints on its machine.
-        points: along the requested path, evenly, (m, 3) [mm].
+        points: along the requested path, evenly but for its corners, (m, 3) [mm].
         spacing: of them [mm].
         drawn: what is special to it, by name.
     """
@@ -55,8 +55,13 @@ class _Plan:
     drawn: dict[str, float]
 
     @cached_property
-    def table(self) -> tuple[Floats, Floats]:
-        return self.setpoints.requested.table
+    def points(self) -> tuple[Floats, float]:
+        """Points along the requested path, and their spacing; the corners, which chords would cut, are among them."""
+        path = self.setpoints.requested
+        s, points = path.table
+        if path.corners.size:
+            points = np.insert(points, np.searchsorted(s, path.corners), path.position(path.corners), axis=0)
+        return points, float(s[1])
 
 
 class Source:
@@ -99,8 +104,7 @@ class Source:
             physics_step=None if self._job is None else self._job.simulation.physics_step,
             dispenser=plan.dispenser,
         )
-        s, points = plan.table
-        return Episode(simulation, points, float(s[1]), plan.drawn)
+        return Episode(simulation, *plan.points, plan.drawn)
 
     def _fixed_plan(self) -> _Plan | None:
         """Return what every episode has, if the path is not drawn."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.errors import InputError
 from gantrysim.machine import Machine
 from gantrysim.run import Run
 
@@ -20,21 +22,33 @@ class Frames:
     """Draws episodes, one after the other, with one renderer, made for the first picture.
 
     Args:
+        mode: None, and nothing is drawn, or "rgb_array".
         size: width and height [pixels].
+
+    Raises:
+        InputError: another mode.
     """
 
-    def __init__(self, size: tuple[int, int]) -> None:
-        self._size = size
+    def __init__(self, mode: str | None, size: tuple[int, int]) -> None:
+        if mode not in (None, "rgb_array"):
+            raise InputError(f"render_mode = {mode!r}: must be None or 'rgb_array'")
+        self._mode, self._size = mode, size
         self._renderer: Renderer | None = None
 
-    def picture(self, machine: Machine, run: Run, tick: int) -> NDArray[np.uint8]:
-        """Return the picture at a tick of a record, (height, width, 3).
+    def picture(self, scene: Callable[[], tuple[Machine, Run, int]]) -> NDArray[np.uint8] | None:
+        """Return a picture, (height, width, 3), or None where nothing is drawn.
+
+        Args:
+            scene: gives the machine, its record and the tick to be drawn.
 
         Raises:
             NoOpenGLError: no OpenGL that needs no display.
         """
+        if self._mode is None:
+            return None
         from gantrysim.render import Renderer
 
+        machine, run, tick = scene()
         if self._renderer is None:
             self._renderer = Renderer(machine, run, size=self._size)
         else:

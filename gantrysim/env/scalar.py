@@ -89,7 +89,7 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
         self._episodes = SideBySide(self.settings, 1, 1)
         self.observation_space, self.action_space = self._episodes.observation_space, self._episodes.action_space
         self.render_mode = render_mode
-        self._frames = Frames(size) if render_mode is not None else None
+        self._frames = Frames(render_mode, size)
         if self.settings.decision_interval < math.inf:
             self.metadata = {**self.metadata, "render_fps": max(round(1 / self.settings.decision_interval), 1)}
         self._over = True
@@ -128,12 +128,11 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
         Raises:
             NoOpenGLError: no OpenGL that needs no display.
         """
-        return None if self._frames is None else self._frames.picture(*self._episodes.scene(0))
+        return self._frames.picture(lambda: self._episodes.scene(0))
 
     def close(self) -> None:
         """Free what pictures were drawn with."""
-        if self._frames is not None:
-            self._frames.close()
+        self._frames.close()
 
 
 class GainBanditEnv(SpiralTuningEnv):

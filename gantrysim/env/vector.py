@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.render_mode = render_mode
-        self._frames = Frames(size) if render_mode is not None else None
+        self._frames = Frames(render_mode, size)
         self._randoms: dict[int, np.random.Generator] = {}
         self._over = np.zeros(self.num_envs, bool)
 
@@ -134,14 +135,12 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
         Raises:
             NoOpenGLError: no OpenGL that needs no display.
         """
-        if self._frames is None:
-            return None
-        return tuple(self._frames.picture(*self._episodes.scene(place)) for place in range(self.num_envs))
+        pictures = [self._frames.picture(partial(self._episodes.scene, place)) for place in range(self.num_envs)]
+        return None if self.render_mode is None else tuple(picture for picture in pictures if picture is not None)
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Free what pictures were drawn with."""
-        if self._frames is not None:
-            self._frames.close()
+        self._frames.close()
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
         mask = (options or {}).get("reset_mask")

@@ -1,0 +1,349 @@
+"""The environments against the engine and the analysis: what is run, what is seen, what is rewarded."""
+
+import dataclasses
+import math
+import re
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim import InputError, Job, simulate
+from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuningVectorEnv
+from gantrysim.env.episodes import GAINS
+from gantrysim.env.observation import entries
+from gantrysim.metrics import Analysis, path_speed, torque_ripple
+from gantrysim.spread import Spread
+
+SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
+FAULTY = np.array([1, -1, 0, 0], np.float32)  # much stiffness without damping
+
+ROUNDING = 1e-6  # of single precision
+CONTOUR = 5e-5  # [mm], that chords of 0.05 mm are off a curve of 8 mm radius
+RIPPLE = 1e-12
+
+
+def whole_episode(env, action=None, seed=1):
+    """Run an episode with one action; the last step's return, and infos of all."""
+    env.reset(seed=seed)
+    infos, over = [], False
+    while not over:
+        last = env.step(np.zeros(env.action_space.shape) if action is None else action)
+        infos.append(last[-1])
+        over = last[2] or last[3]
+    return last, infos
+
+
+@pytest.fixture
+def env():
+    made = SpiralTuningEnv(**SHORT)
+    yield made
+    made.close()
+
+
+def test_an_episode_with_constant_gains_is_the_very_run_of_the_engine():
+    env = SpiralTuningEnv(**SHORT, gain_range=4.0)
+    action = np.array([0.5, 0.25, -0.5, 1.0])
+    (_, _, terminated, truncated, _), _ = whole_episode(env, action)
+    assert (terminated, truncated) == (False, True)
+    simulation = env._episodes.episodes[0].simulation
+    factors = 4.0**action
+    gains = {
+        name: tuple(f * g for g in getattr(simulation.servo, name)) for f, name in zip(factors, GAINS, strict=True)
+    }
+    gains["ki"] = tuple(factors[0] * ki for ki in simulation.servo.ki)
+    servo = dataclasses.replace(simulation.servo, **gains)
+    run = simulate(simulation.machine, servo, simulation.setpoints, dispenser=simulation.dispenser)
+    for name in ("encoder", "nozzle", "demand", "motor", "flow"):
+        assert np.array_equal(getattr(env.run, name), getattr(run, name)), name
+
+
+def test_gains_hold_from_their_decision_on(env):
+    env.reset(seed=1)
+    env.step(np.zeros(4))
+    before = env.run
+    env.step(np.array([0.3, 0.0, 0.0, 0.0]))
+    after = env.run
+    assert len(before.time) == 100
+    assert len(after.time) == 200
+    assert np.array_equal(after.demand[:100], before.demand)
+    env.reset(seed=1)
+    env.step(np.zeros(4))
+    env.step(np.zeros(4))
+    assert not np.array_equal(env.run.demand[100], after.demand[100])
+
+
+def test_what_is_seen_and_told_is_what_the_analysis_finds(env):
+    names = env.observation_names
+    env.reset(seed=2)
+    for _ in range(5):
+        observation, *_, info = env.step(np.zeros(4))
+    run, tolerance = env.run, env.settings.tolerance
+    last = slice(400, 500)
+    seen = dict(zip(names, observation.tolist(), strict=True))
+    contour = Analysis(run).nozzle
+    lateral, distance = contour.lateral[last], contour.distance[last]
+    assert info["contour_rms"] == pytest.approx(math.sqrt(np.mean(distance**2)), abs=CONTOUR)
+    assert info["contour_max"] == pytest.approx(distance.max(), abs=CONTOUR)
+    assert 10 ** seen["contour_rms"] * tolerance == pytest.approx(info["contour_rms"], rel=1e-5)
+    assert 10 ** seen["contour_max"] * tolerance == pytest.approx(info["contour_max"], rel=1e-5)
+    assert seen["contour_mean"] * tolerance == pytest.approx(lateral.mean(), abs=CONTOUR)
+    peak = [axis.peak_torque for axis in env._episodes.source.machine.axes]
+    shares = []
+    for a, axis in enumerate("xy"):
+        error = (run.commanded - run.encoder)[last, a]
+        assert 10 ** seen[f"tracking_rms_{axis}"] * tolerance == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
+        assert 10 ** seen[f"tracking_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
+        assert seen[f"tracking_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
+        assert seen[f"torque_{axis}"] == pytest.approx(np.abs(run.demand[last, a]).max() / peak[a], rel=1e-6)
+        change = np.diff(run.demand[399:500, a])
+        shares.append(np.sqrt(0.5 * np.mean(change**2)) / peak[a])
+        assert 10 ** seen[f"ripple_{axis}"] * env.settings.ripple_limit == pytest.approx(shares[-1], rel=1e-5)
+    assert info["ripple"] == pytest.approx(max(shares), rel=1e-12)
+    local = run.requested.local(contour.s[[499]])
+    assert seen["curvature"] * 0.1 == pytest.approx(float(local.turning[0]), rel=0.02)
+    assert seen["cos_heading"] == pytest.approx(float(local.tangent[0, 0]), abs=0.01)
+    assert seen["sin_heading"] == pytest.approx(float(local.tangent[0, 1]), abs=0.01)
+    assert seen["speed"] * 100 == pytest.approx(path_speed(run)[last].mean(), rel=0.01)
+    assert seen["progress"] == pytest.approx(500 / len(env._episodes.episodes[0].simulation.position), rel=1e-6)
+
+
+def test_the_ripple_of_a_whole_episode_is_that_of_the_metrics():
+    env = GainBanditEnv(**SHORT)
+    env.reset(seed=3)
+    *_, info = env.step(np.zeros(4))
+    peak = np.array([axis.peak_torque for axis in env._episodes.source.machine.axes])
+    run = env.run
+    assert run.dispense.all()
+    # the first tick has no change before it, here as there
+    counts = len(run.time) - 1, len(run.time)
+    assert info["ripple"] == pytest.approx(
+        (torque_ripple(run) / peak).max() * math.sqrt(counts[0] / counts[1]), rel=RIPPLE
+    )
+
+
+def test_an_episode_tells_its_contour_error_at_its_end(env):
+    (*_, info), infos = whole_episode(env)
+    figures = Analysis(env.run).figures
+    assert info["episode_contour_rms"] == pytest.approx(figures.contour.rms, abs=CONTOUR)
+    assert info["episode_contour_max"] == pytest.approx(figures.contour.max, abs=CONTOUR)
+    assert all("episode_contour_rms" not in info for info in infos[:-1])
+
+
+def test_the_reward_is_the_sum_of_its_terms_in_closed_form(env):
+    env.reset(seed=1)
+    ended = False
+    for action in ([0, 0, 0, 0], [0.4, 0.9, 0, 0], FAULTY):
+        while not ended:
+            _, reward, terminated, truncated, info = env.step(np.asarray(action, np.float32))
+            ended = terminated or truncated
+            assert reward == sum(info[f"reward_{term}"] for term in ("contour", "ripple", "fault"))
+            assert info["reward_contour"] == pytest.approx(-math.log1p(info["contour_rms"] / 0.05), rel=1e-12)
+            assert info["reward_ripple"] == pytest.approx(-min(max(info["ripple"] / 0.02 - 1, 0), 1), abs=1e-12)
+            if not terminated:
+                assert info["reward_fault"] == 0
+                break
+    assert terminated
+
+
+def test_no_fault_pays():
+    settings = dict(SHORT, spread=None)
+    env = SpiralTuningEnv(**settings, detune=10.0, gain_range=100.0)
+    env.reset(seed=1)
+    worst = 0.0
+    over = False
+    while not over:  # as bad as it gets without a fault
+        _, reward, terminated, truncated, _ = env.step(np.zeros(4))
+        over, worst = terminated or truncated, worst + reward
+    assert truncated
+    env.reset(seed=1)
+    total, over = 0.0, False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(FAULTY)
+        over, total = terminated or truncated, total + reward
+    assert terminated
+    assert total < worst
+    assert re.match(r"(oscillation|overspeed|following error) on axis [xy] at t = 0\.\d+ s: ", info["fault"])
+    assert env.run.fault is not None
+    assert str(env.run.fault) == info["fault"]
+    left = len(env._episodes.episodes[0].simulation.position) - len(env.run.time)
+    assert info["reward_fault"] == -8.0 * (1 + left // 100)
+
+
+def test_an_episode_that_is_over_must_be_reset(env):
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(4))
+    whole_episode(env)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(4))
+    env.reset()
+    env.step(np.zeros(4))
+
+
+def test_episodes_go_on_from_the_seed_and_differ():
+    env = SpiralTuningEnv()
+    first = [env.reset(seed=5)[1], env.reset()[1], env.reset()[1]]
+    second = [env.reset(seed=5)[1], env.reset()[1], env.reset()[1]]
+    assert first == second
+    assert len({info["diameter"] for info in first}) == 3
+    low, high = env.settings.between("diameter")
+    assert all(low <= info["diameter"] <= high for info in first)
+
+
+def test_a_fixed_spiral_still_draws_its_machine(env):
+    nominal = SpiralTuningEnv(**SHORT, spread=None)
+    runs = []
+    for one in (env, env, nominal, nominal):
+        one.reset(seed=None if runs else 7)
+        one.step(np.zeros(4))
+        runs.append(one.run)
+    assert np.array_equal(runs[0].commanded, runs[1].commanded)
+    assert not np.array_equal(runs[0].demand, runs[1].demand)
+    assert np.array_equal(runs[2].demand, runs[3].demand)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31), thickness=st.floats(6, 12))
+def test_a_spiral_that_is_drawn_leaves_room_inside(seed, thickness):
+    env = _room(thickness)
+    _, info = env.reset(seed=seed)
+    path = env._episodes.episodes[0].simulation.setpoints.requested
+    assert info["turns"] >= 1
+    assert path.radius - path.pitch * path.turns >= path.pitch - 1e-9
+    assert isinstance(info["turns"], int)
+
+
+ENVS = {}
+
+
+def _room(thickness):
+    key = round(thickness)
+    if key not in ENVS:
+        ENVS[key] = SpiralTuningEnv(diameter=(48, 140), turns=(1, 9), thickness=(3, key), speed=80.0, spread=None)
+    return ENVS[key]
+
+
+def test_a_job_gives_path_machine_servo_and_dispenser():
+    job = Job.load("softmc-arc")
+    env = GainBanditEnv(job="softmc-arc", spread=None)
+    env.reset(seed=1)
+    *_, terminated, truncated, info = env.step(np.zeros(4))
+    run = job.run()
+    assert truncated
+    assert not terminated
+    assert np.array_equal(env.run.nozzle, run.nozzle)
+    assert np.array_equal(env.run.flow, run.flow)
+    contour = Analysis(run).figures.contour
+    assert info["episode_contour_rms"] == pytest.approx(contour.rms, abs=CONTOUR)
+    assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
+
+
+@pytest.mark.parametrize("name", ["stage-outline", "fanuc-conical", "fanuc-spiral"])
+def test_every_kind_of_machine_and_path_has_its_contour_error(name):
+    env = GainBanditEnv(job=Job.load(name), spread=None)
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    *_, info = env.step(np.zeros(4))
+    contour = Analysis(env.run).figures.contour
+    assert info["episode_contour_rms"] == pytest.approx(contour.rms, abs=CONTOUR)
+    assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
+
+
+def test_detuned_gains_are_where_the_agent_starts():
+    plain, detuned = (SpiralTuningEnv(**SHORT, spread=None, detune=d, gain_range=10.0) for d in (1.0, 10.0))
+    for env, action in ((plain, -np.ones(4)), (detuned, np.zeros(4))):
+        env.reset(seed=1)
+        env.step(action)
+    assert np.allclose(plain.run.demand, detuned.run.demand, rtol=1e-9, atol=1e-12)
+
+
+def test_every_axis_can_have_gains_of_its_own():
+    shared, own = (SpiralTuningEnv(**SHORT, spread=None, per_axis=p) for p in (False, True))
+    assert own.action_space.shape == (8,)
+    for env, action in ((shared, [0.2, 0.1, 0, 0]), (own, [0.2, 0.2, 0.1, 0.1, 0, 0, 0, 0])):
+        env.reset(seed=1)
+        env.step(np.array(action))
+    assert np.array_equal(shared.run.demand, own.run.demand)
+    own.reset(seed=1)
+    observation, *_ = own.step(np.array([0.2, -0.3, 0.1, 0.1, 0, 0, 0, 0.4]))
+    assert np.array_equal(own.run.demand[:, 0], shared.run.demand[:, 0])
+    assert not np.array_equal(own.run.demand[:, 1], shared.run.demand[:, 1])
+    seen = dict(zip(own.observation_names, observation.tolist(), strict=True))
+    assert [seen[f"gain_{name}"] for name in ("kp_x", "kp_y", "acceleration_ff_y")] == pytest.approx([0.2, -0.3, 0.4])
+
+
+def test_actions_beyond_the_space_count_as_its_edge(env):
+    for action in (np.ones(4) * 0.5, np.array([0.5, 0.5, 0.5, 0.5])):
+        env.reset(seed=1)
+        env.step(action)
+    edge = []
+    for action in (np.array([1, 1, 1, 1]), np.array([3, 3, 3, 3])):
+        env.reset(seed=1)
+        observation, *_ = env.step(action)
+        edge.append(env.run.demand)
+        assert env.observation_space.contains(observation)
+    assert np.array_equal(*edge)
+
+
+@pytest.mark.parametrize("action", [np.full(4, np.nan), np.zeros(3), np.array([0, 0, np.inf, 0])])
+def test_an_action_that_is_none_is_refused(env, action):
+    env.reset(seed=1)
+    with pytest.raises(InputError, match=r"actions of shape .*: must be finite and of shape \(1, 4\)"):
+        env.step(action)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gain_range": 1.0}, "gain_range = 1: must be greater than 1"),
+        (
+            {"decision_interval": 0.0015},
+            "decision_interval = 0.0015 s: must be a multiple of the servo period, 0.001 s",
+        ),
+        ({"decision_interval": 0.0}, "decision_interval = 0 s: must be greater than 0 s"),
+        ({"diameter": (120.0, 80.0)}, "highest diameter = 80 mm: must be at least 120 mm"),
+        ({"diameter": (1, 2, 3)}, "diameter = (1, 2, 3): must be one number, or the lowest and the highest"),
+        ({"diameter": 20.0}, "diameter = 20 mm: must be at least 4 times the thickness, 48 mm, for one turn to fit in"),
+        ({"turns": 2.5}, "turns = 2.5: must be a whole number"),
+        ({"speed": 0}, "speed = 0 mm/s: must be greater than 0 mm/s"),
+        ({"tolerance": -1}, "tolerance = -1 mm: must be greater than 0 mm"),
+        ({"job": "none-such"}, "unknown job 'none-such'"),
+        ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
+    ],
+)
+@pytest.mark.parametrize("kind", [SpiralTuningEnv, SpiralTuningVectorEnv])
+def test_settings_out_of_their_bounds_are_refused(kind, change, said):
+    with pytest.raises(InputError) as refused:
+        kind(**change)
+    assert str(refused.value).startswith(said)
+
+
+def test_the_docstring_lists_the_observation():
+    rows = re.findall(r"^ +(\d+) +(\w+) +(\S+) to (\S+)  +(.+?)  +(.+)$", SpiralTuningEnv.__doc__, re.MULTILINE)
+    listed = [(name, float(low), float(high), unit, meaning) for _, name, low, high, unit, meaning in rows]
+    assert listed == [tuple(entry) for entry in entries(("x", "y"), per_axis=False)]
+    assert [int(row[0]) for row in rows] == list(range(len(rows)))
+
+
+def test_importing_the_package_registers_the_environments():
+    import gantrysim  # noqa: F401
+
+    for name in ("SpiralTuning", "GainBandit"):
+        spec = gymnasium.spec(f"gantrysim/{name}-v0")
+        assert spec.vector_entry_point == f"gantrysim.env:{name}VectorEnv"
+
+
+def test_the_settings_are_those_that_the_docstring_lists():
+    listed = re.findall(r"^        (\w+): ", Settings.__doc__, re.MULTILINE)
+    assert listed[: len(dataclasses.fields(Settings))] == [field.name for field in dataclasses.fields(Settings)]
+
+
+def test_a_spread_can_be_wider(env):
+    wide = SpiralTuningEnv(**SHORT, spread=Spread(payload=3.0))
+    for one in (env, wide):
+        one.reset(seed=1)
+        one.step(np.zeros(4))
+    assert not np.array_equal(env.run.demand, wide.run.demand)
