@@ -1,0 +1,106 @@
+"""Turn a servo's gains by hand and see what it does to the path of the bead.
+
+python scripts/tune_by_hand.py [JOB] [CHANGE ...]
+
+A CHANGE is a gain, the axis if it is for one alone, and a factor on the job's own gain: "kp 1.2", "kd x 0.5", "ff 0";
+several at once stand between commas. Each CHANGE is a trial, on top of those before it. Without any they are asked for,
+until "q". The last trial's gains end in tuned.toml, for `gantrysim run --servo`, all trials' errors in trials.png.
+"""
+
+import argparse
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import tomli_w
+from rich.console import Console
+from rich.table import Table
+
+from gantrysim import InputError, Job, Servo, simulate
+from gantrysim.errors import finite, unknown
+from gantrysim.margins import Plant
+from gantrysim.metrics import THOUSANDTH, Analysis, torque_ripple
+from gantrysim.plots.style import UM, sheet, thinned, turn_colours
+
+GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+BY_HAND = {name: (name,) for name in GAINS} | {"ff": ("velocity_ff", "acceleration_ff")}
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("job", nargs="?", default="fanuc-spiral", help="a built-in job or a TOML file")
+parser.add_argument("changes", nargs="*", metavar="CHANGE", help='as "kp 1.2", "kd x 0.5" or "kp 2, ff 0"')
+parser.add_argument("--out", type=Path, default=Path("out/tune-by-hand"), help="folder for tuned.toml and trials.png")
+arguments = parser.parse_args()
+console = Console()
+try:
+    job = Job.load(arguments.job)
+    machine, own = job.built_machine, job.built_servo
+except InputError as error:
+    parser.error(str(error))
+plant = Plant.of(machine, own.period, own.delay, physics_step=job.simulation.physics_step)
+trials: list[tuple[str, Servo, Analysis]] = []
+
+table = Table("trial", title=f"{job.name} on {machine.name}", title_justify="left")
+following = [f"{axis.name}, rms\n[{THOUSANDTH[axis.unit]}]" for axis in machine.axes]
+for column in ("contour,\nrms [µm]", "\nmax [µm]", *following, "torque\nripple", "gain\nmargin"):
+    table.add_column(column, justify="right")
+
+
+def changed(servo: Servo, line: str) -> Servo:
+    """Return the servo after the changes in a line."""
+    names = machine.axis_names
+    for change in line.split(","):
+        parts = re.fullmatch(r"(\w+)(?: +(\w+))? +(\S+)", change.strip())
+        if parts is None or parts[1] not in BY_HAND:
+            raise unknown("change", change.strip(), [f"{gain} [AXIS] FACTOR" for gain in BY_HAND])
+        if parts[2] not in (None, *names):
+            raise unknown("axis", parts[2], names)
+        factor = finite(f"factor of {parts[1]}", parts[3])
+        for gain in BY_HAND[parts[1]]:
+            axes = zip(names, getattr(own, gain), getattr(servo, gain), strict=True)
+            gains = [factor * first if parts[2] in (None, name) else now for name, first, now in axes]
+            servo = replace(servo, **{gain: gains})
+    return servo
+
+
+def attempt(name: str, servo: Servo) -> None:
+    """Run the job with a servo, and add to the table what came out, and what the loop has in reserve."""
+    run = simulate(machine, servo, job.setpoints, physics_step=job.simulation.physics_step, dispenser=job.dispenser)
+    if run.fault is not None:
+        raise InputError(f"{name}: fault: {run.fault}")
+    trials.append((name, servo, Analysis(run)))
+    figures, margins = trials[-1][2].figures, plant.margins(servo)
+    errors = [figures.contour.rms, figures.contour.max, *(spread.rms for spread in figures.tracking.values())]
+    ripple = max(torque_ripple(run) / [axis.peak_torque for axis in machine.axes])
+    reserve = f"{min(margin.gain for margin in margins):.2f}" if all(loop.stable for loop in margins) else "unstable"
+    table.add_row(name, *(f"{UM * error:.1f}" for error in errors), f"{100 * ripple:.2f} %", reserve)
+
+
+def asked() -> str:
+    console.print(table)
+    try:
+        return console.input("change, as kp 1.2 or kd x 0.5; q: ").strip()
+    except EOFError:
+        return "q"
+
+
+attempt("the job's own", own)
+for line in arguments.changes or iter(asked, "q"):
+    try:
+        attempt(line, changed(trials[-1][1], line))
+    except InputError as error:
+        if arguments.changes:
+            parser.error(str(error))
+        console.print(str(error), style="red", markup=False)
+
+arguments.out.mkdir(parents=True, exist_ok=True)
+servo = trials[-1][1]
+settings = {"period": servo.period, "delay": servo.delay} | {gain: list(getattr(servo, gain)) for gain in GAINS}
+(arguments.out / "tuned.toml").write_text(tomli_w.dumps({"servo": settings}))
+with sheet(9.0, 4.5) as figure:
+    axes = figure.add_subplot(xlabel="place along the requested path [mm]", ylabel="left of the requested path [µm]")
+    for (name, _, analysis), colour in zip(trials, turn_colours(len(trials)), strict=True):
+        axes.plot(*thinned(analysis.nozzle.s, UM * analysis.nozzle.lateral), color=colour, lw=1.0, label=name)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
+    figure.savefig(arguments.out / "trials.png")
+console.print(table)
+console.print(f"gains of the last trial and errors of all: {arguments.out}/tuned.toml, trials.png", soft_wrap=True)
