@@ -18,13 +18,15 @@ __all__ = ["Crossings", "Gridded", "Loops"]
 
 _LOWEST = 1e-5  # of the grid of frequencies, of the Nyquist frequency
 _PER_DECADE = 80
+_AT_NYQUIST = 0.2  # angle below it in which the grid gets closer
 _PEAKED = 0.3  # damping ratio under which a mode has points of its own
 _ROUND_A_PEAK = np.array([-10, -4, -2, -1, -0.5, -0.2, 0, 0.2, 0.5, 1, 2, 4, 10])  # in half widths
 _HIGH_GAIN = 1e6  # at which the poles have come to the zeros
 _ASYMPTOTIC = 1e-9  # how far inside the unit circle a stable pole lies at least
-_EXACT = 1e-9  # of a crossing, relative
+_EXACT = 1e-8  # of a crossing, relative
 _MOST_STEPS = 60  # to find one
 _REAL = 1e-6  # the same of what counts as one
+_NO_LOOP = 1e-300  # size of a loop without gains
 _ZOOM = 9  # points between those of the grid where |S| has its peak
 
 
@@ -53,6 +55,7 @@ def _grid(system: Linear) -> Floats:
     """Return angles up to the Nyquist frequency, closer where a mode has its peak or its zero, (n,)."""
     count = round(-math.log10(_LOWEST) * _PER_DECADE)
     even = np.pi * np.logspace(math.log10(_LOWEST), 0, count + 1)
+    even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])  # there poles leave the circle two by two, near -1
     G = system.G0 + system.G1
     roots = [np.linalg.eigvals(system.F)]
     for a in range(len(system.axes)):  # the zeros of an axis are where high gain takes its poles
@@ -131,7 +134,8 @@ class Loops:
     def crossings(self, L: Complexes) -> Crossings:
         """Return where the loops cross the real axis and the unit circle, from their values on the grid, (n, axes)."""
         theta = np.log(self.grid.theta)
-        values = np.stack([L.imag / np.abs(L), np.log(np.abs(L))])  # (2, n, axes)
+        size = np.maximum(np.abs(L), _NO_LOOP)
+        values = np.stack([L.imag / size, np.log(size)])  # (2, n, axes)
         kind, k, axis = np.nonzero((values[:, :-1] >= 0) != (values[:, 1:] >= 0))
         unit = kind == 1
         a, b = theta[k], theta[k + 1]
