@@ -162,6 +162,17 @@ class Job(BaseModel):
         except ValidationError as error:
             raise InputError(f"job {self.name}: {_one_line(error)}") from None
 
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Job:
+        return self  # it never changes, and a machine that is built cannot be copied
+
+    def __getstate__(self) -> dict[Any, Any]:
+        state = super().__getstate__()
+        # what is built of it is built again: a compiled machine can be sent nowhere
+        return {
+            **state,
+            "__dict__": {key: value for key, value in self.__dict__.items() if key in type(self).model_fields},
+        }
+
     def toml(self) -> str:
         """Return the job as TOML, with every default spelt out."""
         return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)

@@ -152,7 +152,9 @@ class Machine:
         return machine
 
     def stepping(self, timestep: float) -> mujoco.MjModel:
-        """Return the compiled model with another physics step [s]; the same one at every call, to be left unchanged."""
+        """Return the compiled model with a physics step [s]; the same one at every call, to be left unchanged."""
+        if timestep == self.model.opt.timestep:
+            return self.model
         if timestep not in self._stepping:
             model = copy.copy(self.model)
             model.opt.timestep = positive("physics step", timestep, "s")

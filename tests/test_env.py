@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 import re
 
 import gymnasium
@@ -347,3 +348,15 @@ def test_a_spread_can_be_wider(env):
         one.reset(seed=1)
         one.step(np.zeros(4))
     assert not np.array_equal(env.run.demand, wide.run.demand)
+
+
+def test_a_job_object_survives_what_gymnasium_does_with_settings():
+    job = Job.load("softmc-arc")
+    _ = job.built_machine, job.setpoints
+    env = gymnasium.make("gantrysim/GainBandit-v0", job=job)
+    assert env.spec.kwargs["job"] == job
+    again = pickle.loads(pickle.dumps(job))
+    assert again == job
+    assert again.run().nozzle.shape == job.run().nozzle.shape
+    vector = gymnasium.make_vec("gantrysim/GainBandit-v0", num_envs=2, job=job)
+    assert vector.reset(seed=1)[0].shape == (2, *env.observation_space.shape)
