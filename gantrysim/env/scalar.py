@@ -138,7 +138,8 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
 class GainBanditEnv(SpiralTuningEnv):
     """One decision per episode: the gains with which the whole path is run, for black-box optimisers.
 
-    Everything else is as in `SpiralTuningEnv`, the settings too; the decision interval is the episode.
+    Everything else is as in `SpiralTuningEnv`, the settings too; the decision interval is the episode. The end of the
+    setpoints terminates it as a fault does, for there is no later decision; `info["fault"]` tells them apart.
     """
 
     def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:

@@ -35,8 +35,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         reward: sum of its terms, (places,).
-        terminated: whether a fault has ended the episode, (places,).
-        truncated: whether the path is at its end, (places,).
+        terminated: whether a fault has ended the episode, or its only decision is taken, (places,).
+        truncated: whether the path is at its end, if there were decisions to come after it, (places,).
         info: values by name, (places,) each.
         final: likewise, what is told at an episode's end.
     """
@@ -182,23 +182,24 @@ class SideBySide:
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         settings, measured = self.settings, self.measured
         left = self._setpoints - self._fleet.field("index")
-        terminated = advanced & (self._fleet.field("fault") != 0)
-        truncated = advanced & (left <= 0) & ~terminated
+        faulty = advanced & (self._fleet.field("fault") != 0)
+        ended = advanced & (left <= 0) & ~faulty
+        alone = self.source.ticks is None  # after its decision nothing is left that could be worth something
         ripple = measured.ripple.max(axis=1)
-        undone = 1 if self.source.ticks is None else 1 + left // self.source.ticks
+        undone = 1 if alone else 1 + left // self.source.ticks
         terms = {
             "reward_contour": -np.log1p(measured.contour_rms / settings.tolerance),
             "reward_ripple": -_RIPPLE * np.clip(ripple / settings.ripple_limit - 1.0, 0.0, 1.0),
-            "reward_fault": np.where(terminated, -_FAULT * undone, 0.0),
+            "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
         }
         faults = np.full(len(self.episodes), None, object)
-        for place in np.flatnonzero(terminated).tolist():
+        for place in np.flatnonzero(faulty).tolist():
             faults[place] = str(self._episode(place).simulation.fault(self._fleet.rows[place]))
         ticks, square, largest = self._total.T
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
-            terminated=terminated,
-            truncated=truncated,
+            terminated=faulty | ended if alone else faulty,
+            truncated=np.zeros_like(ended) if alone else ended,
             info={
                 **terms,
                 "contour_rms": measured.contour_rms,
