@@ -111,6 +111,7 @@ def info() -> None:
         info.settings_table(),
         info.glue_table(),
         info.gains_table(),
+        info.margins_table(),
     ):
         show(table)
 

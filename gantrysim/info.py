@@ -17,9 +17,10 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.dispenser import Dispenser
 from gantrysim.job import Job, ServoSettings, builtin_jobs, job_text
 from gantrysim.machine import Machine, builtin_models
+from gantrysim.margins import Plant
 from gantrysim.needle import Needle
 
-__all__ = ["gains_table", "glue_table", "jobs_table", "machines_table", "settings_table"]
+__all__ = ["gains_table", "glue_table", "jobs_table", "machines_table", "margins_table", "settings_table"]
 
 
 def machines_table() -> Table:
@@ -126,4 +127,28 @@ def gains_table(period: float = ServoSettings().period) -> Table:
         "Hz: natural frequency; kp N·m/u, kd and velocity_ff N·m·s/u, acceleration_ff N·m·s²/u, torque limit N·m; "
         "u is mm or deg"
     )
+    return table
+
+
+def margins_table(period: float = ServoSettings().period) -> Table:
+    """How far every machine is from instability with the gains that follow at a servo period [s]."""
+    table = Table(title=f"stability margins with these gains at a period of {1e3 * period:g} ms", title_justify="left")
+    for name in ("machine", "axis"):
+        table.add_column(name, no_wrap=True)
+    for name in ("gain", "phase\n\\[deg]", "delay\n\\[ms]", "peak\nof |S|", "crossover\n\\[Hz]"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in builtin_models():
+        machine = Machine(name)
+        found = Plant.of(machine, period).margins(Servo.derive(machine.axes, period))
+        for a, (axis, margins) in enumerate(zip(machine.axes, found, strict=True)):
+            numbers = (
+                f"{margins.gain:.2f}",
+                f"{margins.phase:.0f}",
+                f"{1e3 * margins.delay:.2f}",
+                f"{margins.sensitivity:.2f}",
+                f"{margins.crossover:.1f}",
+            )
+            table.add_row("" if a else name, axis.name, *numbers)
+        table.add_section()
+    table.caption = "of the moving axis at home, without Coulomb friction; gain: factor on all gains of the axis"
     return table

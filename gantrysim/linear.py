@@ -16,12 +16,16 @@ from gantrysim.errors import InputError
 from gantrysim.machine import Machine
 from gantrysim.perturbation import smooth_model
 
-__all__ = ["Complexes", "Linear", "linearised"]
+__all__ = ["Complexes", "Linear", "UnknownLoopError", "linearised"]
 
 Complexes = NDArray[np.complex128]
 
 _SMALL = 1e-6  # change of a state by which derivatives are taken [SI]; the model is all but linear
 _NO_EFFECT = 1e-9  # of one state on another, of the largest on it: rounding
+
+
+class UnknownLoopError(InputError):
+    """A machine with a part of which the linear system is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +77,13 @@ def linearised(
         position: of the axes, home by default, (axes,) [mm or deg].
 
     Raises:
-        InputError: an actuator that has a delay of its own.
+        UnknownLoopError: an actuator that has a delay of its own.
     """
     model = smooth_model(machine.stepping(period / substeps))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
     for axis, samples in zip(machine.axes, model.actuator_history[:, 0], strict=True):
         if samples:
-            raise InputError(f"actuator {axis.name!r} has a delay in its MJCF: its linear loop is not known")
+            raise UnknownLoopError(f"actuator {axis.name!r} has a delay in its MJCF: its linear loop is not known")
     data = mujoco.MjData(model)
     data.qpos[:] = machine.to_qpos(np.zeros(len(machine.axes)) if position is None else position)
     size = 2 * model.nv + model.na

@@ -97,7 +97,8 @@ class Loops:
             alone: Complexes = C * P[:, 0]
             return alone
         S: Complexes = np.linalg.inv(np.eye(len(self.kp)) + C[:, :, None] * P)
-        return 1 / np.einsum("nii->ni", S) - 1
+        loops: Complexes = 1 / np.einsum("nii->ni", S) - 1
+        return loops
 
     def poles(self, axis: int = 0, factor: float = 1.0) -> Complexes:
         """Return the poles with all loops closed, the gains of one axis scaled.

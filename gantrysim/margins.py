@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike
 from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, at_least, positive
-from gantrysim.linear import Complexes, Linear, linearised
+from gantrysim.linear import Complexes, Linear, UnknownLoopError, linearised
 from gantrysim.loops import Gridded, Loops
 from gantrysim.machine import Machine
 from gantrysim.simulation import delay_steps, substeps_of
 
-__all__ = ["Margins", "Plant"]
+__all__ = ["Margins", "Plant", "margins_of"]
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this has no lower gain margin
 _REAL = 1e-6  # imaginary part of a loop that counts as real, relative
@@ -154,6 +154,21 @@ class Plant:
             given, own = getattr(servo, name), getattr(self, name)
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
+
+
+def margins_of(machine: Machine, servo: Servo, physics_step: float | None = None) -> tuple[Margins, ...] | None:
+    """Return the margins of every axis' loop; None of a machine whose linear loop is not known.
+
+    Args:
+        machine: the machine.
+        servo: its servo.
+        physics_step: as of `gantrysim.simulate` [s].
+    """
+    try:
+        plant = Plant.of(machine, servo.period, servo.delay, physics_step=physics_step)
+    except UnknownLoopError:
+        return None
+    return plant.margins(servo)
 
 
 def _margins(loops: Loops) -> list[Margins]:

@@ -22,7 +22,8 @@ from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job import Job
 from gantrysim.machine import Machine
-from gantrysim.metrics import Range, Spread
+from gantrysim.margins import Margins, margins_of
+from gantrysim.metrics import Range, Spread, torque_ripple
 from gantrysim.run import Run
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "Output",
     "output_folder",
     "summary",
+    "package_versions",
     "versions",
     "write_run",
 ]
@@ -166,7 +168,8 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None
     and bead_spacing_mm where the trace has no neighbouring turns; tracking_error_um.path is the tracking error along
     the path; tracking_error_mdeg, that of the rotary axes, is there only where the machine has some; path_length_mm
     is that of the commanded path while the dispenser was on; duration_s is the time at which the commanded motion
-    ends; end_point_mm is the nozzle in the work frame when the run ends; bead holds the figures of `BeadFigures` and
+    ends; end_point_mm is the nozzle in the work frame when the run ends; servo holds by axis the ripple of its torque
+    demand and the margins of its loop, null where there is none; bead holds the figures of `BeadFigures` and
     is null where no glue is asked for; notes are what the controller had to say of its program; fault is null where
     the run went through.
     """
@@ -189,6 +192,7 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None
         "path_length_mm": figures.path_length,
         "duration_s": figures.duration,
         "end_point_mm": list(figures.end_point),
+        "servo": _servo(job, machine, run),
         "bead": None if bead is None else _bead(bead),
         "notes": list(job.notes),
         "fault": _fault(run),
@@ -198,13 +202,13 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None
 
 def versions(machine: Machine) -> dict[str, str]:
     """Return the versions that a run's numbers depend on, and the digest of the compiled machine."""
+    return {**package_versions(), "machine_sha256": machine.digest}
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions that a run's numbers depend on."""
     packages = {name: version(name) for name in ("mujoco", "numpy", "numba", "scipy")}
-    return {
-        "gantrysim": gantrysim.__version__,
-        **packages,
-        "python": platform.python_version(),
-        "machine_sha256": machine.digest,
-    }
+    return {"gantrysim": gantrysim.__version__, **packages, "python": platform.python_version()}
 
 
 def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
@@ -226,6 +230,34 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
         },
         "lag_um": _thousandths(figures.lag),
         "turns": turns,
+    }
+
+
+def _servo(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
+    found = margins_of(machine, job.built_servo, job.simulation.physics_step)
+    ripple = torque_ripple(run)
+    return {
+        axis.name: {
+            "torque_ripple_nm": float(ripple[a]),
+            "torque_ripple_share": float(ripple[a]) / axis.peak_torque,
+            "margins": None if found is None else _margins(found[a]),
+        }
+        for a, axis in enumerate(machine.axes)
+    }
+
+
+def _margins(margins: Margins) -> dict[str, Any]:
+    numbers = {
+        "gain": margins.gain,
+        "gain_lower": margins.gain_lower,
+        "phase_deg": margins.phase,
+        "delay_s": margins.delay,
+        "sensitivity": margins.sensitivity,
+        "crossover_hz": margins.crossover,
+    }
+    return {
+        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "stable": margins.stable,
     }
 
 

@@ -63,6 +63,7 @@ def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantr
         "path_length_mm",
         "duration_s",
         "end_point_mm",
+        "servo",
         "bead",
         "notes",
         "fault",

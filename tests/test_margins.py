@@ -19,7 +19,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError
 from gantrysim.job import Job
 from gantrysim.linear import Linear, linearised
-from gantrysim.margins import Margins, Plant
+from gantrysim.margins import Margins, Plant, margins_of
 from gantrysim.perturbation import Perturbation
 from gantrysim.simulation import delay_steps, substeps_of
 
@@ -474,6 +474,14 @@ def test_an_actuator_with_a_delay_of_its_own_is_refused(rigid):
     file.write_text(file.read_text().replace('<dcmotor name="x"', '<dcmotor name="x" delay="0.001" nsample="4"'))
     with pytest.raises(InputError, match="actuator 'x' has a delay in its MJCF: its linear loop is not known"):
         Plant.of(Machine(file), 1e-3)
+    machine = Machine(file)
+    assert margins_of(machine, pd(machine)) is None
+
+
+def test_margins_of_a_machine_and_its_servo_are_those_of_their_plant(xy):
+    servo = pd(xy, delay=5e-4)
+    plant = Plant.of(xy, 1e-3, 5e-4, physics_step=1e-4)
+    assert margins_of(xy, servo, 1e-4) == plant.margins(servo)
 
 
 def test_with_finer_physics_margins_come_to_those_of_the_machine(xy):

@@ -12,15 +12,17 @@ from gantrysim import Fault, Job, Run, render
 from gantrysim import report as report_module
 from gantrysim.bead import Bead
 from gantrysim.budget import LINKS, Budget
-from gantrysim.metrics import Analysis
+from gantrysim.margins import Margins
+from gantrysim.metrics import Analysis, torque_ripple
 from gantrysim.page import run as run_page
+from gantrysim.page import servo as servo_page
 from gantrysim.page.run import headline, write_run_page
 from gantrysim.report import summary
 
 from pages import Page
 
 SMALL = ("diameter=40", "turns=2", "thickness=5")
-ALWAYS = ["summary", "error-budget", "plan-view", "errors-over-time", "job", "versions"]
+ALWAYS = ["summary", "error-budget", "plan-view", "errors-over-time", "servo", "job", "versions"]
 
 
 def reported(folder, job, run=None, video=None):
@@ -63,7 +65,7 @@ def test_its_numbers_are_those_of_the_summary(spiral):
     assert f"turns {spacing['mean']:.4f} mm asked for 5, std {spacing['std']:.4f} mm" in text
     assert f"Path speed {numbers['path_speed_mm_s']['mean']:.2f} mm/s" in text
     assert f"Path length {numbers['path_length_mm']:.1f} mm in {numbers['duration_s']:.2f} s" in text
-    rows = {row[0]: row for row in page.rows() if row and len(row) < 9}
+    rows = {row[0]: row for row in page.rows() if row and len(row) < 8}
     for name, spread in numbers["tracking_error_um"].items():
         row = rows["along the path" if name == "path" else name]
         assert row[1:] == ["µm", f"{spread['rms']:.1f}", f"{spread['max']:.1f}"]
@@ -236,3 +238,54 @@ def test_a_folder_with_a_foreign_report_is_not_written_to(gantrysim_command, tmp
     assert status == 2
     assert re.search(r"holds report\.html, which no run has written", messages)
     assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_the_servo_s_section_tells_gains_margins_and_ripple(spiral):
+    job, page, bead = spiral
+    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.figures)["servo"]
+    text = page.section("servo")
+    for axis, found in numbers.items():
+        margins = found["margins"]
+        assert margins["stable"]
+        for told in (
+            f"{margins['gain']:.2f}",
+            f"{margins['phase_deg']:.1f}",
+            f"{1e3 * margins['delay_s']:.2f}",
+            f"{margins['crossover_hz']:.1f}",
+            f"{100 * found['torque_ripple_share']:.2f}",
+        ):
+            assert told in text, axis
+    assert f"The gains of y are the nearest to instability: times {numbers['y']['margins']['gain']:.2f}" in text
+    servo = job.built_servo
+    assert f"{servo.kp[0]:.4g}" in text
+    assert f"{servo.acceleration_ff[1]:.4g}" in text
+    ripple = torque_ripple(bead.run)
+    assert [found["torque_ripple_nm"] for found in numbers.values()] == ripple.tolist()
+    peak = job.built_machine.axes[0].peak_torque
+    assert numbers["x"]["torque_ripple_share"] == pytest.approx(ripple[0] / peak)
+
+
+@pytest.mark.parametrize(
+    ("scale", "text"), [((1, 2), "the loop of y is not stable"), ((9, 2), "the loops of x and y are not stable")]
+)
+def test_the_servo_s_section_names_loops_that_are_not_stable(spiral, scale, text):
+    servo, bead = spiral[0].built_servo, spiral[2]
+    gains = [f"servo.{name}={np.multiply(getattr(servo, name), scale).tolist()}" for name in ("kp", "kd")]
+    job = Job.load("an225", (*SMALL, *gains))
+    section = servo_page.servo_section(job, job.built_machine, bead.run)
+    assert section.text == [f"Coulomb friction apart, {text}."]
+
+
+def test_margins_that_are_not_known_or_without_bound_are_left_out(spiral, monkeypatch):
+    job, _, bead = spiral
+    budget = Budget(bead.analysis)
+    monkeypatch.setattr(report_module, "margins_of", lambda *_: None)
+    monkeypatch.setattr(servo_page, "margins_of", lambda *_: None)
+    assert summary(job, job.built_machine, budget)["servo"]["x"]["margins"] is None
+    assert "the margins of its loops are not known" in str(
+        servo_page.servo_section(job, job.built_machine, bead.run).text
+    )
+    boundless = Margins(np.inf, 0.0, 180.0, np.inf, 1.0, 0.0, stable=True)
+    monkeypatch.setattr(report_module, "margins_of", lambda *_: (boundless,) * 2)
+    margins = summary(job, job.built_machine, budget)["servo"]["x"]["margins"]
+    assert (margins["gain"], margins["delay_s"], margins["phase_deg"]) == (None, None, 180.0)

@@ -13,6 +13,7 @@ from gantrysim.machine import Machine
 from gantrysim.metrics import Analysis
 from gantrysim.page.document import Section, Table, write_page
 from gantrysim.page.sections import bead_section, budget_section, errors_section, plan_section, spacing_section
+from gantrysim.page.servo import servo_section
 from gantrysim.report import versions
 
 __all__ = ["headline", "run_sections", "write_run_page"]
@@ -70,6 +71,7 @@ def run_sections(job: Job, machine: Machine, bead: Bead, video: Path | None = No
     if bead.nominal > 0:
         yield bead_section(bead)
     yield errors_section(analysis)
+    yield servo_section(job, machine, analysis.run)
     if video is not None and video.exists():
         yield Section("Video", video=video.read_bytes())
     if job.notes:
