@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gantrysim import Machine, simulate
+from gantrysim import Machine, Servo, info, simulate
 from gantrysim.controllers.arcs import ArcChain
 from gantrysim.controllers.servo import law
 from gantrysim.controllers.setpoints import Setpoints
@@ -499,3 +499,25 @@ def test_the_servos_of_the_jobs_are_stable():
         servo = job.built_servo
         found = Plant.of(job.built_machine, servo.period, servo.delay).margins(servo)
         assert all(one.stable and one.gain > 1 and one.phase > 0 and one.sensitivity > 1 for one in found)
+
+
+def test_info_tells_the_margins_of_the_derived_gains():
+    table = info.margins_table()
+    cells = list(zip(*(column.cells for column in table.columns), strict=True))
+    machines = [Machine(name) for name in ("stage", "xy", "xyz", "xyzr")]
+    expected = [
+        (
+            "" if a else machine.name,
+            axis.name,
+            f"{found.gain:.2f}",
+            f"{found.phase:.0f}",
+            f"{1e3 * found.delay:.2f}",
+            f"{found.sensitivity:.2f}",
+            f"{found.crossover:.1f}",
+        )
+        for machine in machines
+        for a, (axis, found) in enumerate(
+            zip(machine.axes, plant_of(machine.name).margins(Servo.derive(machine.axes)), strict=True)
+        )
+    ]
+    assert cells == expected
