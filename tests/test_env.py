@@ -17,6 +17,7 @@ from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuning
 from gantrysim.env.episodes import GAINS
 from gantrysim.env.observation import entries
 from gantrysim.metrics import Analysis, path_speed, torque_ripple
+from gantrysim.render import NoOpenGLError
 from gantrysim.spread import Spread
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
@@ -359,3 +360,48 @@ def test_a_job_object_survives_what_gymnasium_does_with_settings():
     assert again.run().nozzle.shape == job.run().nozzle.shape
     vector = gymnasium.make_vec("gantrysim/GainBandit-v0", num_envs=2, job=job)
     assert vector.reset(seed=1)[0].shape == (2, *env.observation_space.shape)
+
+
+@pytest.mark.parametrize("seed", [5, np.int64(5), [5, 6, 7], np.array([5, 6, 7])])
+def test_seeds_are_one_or_one_for_each_environment(seed):
+    vector = SpiralTuningVectorEnv(3, spread=None)
+    _, drawn = vector.reset(seed=seed)
+    for place in range(3):
+        alone = SpiralTuningEnv(spread=None)
+        assert alone.reset(seed=5 + place)[1]["diameter"] == drawn["diameter"][place]
+
+
+def test_seeds_and_masks_of_another_number_are_refused():
+    vector = SpiralTuningVectorEnv(3)
+    with pytest.raises(InputError, match="2 seeds: must be one, or 3, one for each environment"):
+        vector.reset(seed=[1, 2])
+    for mask in (np.zeros(3, bool), np.ones(2, bool), np.ones(3)):
+        with pytest.raises(InputError, match="must be 3 booleans, at least one of them true"):
+            vector.reset(options={"reset_mask": mask})
+    with pytest.raises(ResetNeeded):
+        vector.step(np.zeros((3, 4)))
+
+
+def test_pictures_show_the_machine_and_the_bead_laid_so_far():
+    env = SpiralTuningEnv(**SHORT, render_mode="rgb_array", size=(640, 480))
+    env.reset(seed=1)
+    try:
+        first = env.render()
+    except NoOpenGLError as none:
+        pytest.skip(str(none))
+    glue = []
+    for _ in range(3):
+        for _ in range(4):
+            env.step(np.zeros(4))
+        picture = env.render()
+        assert picture.shape == (480, 640, 3)
+        assert picture.dtype == np.uint8
+        red, green, blue = picture.astype(int).transpose(2, 0, 1)
+        glue.append(int(((red > 130) & (red > 1.3 * green) & (green > 1.3 * blue)).sum()))
+    assert glue == sorted(glue)
+    assert glue[-1] > glue[0] + 100  # pixels, besides those of the syringe
+    assert not np.array_equal(first, picture)
+    env.reset(seed=1)
+    assert np.array_equal(env.render(), first)  # one renderer for all episodes, and no bead of the last one
+    env.close()
+    assert SpiralTuningEnv(**SHORT).render() is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -80,7 +81,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
         return self._episodes.record(place)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
         """Begin new episodes and return their observations and what was drawn for each.
 
@@ -93,9 +94,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
             InputError: seeds or a mask of another number.
         """
         mask = self._mask(options)
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
-        if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds: must be one, or {self.num_envs}, one for each environment")
+        seeds = self._seeds(seed)
         for place in np.flatnonzero(mask).tolist():
             if seeds[place] is not None or place not in self._randoms:
                 self._randoms[place] = seeding.np_random(seeds[place])[0]
@@ -141,6 +140,14 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
     def close_extras(self, **_kwargs: Any) -> None:
         """Free what pictures were drawn with."""
         self._frames.close()
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        seeds = [int(seed) + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise InputError(f"{len(seeds)} seeds: must be one, or {self.num_envs}, one for each environment")
+        return [None if one is None else int(one) for one in seeds]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
         mask = (options or {}).get("reset_mask")
