@@ -20,7 +20,7 @@ _LOWEST = 1e-5  # of the grid of frequencies, of the Nyquist frequency
 _PER_DECADE = 80
 _AT_NYQUIST = 0.2  # angle below it in which the grid gets closer
 _PEAKED = 0.3  # damping ratio under which a mode has points of its own
-_ROUND_A_PEAK = np.array([-10, -4, -2, -1, -0.5, -0.2, 0, 0.2, 0.5, 1, 2, 4, 10])  # in half widths
+_ROUND_A_PEAK = np.array([-10, -4, -2, -1, -0.5, -0.1, 0.1, 0.5, 1, 2, 4, 10])  # in half widths
 _HIGH_GAIN = 1e6  # at which the poles have come to the zeros
 _ASYMPTOTIC = 1e-9  # how far inside the unit circle a stable pole lies at least
 _EXACT = 1e-8  # of a crossing, relative
@@ -141,7 +141,7 @@ class Loops:
         unit = kind == 1
         a, b = theta[k], theta[k + 1]
         fa, fb = values[kind, k, axis], values[kind, k + 1, axis]
-        falls, at = fa >= 0, np.full(len(k), np.nan + 0j)
+        falls, at = fa >= 0, L[k + 1, axis]
         for _ in range(_MOST_STEPS):  # regula falsi, Illinois' variant
             if not len(k) or np.abs(fb).max() < _EXACT:
                 break

@@ -345,6 +345,31 @@ def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_c
         assert (found.gain_lower > 0) is (integral_time < math.inf)
 
 
+@pytest.mark.parametrize("damping", [0.0, 0.3, 200.0])
+@pytest.mark.parametrize("stiffness", [3e4, 1e6])
+def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
+    """A load on a spring at the carriage: a peak and a zero of the loop that are narrower than any even grid."""
+    file = ideal_motors(rigid(damping=0.0).source)
+    load = (
+        f'<body name="load"><joint name="flex" axis="1 0 0" range="-1 1" stiffness="{stiffness}" damping="{damping}"/>'
+        '<geom type="sphere" size="0.01" mass="0.5"/></body>'
+    )
+    file.write_text(file.read_text().replace('<site name="nozzle"/>', f'<site name="nozzle"/>{load}'))
+    machine = Machine(file)
+    servo = pd(machine, 5e-4, frequency=20.0)
+    plant = Plant.of(machine, 5e-4)
+    found = plant.margins(servo)[0]
+    loop = plant.loop(servo, np.geomspace(0.1, 1000, 200_001))[:, 0]
+    assert found.stable
+    assert found.sensitivity >= np.abs(1 / (1 + loop)).max() * (1 - PEAK)
+    crossed = np.flatnonzero((np.abs(loop[1:]) > 1) != (np.abs(loop[:-1]) > 1))
+    assert found.phase == pytest.approx(np.degrees(np.abs(np.angle(-loop[crossed]))).min(), abs=0.1)
+    inside, outside = (
+        np.abs(plant.poles(scaled(servo, factor * found.gain, 0))).max() for factor in (1 - 1e-5, 1 + 1e-5)
+    )
+    assert inside < 1 < outside
+
+
 @settings(max_examples=25, deadline=None)
 @given(factor=st.floats(1e-3, 1e3), name=st.sampled_from(["xy", "stage"]))
 def test_a_machine_and_gains_that_are_scaled_alike_keep_their_margins(factor, name):
