@@ -36,8 +36,8 @@ __all__ = [
     "VIDEO",
     "Output",
     "output_folder",
-    "summary",
     "package_versions",
+    "summary",
     "versions",
     "write_run",
 ]

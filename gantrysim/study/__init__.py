@@ -5,11 +5,13 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from gantrysim.study.backends import on_backend
 from gantrysim.study.cases import OK, Case, Row, figures_row, measure, simulated
 from gantrysim.study.checks import NoFiguresError
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import run_cases
 from gantrysim.study.study import Outcome, Plot, Rounds, Study, StudyInterrupted, run_study
+from gantrysim.study.worker import WorkerError
 
 if TYPE_CHECKING:
     from gantrysim.study.circle import CircleStudy
@@ -34,8 +36,10 @@ __all__ = [
     "SpeedStudy",
     "Study",
     "StudyInterrupted",
+    "WorkerError",
     "figures_row",
     "measure",
+    "on_backend",
     "run_cases",
     "run_study",
     "simulated",

@@ -19,11 +19,25 @@ from gantrysim.budget import Budget
 from gantrysim.controllers.path import Floats, dot
 from gantrysim.errors import InputError
 from gantrysim.job import Job
+from gantrysim.machine import Machine
 from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple, steady
 from gantrysim.perturbation import Perturbation
 from gantrysim.run import Run
 
-__all__ = ["OK", "Case", "Mode", "Row", "Value", "figures_row", "is_fault", "judged", "measure", "simulated"]
+__all__ = [
+    "OK",
+    "Case",
+    "Mode",
+    "Row",
+    "Value",
+    "figures_row",
+    "forget_jobs",
+    "is_fault",
+    "judged",
+    "machine_digest",
+    "measure",
+    "simulated",
+]
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve, which goes into a file of its own
 Row = dict[str, Value]
@@ -90,6 +104,11 @@ class Case:
         """The overrides as values."""
         return {key: json.loads(value) for key, value in self.overrides}
 
+    @property
+    def machine(self) -> str:
+        """Name or file of the machine, as in a job."""
+        return str(self.settings.get("machine") or _job(self.content).machine)
+
     def tagged(self, **tags: Value) -> Case:
         """Return the case with more tags, or other values of them."""
         return replace(self, tags=tuple({**dict(self.tags), **tags}.items()))
@@ -101,6 +120,22 @@ class Case:
             InputError: the job is refused.
         """
         return _changed(self.content, self.overrides) if self.overrides else _job(self.content)
+
+
+def machine_digest(case: Case) -> str:
+    """Return the SHA-256 of the machine that a case is measured on, as it is before any perturbation.
+
+    Raises:
+        InputError: the machine is refused.
+    """
+    job = _job(case.content)
+    return (job.built_machine if case.machine == job.machine else Machine(case.machine)).digest
+
+
+def forget_jobs() -> None:
+    """Forget the jobs that cases share, and so the machines built of files that may have changed."""
+    _job.cache_clear()
+    _changed.cache_clear()
 
 
 def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:

@@ -12,7 +12,7 @@ from gantrysim.terminal import FAULT, INTERRUPTED, count_bar, interruptible, say
 if TYPE_CHECKING:
     from gantrysim.study.study import Study
 
-__all__ = ["JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
+__all__ = ["Backend", "JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
 
 # what every study's command takes
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
@@ -25,7 +25,16 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder to write into; by default out/, the study's name and the job's.")
 ]
 Workers = Annotated[
-    int | None, typer.Option(min=1, help="Number of processes; by default, and at most, the number of cores.")
+    int | None,
+    typer.Option(min=1, help="Cases run at once; by default, and at most, as many as there are cores."),
+]
+Backend = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Where they run: loky, processes on this machine, is the default; threading; dask=ADDRESS, the workers of "
+        "a Dask cluster, by its scheduler's address.",
+    ),
 ]
 Tolerance = Annotated[float, typer.Option(help="Largest value of the figure that will do, in its unit.")]
 Figure = Annotated[str, typer.Option(help="Figure of a run that the tolerance is for, as study.csv names it.")]
@@ -44,17 +53,18 @@ def _main() -> None:
     """Keep the studies' names words of the command, be there one or many."""
 
 
-def carry_out(study: Study, out: Path | None, workers: int | None) -> None:
+def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> None:
     """Carry out a study with a progress bar, print its findings and say what was written.
 
     Exit status 130 where it is interrupted, with a word of how to go on, and 3 where faults have left no figures.
     """
+    from gantrysim.study.backends import on_backend
     from gantrysim.study.checks import NoFiguresError
     from gantrysim.study.study import StudyInterrupted, run_study
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
     try:
-        with interruptible() as go_on, count_bar(study.name) as advance:
+        with interruptible() as go_on, on_backend(backend), count_bar(study.name) as advance:
 
             def each(done: int, every: int) -> None:
                 go_on()
@@ -89,6 +99,7 @@ def loop(
     model: Model = None,
     settings: Settings = None,
     workers: Workers = None,
+    backend: Backend = None,
 ) -> None:
     """Show how fast the program's loop and the servo must be, and how fine the encoder.
 
@@ -98,7 +109,7 @@ def loop(
     from gantrysim.job import Job
     from gantrysim.study.loop import LoopStudy
 
-    carry_out(LoopStudy(Job.load(job, settings or (), model)), out, workers)
+    carry_out(LoopStudy(Job.load(job, settings or (), model)), out, workers, backend)
 
 
 @study_app.command()
@@ -110,6 +121,7 @@ def speed(
     model: Model = None,
     settings: Settings = None,
     workers: Workers = None,
+    backend: Backend = None,
 ) -> None:
     """Find the fastest path speed at which a job keeps to a tolerance.
 
@@ -118,7 +130,7 @@ def speed(
     from gantrysim.job import Job
     from gantrysim.study.speed import SpeedStudy
 
-    carry_out(SpeedStudy(Job.load(job, settings or (), model), tolerance, figure), out, workers)
+    carry_out(SpeedStudy(Job.load(job, settings or (), model), tolerance, figure), out, workers, backend)
 
 
 @study_app.command()
@@ -139,6 +151,7 @@ def machine(
     model: Model = None,
     settings: Settings = None,
     workers: Workers = None,
+    backend: Backend = None,
 ) -> None:
     """Draw many machines that differ, and tell how many keep to a tolerance and what matters.
 
@@ -148,7 +161,7 @@ def machine(
     from gantrysim.study.machine import MachineStudy, Spread
 
     loaded = Job.load(job, settings or (), model)
-    carry_out(MachineStudy(loaded, tolerance, figure, samples, Spread.parse(spread), seed), out, workers)
+    carry_out(MachineStudy(loaded, tolerance, figure, samples, Spread.parse(spread), seed), out, workers, backend)
 
 
 @study_app.command()
@@ -159,12 +172,15 @@ def circle(
     out: Out = None,
     settings: Settings = None,
     workers: Workers = None,
+    backend: Backend = None,
 ) -> None:
     """Run a circle both ways and draw the circular-test chart, in the manner of ISO 230-4."""
     from gantrysim.study.circle import CircleStudy
 
     study = CircleStudy(model, radius, path_speed, tuple(settings or ()))
-    carry_out(study, out if out is not None else Path("out") / f"circle-{study.job.built_machine.name}", workers)
+    carry_out(
+        study, out if out is not None else Path("out") / f"circle-{study.job.built_machine.name}", workers, backend
+    )
 
 
 @study_app.command()
@@ -177,10 +193,11 @@ def repeat(
     model: Model = None,
     settings: Settings = None,
     workers: Workers = None,
+    backend: Backend = None,
 ) -> None:
     """Repeat a job as real repeats differ: path accuracy and repeatability, in the manner of ISO 9283."""
     from gantrysim.job import Job
     from gantrysim.study.repeat import RepeatStudy
 
     loaded = Job.load(job, settings or (), model)
-    carry_out(RepeatStudy(loaded, repeats=repeats, friction=friction, seed=seed), out, workers)
+    carry_out(RepeatStudy(loaded, repeats=repeats, friction=friction, seed=seed), out, workers, backend)

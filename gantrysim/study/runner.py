@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from itertools import pairwise
 
 from gantrysim.errors import whole
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger
+from gantrysim.study.worker import MeasureTogether, Origin, WorkerError, measured
 
 __all__ = ["Measure", "MeasureTogether", "Progress", "run_cases"]
 
-# functions of a module, or partials of one: they are sent to the workers by their names
-Measure = Callable[[Case], Row]
-MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # a row per case, in order, whatever cases stand beside it
+Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: it is sent to the workers by its name
 Progress = Callable[[int, int], None]  # called with the number of cases done, and of all that are known by now
 
-_GLANCE = 1.0  # from one look whether the study still lives to the next [s]
 _TOGETHER = 32  # most cases that are measured together: no row is kept before all of theirs are finished
 
 
@@ -46,8 +41,9 @@ def run_cases(
     Args:
         cases: to run.
         ledger: open; every row is written to it as soon as it is finished.
-        workers: number of processes, at most; by default all cores, or those of the backend that `parallel_config`
-            names. There are never more of them than cores or cases.
+        workers: number of processes, at most; by default all cores, or those of the backend that joblib's
+            `parallel_config` names, as `on_backend` has it do. There are never more of them than cores
+            or cases.
         measure: from a case to its row, of JSON's plain values.
         measure_together: from several cases to their rows, instead of `measure` where that is faster; every worker
             takes the same number of cases at a time, up to 32.
@@ -55,6 +51,7 @@ def run_cases(
 
     Raises:
         InputError: a number of workers below one.
+        WorkerError: a worker that would come to other numbers than this process, or that ended at its work.
     """
     if workers is not None:
         whole("workers", workers, 1)
@@ -86,16 +83,30 @@ def _finished(
     """Run cases, at most so many together, and yield the keys and rows of each lot as it is finished."""
     if not cases:
         return
-    from joblib import Parallel, delayed, effective_n_jobs, parallel_config  # slow to import; studies alone need it
+    # slow to import; studies alone need it
+    from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+    from joblib.parallel import get_active_backend
 
-    # -1 is every core of the backend; the backend itself is that of a surrounding parallel_config, processes by default
-    cores = effective_n_jobs(-1)
+    backend = get_active_backend()[0]  # of a surrounding parallel_config, processes by default
+    cores = backend.effective_n_jobs(-1)
     workers = min(cores if workers is None else workers, cores, len(cases))
+    # one that does not keep to a number of workers, as a cluster's, is held to it by what it is given to do at once
+    given = workers if backend.effective_n_jobs(workers) > workers else "2 * n_jobs"
+    origin = Origin.here(cases)
+    lots = _lots(cases, workers, most)
     with parallel_config(n_jobs=workers):
-        parallel = Parallel(return_as="generator_unordered", batch_size=1)  # a lot is kept as soon as it is finished
-        with _interrupts_ignored():  # by the workers, which are started here and inherit it: this process stops them
-            results = parallel(delayed(_keyed)(measure, lot, os.getpid()) for lot in _lots(cases, workers, most))
-        yield from results
+        # a lot is kept as soon as it is finished
+        parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=given)
+        try:
+            with _interrupts_ignored():  # by the workers, which are started here and inherit it: they are stopped here
+                results = parallel(delayed(measured)(measure, lot, origin) for lot in lots)
+            yield from results
+        except BrokenProcessPool:
+            raise WorkerError(
+                "a worker has ended at its work, as one that the system stops for want of memory: "
+                "finished cases are kept, and another start goes on from there"
+            ) from None
 
 
 def _lots(cases: list[Case], workers: int, most: int) -> list[list[Case]]:
@@ -116,24 +127,3 @@ def _interrupts_ignored() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def _keyed(measure: MeasureTogether, cases: list[Case], study: int) -> list[tuple[str, Row]]:
-    """Return cases' keys and rows; in a process that the study's, of this number, has begun, end with that."""
-    if os.getppid() == study:
-        _end_with(study)
-    # as they are read again from the ledger: tuples become lists, keys strings
-    rows: list[Row] = json.loads(json.dumps(list(measure(cases)), allow_nan=False))
-    return [(case.key, row) for case, row in zip(cases, rows, strict=True)]
-
-
-@cache
-def _end_with(parent: int) -> None:
-    """Have this process end soon after its parent: a worker whose study was killed would wait for work for minutes."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_GLANCE)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

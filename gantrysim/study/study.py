@@ -17,7 +17,7 @@ import tomli_w
 
 from gantrysim.job import Job
 from gantrysim.report import JOB, PLOTS, Output, output_folder, versions
-from gantrysim.study.cases import OK, Case, Row
+from gantrysim.study.cases import OK, Case, Row, forget_jobs
 from gantrysim.study.checks import NoFiguresError, check_figures, check_job
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Measure, Progress, run_cases
@@ -157,10 +157,12 @@ def run_study(
         InputError: a folder that may not be written to, or that another study is at work in, or a job that is refused
             as it stands.
         NoFiguresError: no case has figures; nothing is written.
+        WorkerError: as in `run_cases`; finished rows are kept.
         StudyInterrupted: by Ctrl-C; the same call goes on.
     """
     output = output_of(study)
     target = output.check(folder)
+    forget_jobs()  # a machine's file may have changed since another study
     check_job(study.job)  # here, not case by case
     rounds = study.rounds()
     cases = next(rounds)

@@ -1,0 +1,135 @@
+"""What a worker does with cases: it sees that its numbers are the study's, measures, and ends when the study has ended.
+
+A worker may be the study's own process, one that it has begun, or one on another machine that knows nothing of it but
+what is sent.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import platform
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from gantrysim.errors import GantryError, InputError
+from gantrysim.report import package_versions
+from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
+
+__all__ = ["MeasureTogether", "Origin", "WorkerError", "measured"]
+
+MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # a row per case, in order, whatever cases stand beside it
+
+_GLANCE = 1.0  # from one look whether the study still lives to the next [s]
+_SOURCES = "source files of gantrysim"
+_SHOWN = 12  # digits of a digest
+
+
+class WorkerError(GantryError):
+    """A worker cannot do its part of a study, or would come to other numbers."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a study's process tells its workers of itself.
+
+    Attributes:
+        host: its machine.
+        process: its number there.
+        installed: what its numbers depend on, and the versions, as (name, version).
+        machines: the machines of its cases, as (name or file, digest); None for one that is refused.
+    """
+
+    host: str
+    process: int
+    installed: tuple[tuple[str, str], ...]
+    machines: tuple[tuple[str, str | None], ...]
+
+    @classmethod
+    def here(cls, cases: Sequence[Case]) -> Origin:
+        """Return what this process tells of itself, with the machines of these cases."""
+        machines = {case.machine: case for case in cases}
+        digests = tuple((name, _digest(case)) for name, case in machines.items())
+        return cls(platform.node(), os.getpid(), _installed(), digests)
+
+
+def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) -> list[tuple[str, Row]]:
+    """Measure cases and return their keys and rows.
+
+    Raises:
+        WorkerError: this process would come to other numbers than the study's own.
+    """
+    if _begun_by(origin):
+        _end_with(origin.process)
+    elif (platform.node(), os.getpid()) != (origin.host, origin.process):  # begun by others, it may be anything
+        _check_installed(origin)
+    _check_machines(cases, origin)
+    # as they are read again from the ledger: tuples become lists, keys strings
+    rows: list[Row] = json.loads(json.dumps(list(measure(cases)), allow_nan=False))
+    return [(case.key, row) for case, row in zip(cases, rows, strict=True)]
+
+
+def _begun_by(origin: Origin) -> bool:
+    """Return whether a study has begun this process, as a copy of its own."""
+    copied = multiprocessing.current_process().name != "MainProcess"
+    return copied and (platform.node(), os.getppid()) == (origin.host, origin.process)
+
+
+def _check_installed(origin: Origin) -> None:
+    own = dict(_installed())
+    other = [f"{name} {own[name]} instead of {value}" for name, value in origin.installed if own[name] != value]
+    if other:
+        raise WorkerError(f"{_name()}: has {', '.join(other)}: every worker must have what the study has")
+
+
+def _check_machines(cases: Sequence[Case], origin: Origin) -> None:
+    """See that the machines are those of the study; one whose file has changed since it was built is built anew."""
+    expected = dict(origin.machines)
+    for name, case in {case.machine: case for case in cases}.items():
+        if _digest(case) != expected[name]:
+            forget_jobs()
+        if _digest(case) != expected[name]:
+            raise WorkerError(
+                f"{_name()}: machine {name} is not the study's there: its files must be the same, at the same "
+                "place, for every worker"
+            )
+
+
+def _digest(case: Case) -> str | None:
+    with suppress(InputError):  # that is for the case's row to say
+        return machine_digest(case)
+    return None
+
+
+def _name() -> str:
+    return f"worker on {platform.node()}, process {os.getpid()}"
+
+
+@cache
+def _installed() -> tuple[tuple[str, str], ...]:
+    """Return what numbers depend on, and the versions, as (name, version)."""
+    digest, root = hashlib.sha256(), Path(str(files("gantrysim")))
+    for file in sorted(file for kind in ("*.py", "*.xml") for file in root.rglob(kind)):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    system = f"{platform.system()} {platform.machine()}"
+    return (*package_versions().items(), ("system", system), (_SOURCES, digest.hexdigest()[:_SHOWN]))
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Have this process end soon after its parent: a worker whose study was killed would wait for work for minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_GLANCE)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
