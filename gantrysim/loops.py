@@ -19,13 +19,12 @@ __all__ = ["Crossings", "Gridded", "Loops"]
 _LOWEST = 1e-5  # of the grid of frequencies, of the Nyquist frequency
 _PER_DECADE = 80
 _AT_NYQUIST = 0.2  # angle below it in which the grid gets closer
-_PEAKED = 0.3  # damping ratio under which a mode has points of its own
-_ROUND_A_PEAK = np.array([-10, -4, -2, -1, -0.5, -0.1, 0.1, 0.5, 1, 2, 4, 10])  # in half widths
+_PEAKED = 0.3  # damping ratio under which a mode or a zero has points of its own
+_ROUND_A_PEAK = np.geomspace(1e-6, 0.03, 24)  # angles from one at which the grid has points, relative
 _HIGH_GAIN = 1e6  # at which the poles have come to the zeros
 _ASYMPTOTIC = 1e-9  # how far inside the unit circle a stable pole lies at least
 _EXACT = 1e-8  # of a crossing, relative
 _MOST_STEPS = 60  # to find one
-_REAL = 1e-6  # the same of what counts as one
 _NO_LOOP = 1e-300  # size of a loop without gains
 _ZOOM = 9  # points between those of the grid where |S| has its peak
 
@@ -67,7 +66,7 @@ def _grid(system: Linear) -> Floats:
     z = z[np.abs(z) > 0]
     angle, width = np.angle(z), np.abs(np.log(np.abs(z)))
     peaked = (angle > 0) & (angle < np.pi) & (width < _PEAKED * angle)
-    close = (angle[peaked] + np.outer(_ROUND_A_PEAK, np.maximum(width[peaked], 1e-6 * angle[peaked]))).ravel()
+    close = np.outer(np.append(1 - _ROUND_A_PEAK, 1 + _ROUND_A_PEAK), angle[peaked]).ravel()
     return np.unique(np.concatenate([even, close[(close > even[0]) & (close < np.pi)]]))
 
 
@@ -151,8 +150,7 @@ class Loops:
             over = (fc >= 0) != (fb >= 0)
             a, fa = np.where(over, b, a), np.where(over, fb, 0.5 * fa)
             b, fb = c, fc
-        found = np.abs(fb) < _REAL  # else a pole on the circle, where the phase turns by 180 degrees
-        return Crossings(np.exp(b)[found], axis[found], unit[found], falls[found], at[found])
+        return Crossings(np.exp(b), axis, unit, falls, at)
 
     def peaks(self, L: Complexes) -> Floats:
         """Return the peaks of |S| from the loops' values on the grid, (axes,)."""
@@ -166,6 +164,9 @@ class Loops:
             peaks = np.maximum(peaks, size.max(axis=0))
             k = size.argmax(axis=0)
             low, high = near[np.maximum(k - 1, 0), each], near[np.minimum(k + 1, _ZOOM - 1), each]
+        poles = self.poles()  # where a peak is as narrow as the closed loop's damping
+        narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
+        peaks = np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))
         return peaks
 
     def at(self, theta: Floats) -> Complexes:

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -170,6 +170,7 @@ def test_poles_are_those_of_a_tick_written_out(rigid, damping, delay):
     viscous=st.sampled_from([0.0, 12.0, 300.0]),
     delay=st.sampled_from([0.0, 5e-4, 1e-3]),
 )
+@example(frequency=2.0, damping=1.0, integral_time=1.0, own_damping=0.0, viscous=0.0, delay=0.0)  # two poles near -1
 def test_gain_margins_are_where_a_tick_written_out_loses_stability(
     rigid_machines, frequency, damping, integral_time, own_damping, viscous, delay
 ):
@@ -346,7 +347,7 @@ def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_c
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 200.0])
-@pytest.mark.parametrize("stiffness", [3e4, 1e6])
+@pytest.mark.parametrize("stiffness", [80.0, 3e4, 1e6])
 def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
     """A load on a spring at the carriage: a peak and a zero of the loop that are narrower than any even grid."""
     file = ideal_motors(rigid(damping=0.0).source)
@@ -359,11 +360,15 @@ def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
     servo = pd(machine, 5e-4, frequency=20.0)
     plant = Plant.of(machine, 5e-4)
     found = plant.margins(servo)[0]
-    loop = plant.loop(servo, np.geomspace(0.1, 1000, 200_001))[:, 0]
+    frequency = np.geomspace(0.1, 1000, 200_001)
+    loop = plant.loop(servo, frequency)[:, 0]
     assert found.stable
+    assert found.gain_lower == 0
     assert found.sensitivity >= np.abs(1 / (1 + loop)).max() * (1 - PEAK)
     crossed = np.flatnonzero((np.abs(loop[1:]) > 1) != (np.abs(loop[:-1]) > 1))
     assert found.phase == pytest.approx(np.degrees(np.abs(np.angle(-loop[crossed]))).min(), abs=0.1)
+    lag = np.angle(-loop[crossed]) % (2 * np.pi) / (2 * np.pi * frequency[crossed])
+    assert found.delay == pytest.approx(lag.min(), rel=1e-3)
     inside, outside = (
         np.abs(plant.poles(scaled(servo, factor * found.gain, 0))).max() for factor in (1 - 1e-5, 1 + 1e-5)
     )
@@ -446,6 +451,29 @@ def test_axes_that_move_each_other_are_stable_or_not_together():
     assert found[0].gain == pytest.approx(0.5, rel=1e-4)
     assert found[1].gain == 0  # whatever its gains, the table swings up
     assert found[2] == nominal[2]
+
+
+def test_the_factor_is_that_of_one_axis_where_others_move_with_it():
+    """The table too tight, and the first slide near the least that its integral term can do with."""
+    servo, plant = pd(Machine("stage"), integral_time=0.02), plant_of("stage")
+    nominal = plant.margins(servo)
+    slack = scaled(servo, 1.3 * nominal[1].gain_lower, 1)
+    found = plant.margins(scaled(slack, 2 * nominal[0].gain, 0))
+    assert not found[0].stable
+    assert found[0].gain == pytest.approx(0.5, rel=0.05)
+
+
+def test_what_hangs_at_no_axis_is_no_part_of_the_loops(rigid):
+    machine = rigid()
+    servo = pd(machine)
+    expected = Plant.of(machine, 1e-3).margins(servo)
+    file = machine.source
+    joint = '<joint name="lamp" type="hinge" axis="0 1 0"/>'
+    hung = f'<body name="lamp">{joint}<geom size="0.1" mass="1" pos="0 0 -1"/></body>'
+    file.write_text(file.read_text().replace('<body name="bridge">', hung + '<body name="bridge">'))
+    plant = Plant.of(Machine(file), 1e-3)
+    assert plant.margins(servo) == expected
+    assert np.abs(plant.poles(servo)).max() < 1
 
 
 @pytest.mark.parametrize("gains", [{"kp": 0.0, "kd": 0.0}, {"kp": 0.0}, {"kp": -0.1}])
