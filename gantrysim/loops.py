@@ -166,8 +166,8 @@ class Loops:
             low, high = near[np.maximum(k - 1, 0), each], near[np.minimum(k + 1, _ZOOM - 1), each]
         poles = self.poles()  # where a peak is as narrow as the closed loop's damping
         narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
-        peaks = np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))
-        return peaks
+        highest: Floats = np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))
+        return highest
 
     def at(self, theta: Floats) -> Complexes:
         """Return the open loops at any angles, (n, axes)."""

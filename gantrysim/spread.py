@@ -103,8 +103,6 @@ class Spread:
 
         count, seed = whole("number of machines", count, 1), whole("seed", seed, 0)
         columns = self.columns(machine)
-        if not columns:
-            return {}
         unit = LatinHypercube(len(columns), rng=seed).random(count)
         return {name: _scaled(name, spread, unit[:, k]) for k, (name, spread) in enumerate(columns.items())}
 

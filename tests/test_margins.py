@@ -482,6 +482,24 @@ def test_a_loop_that_lets_the_axis_drift_or_drives_it_away_has_no_margin(xy, gai
     for one in found:
         assert (one.stable, one.gain, one.gain_lower) == (False, 0, 0)
         assert str(one) == "unstable"
+        assert (one.crossover > 0) is ("kd" not in gains)
+
+
+def test_the_crossover_is_where_the_loop_falls_below_one(rigid):
+    """A spring that draws the axis back: |L| begins below 1, rises above it to the resonance, and falls."""
+    file = ideal_motors(rigid(damping=12.0).source)
+    file.write_text(file.read_text().replace('<joint type="slide"', '<joint type="slide" stiffness="50000"'))
+    machine = Machine(file)
+    servo = pd(machine, frequency=8.0, damping=0.2)
+    plant = Plant.of(machine, 1e-3)
+    frequency = np.geomspace(0.1, 500, 100_001)
+    size = np.abs(plant.loop(servo, frequency)[:, 0])
+    (rises,), (falls,) = (
+        np.flatnonzero(change)
+        for change in np.array([np.diff(size > 1), np.diff(size > 1)]) & [size[1:] > 1, size[1:] < 1]
+    )
+    assert rises < falls
+    assert plant.margins(servo)[0].crossover == pytest.approx(frequency[falls], rel=1e-3)
 
 
 def test_a_sum_that_is_too_fast_has_a_lower_gain_margin(double_integrators):
