@@ -122,9 +122,9 @@ class Fleet:
     def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
         whole("places", places, 1)
         threads = 0 if threads is None else whole("threads", threads, 1)
-        self._batch = Batch(machine.model, places, nthread=threads)
+        self._batch = Batch(machine.physics, places, nthread=threads)
         self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
-        self._models = [machine.model] * places
+        self._models = [machine.physics] * places
         self._source = machine.source
         self._loaded: dict[int, Simulation] = {}  # kept, for the servos read and write their arrays
         self.rows: dict[int, Row] = {}

@@ -56,6 +56,7 @@ class Machine:
         model: name of a built-in machine, or path of an MJCF file.
 
     Attributes:
+        physics: the compiled model without what is only seen, the one that is stepped.
         axes: what drives and measures each axis, in the order of the actuators.
         addresses: where each lies in MuJoCo's arrays.
         drive_gain: torque that a drive gives per torque that the servo demands, 1 unless `perturbed`, (axes,).
@@ -70,26 +71,30 @@ class Machine:
         try:
             self.spec = mujoco.MjSpec.from_file(str(self.source))
             self.spec.nuserdata = max(int(self.spec.nuserdata), ROW_NUMBERS)
-            self.model = self.spec.compile()
+            self._compiled = self.spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             raise InputError(f"model {self.source}: {' '.join(str(error).split())}") from None
-        if self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or self.model.opt.disableactuator:
+        compiled = self._compiled
+        if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:
             raise InputError(f"model {self.source}: disables its actuators; the servo needs them")
-        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self.nozzle = named(self.model, mujoco.mjtObj.mjOBJ_SITE, NOZZLE, self.source)
-        self.work = named(self.model, mujoco.mjtObj.mjOBJ_BODY, WORK, self.source)
-        if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.physics = _physics(self.spec, compiled)
+        self._perturbations: tuple[Perturbation, ...] = ()
+        self.nozzle = named(self.physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE, self.source)
+        self.work = named(self.physics, mujoco.mjtObj.mjOBJ_BODY, WORK, self.source)
+        if compiled.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             raise InputError(
                 f"model {self.source}: integrator RK4 calls the servo four times a step; "
                 "use Euler, implicit or implicitfast"
             )
-        if not 1 <= self.model.nactuator <= MAX_AXES:
-            raise InputError(f"model {self.source}: has {self.model.nactuator} actuators, must have 1 to {MAX_AXES}")
+        if not 1 <= compiled.nactuator <= MAX_AXES:
+            raise InputError(f"model {self.source}: has {compiled.nactuator} actuators, must have 1 to {MAX_AXES}")
         self._stepping: dict[float, mujoco.MjModel] = {}
-        self.axes, self.addresses = _read_axes(self.model, self.source)
+        self.axes, self.addresses = _read_axes(self.physics, self.source)
         self.drive_gain: Floats = np.ones(len(self.axes))
         self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
-        self._kinematics = Kinematics(self.model, self.nozzle, self.work, [address.joint for address in self.addresses])
+        joints = [address.joint for address in self.addresses]
+        self._kinematics = Kinematics(self.physics, self.nozzle, self.work, joints)
         if not self._kinematics.turns_body:
             self._check_work_frame()
 
@@ -100,6 +105,14 @@ class Machine:
     def axis_names(self) -> tuple[str, ...]:
         """Names of the axes in the order of the actuators."""
         return tuple(axis.name for axis in self.axes)
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model with all that is seen of it; to be left unchanged."""
+        model = self._compiled
+        for perturbation in self._perturbations:
+            model = self._perturbed_model(model, perturbation)
+        return model
 
     @cached_property
     def digest(self) -> str:
@@ -123,12 +136,12 @@ class Machine:
     @cached_property
     def springs_have_axes(self) -> bool:
         """Whether each axis can have a factor of stiffness of its own."""
-        return springs_have_axes(self.model, self._joints)
+        return springs_have_axes(self.physics, self._joints)
 
     @property
     def _joints(self) -> list[int]:
         """Index of each axis' joint."""
-        return [int(joint) for joint in self.model.actuator_trnid[:, 0]]
+        return [int(joint) for joint in self.physics.actuator_trnid[:, 0]]
 
     def perturbed(self, perturbation: Perturbation) -> Machine:
         """Return the machine as it is with a perturbation; its name and source stay, this one is left as it is.
@@ -137,26 +150,21 @@ class Machine:
             InputError: a payload that leaves the body no mass, or factors for another number of axes.
         """
         machine = copy.copy(self)
-        machine.__dict__.pop("digest", None)
-        machine.model = perturbed_model(
-            self.model,
-            perturbation,
-            axes=self.axes,
-            joints=self._joints,
-            nozzle=self.nozzle,
-            work=self.work,
-        )
+        for cached in ("model", "digest"):
+            machine.__dict__.pop(cached, None)
+        machine.physics = self._perturbed_model(self.physics, perturbation)
+        machine._perturbations = (*self._perturbations, perturbation)
         machine._stepping = {}
-        machine.axes, machine.addresses = _read_axes(machine.model, self.source)
+        machine.axes, machine.addresses = _read_axes(machine.physics, self.source)
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 
     def stepping(self, timestep: float) -> mujoco.MjModel:
-        """Return the compiled model with a physics step [s]; the same one at every call, to be left unchanged."""
-        if timestep == self.model.opt.timestep:
-            return self.model
+        """Return `physics` with another physics step [s]; the same one at every call, to be left unchanged."""
+        if timestep == self.physics.opt.timestep:
+            return self.physics
         if timestep not in self._stepping:
-            model = copy.copy(self.model)
+            model = copy.copy(self.physics)
             model.opt.timestep = positive("physics step", timestep, "s")
             self._stepping[timestep] = model
         return self._stepping[timestep]
@@ -167,7 +175,7 @@ class Machine:
         Args:
             position: (axes,) [mm or deg].
         """
-        qpos: Floats = self.model.qpos0.copy()
+        qpos: Floats = self.physics.qpos0.copy()
         qpos[[address.joint for address in self.addresses]] = np.asarray(position, float) / self._per_si
         return qpos
 
@@ -180,6 +188,11 @@ class Machine:
         q = np.asarray(position, float) / self._per_si
         points: Floats = _MM * self._kinematics(np.atleast_2d(q))
         return points.reshape(*q.shape[:-1], 3)
+
+    def _perturbed_model(self, model: mujoco.MjModel, perturbation: Perturbation) -> mujoco.MjModel:
+        return perturbed_model(
+            model, perturbation, axes=self.axes, joints=self._joints, nozzle=self.nozzle, work=self.work
+        )
 
     def _check_work_frame(self) -> None:
         """The program's positions are the work frame's: see that the machine agrees, to a micrometre."""
@@ -210,6 +223,22 @@ class Machine:
                     f"model {self.source}: axis {axis.name!r} moves the nozzle along ({along}) of body {WORK!r}: "
                     f"must be along its {axis.name}"
                 )
+
+
+def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a compiled model without what is only seen; its dynamics are the same to the last bit.
+
+    That saves the placing of geoms that touch nothing, at every step, and their textures, in every copy. Where they are
+    needed to tell a body's inertia, MuJoCo does not leave them out, and the model is the compiled one.
+    """
+    bare = spec.copy()
+    bare.compiler.discardvisual = True
+    try:
+        physics = bare.compile()
+    except (ValueError, mujoco.FatalError):
+        return compiled
+    physics.opt.disableflags = compiled.opt.disableflags
+    return physics
 
 
 def _read_axes(model: mujoco.MjModel, source: Path) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:

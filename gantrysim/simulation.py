@@ -222,7 +222,7 @@ def substeps_of(machine: Machine, period: float, physics_step: float | None = No
     Raises:
         InputError: a step that is too short, or longer than the machine's own.
     """
-    longest = float(machine.model.opt.timestep)
+    longest = float(machine.physics.opt.timestep)
     if physics_step is None:
         return ticks(period, longest)
     step = at_least("physics_step", physics_step, _SHORTEST_STEP, "s")

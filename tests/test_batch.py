@@ -112,10 +112,10 @@ def test_an_argument_is_one_for_all_or_one_for_each(xy, servo):
 def test_what_mujoco_warns_of_in_one_simulation_stops_no_other(xy, servo):
     servo = dataclasses.replace(servo, following_error_limit=(math.inf, math.inf))
     wild = copy.copy(xy)
-    wild.model = copy.copy(xy.model)
+    wild.physics = copy.copy(xy.physics)
     wild._stepping = {}
-    wild.model.jnt_limited[:] = 0
-    wild.model.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
+    wild.physics.jnt_limited[:] = 0
+    wild.physics.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
     wild.axes = tuple(dataclasses.replace(a, travel=(-math.inf, math.inf), declared_speed=math.inf) for a in xy.axes)
     machines = [wild, xy, wild, xy, xy, wild]
     setpoints = ramp(FAST, 40.0)

@@ -9,6 +9,7 @@ import pytest
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine import builtin_models
+from gantrysim.perturbation import Perturbation
 
 from runs import ideal_motors
 
@@ -63,6 +64,42 @@ def test_stepping_changes_only_the_timestep_and_leaves_the_machine_alone(rigid):
     assert model.opt.timestep == 1e-4
     assert machine.model.opt.timestep == 5e-4
     assert machine.stepping(1e-4) is model
+
+
+@pytest.mark.parametrize("name", builtin_models())
+def test_what_is_only_seen_is_left_out_of_the_physics_and_changes_no_bit_of_it(name):
+    machine = Machine(name)
+    machines = [machine, machine.perturbed(Perturbation(payload=0.2, friction=1.5, home_offset=0.01))]
+    for each in machines:
+        assert each.model.ngeom > 40
+        assert (each.physics.ngeom, each.physics.ntex) == (0, 0)
+        runs = []
+        for model in (each.model, each.physics):
+            data, random = mujoco.MjData(model), np.random.default_rng(0)
+            for _ in range(20):
+                data.ctrl[:] = 0.2 * random.uniform(-1, 1, model.nu)
+                mujoco.mj_step(model, data, 50)
+            runs.append([data.qpos.tobytes(), data.qvel.tobytes(), data.act.tobytes(), data.site_xpos.tobytes()])
+        assert runs[0] == runs[1]
+        assert each.stepping(each.physics.opt.timestep) is each.physics
+
+
+def test_what_can_touch_or_tells_an_inertia_stays_in_the_physics(rigid):
+    machine = rigid()
+    assert machine.model.ngeom == machine.physics.ngeom == 2
+    content = machine.source.read_text()
+    seen = content.replace(
+        '<geom type="sphere" size="0.01" mass="3"/>', '<geom size="0.01" mass="3" contype="0" conaffinity="0"/>'
+    )
+    assert seen != content
+    machine.source.write_text(seen)
+    light = Machine(machine.source)
+    assert (light.model.ngeom, light.physics.ngeom) == (2, 1)
+    assert np.array_equal(light.physics.body_mass, light.model.body_mass)
+    machine.source.write_text(seen.replace("<option", '<compiler inertiafromgeom="true"/><option'))
+    whole = Machine(machine.source)
+    assert whole.physics is whole.model
+    assert whole.model.ngeom == 2
 
 
 def test_digest_tells_machines_apart(rigid):

@@ -176,7 +176,7 @@ class LoopStudy:
     @property
     def _physics(self) -> float:
         """The job's physics step [s]."""
-        return self.job.simulation.physics_step or float(self.job.built_machine.model.opt.timestep)
+        return self.job.simulation.physics_step or float(self.job.built_machine.physics.opt.timestep)
 
     @property
     def _servo_variants(self) -> Sequence[str]:
