@@ -405,3 +405,34 @@ def test_pictures_show_the_machine_and_the_bead_laid_so_far():
     assert np.array_equal(env.render(), first)  # one renderer for all episodes, and no bead of the last one
     env.close()
     assert SpiralTuningEnv(**SHORT).render() is None
+
+
+def test_pictures_are_of_the_episode_that_runs():
+    pictures = []
+    one, other = (SpiralTuningEnv(diameter=(60.0, 140.0), render_mode="rgb_array") for _ in range(2))
+    for env, seed in ((one, 1), (one, 2), (other, 2)):
+        env.reset(seed=seed)
+        for _ in range(8):
+            env.step(np.zeros(4))
+        try:
+            pictures.append(env.render())
+        except NoOpenGLError as none:
+            pytest.skip(str(none))
+    assert not np.array_equal(pictures[0], pictures[1])
+    assert np.abs(pictures[1].astype(int) - pictures[2]).max() <= 2
+    one.close(), other.close()
+
+
+def test_without_autoreset_an_episode_that_is_over_waits_for_its_reset():
+    vector = SpiralTuningVectorEnv(3, **SHORT, decision_interval=1.0, autoreset_mode="Disabled")
+    vector.reset(seed=1)
+    over = np.zeros(3, bool)
+    while not over.any():
+        _, _, terminated, truncated, _ = vector.step(np.zeros((3, 4)))
+        over = terminated | truncated
+    assert over.all()
+    vector.reset(options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(ResetNeeded):
+        vector.step(np.zeros((3, 4)))
+    vector.reset(options={"reset_mask": np.array([False, True, False])})
+    vector.step(np.zeros((3, 4)))
