@@ -231,7 +231,7 @@ def test_phase_crossover_and_sensitivity_are_those_of_the_closed_form(double_int
     phase = math.degrees(np.angle(loop(crossover))) + 180
     assert found.phase == pytest.approx(phase, abs=PHASE)
     assert found.delay == pytest.approx(phase / 360 / crossover, rel=MARGIN)
-    assert found.sensitivity == pytest.approx(np.abs(1 / (1 + loop(np.linspace(1, 500, 200_000)))).max(), rel=PEAK)
+    assert found.sensitivity == pytest.approx(np.abs(1 / (1 + loop(np.linspace(1, 500, 200_000)))).max(), rel=MARGIN)
 
 
 @pytest.mark.parametrize("name", ["xy", "xyz"])
@@ -347,7 +347,7 @@ def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_c
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 200.0])
-@pytest.mark.parametrize("stiffness", [80.0, 3e4, 1e6])
+@pytest.mark.parametrize("stiffness", [5.0, 80.0, 3e4, 1e6])
 def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
     """A load on a spring at the carriage: a peak and a zero of the loop that are narrower than any even grid."""
     file = ideal_motors(rigid(damping=0.0).source)
@@ -360,7 +360,8 @@ def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
     servo = pd(machine, 5e-4, frequency=20.0)
     plant = Plant.of(machine, 5e-4)
     found = plant.margins(servo)[0]
-    frequency = np.geomspace(0.1, 1000, 200_001)
+    at_poles = np.angle([pole for pole in plant.poles(servo) if pole.imag > 1e-9]) / (2 * np.pi * 5e-4)
+    frequency = np.sort(np.append(np.geomspace(0.1, 1000, 200_001), at_poles))
     loop = plant.loop(servo, frequency)[:, 0]
     assert found.stable
     assert found.gain_lower == 0
