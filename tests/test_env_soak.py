@@ -10,7 +10,7 @@ import pytest
 
 from gantrysim.env.episodes import Episode
 
-from episodes import BANDIT, BOLD, MEEK, SHORT, TUNING, actions_of, episode
+from episodes import BANDIT, BOLD, MEEK, SHORT, TUNING, episode
 
 GROWTH = 16.0  # of the resident memory over 900 episodes [MB]
 
@@ -48,11 +48,13 @@ def soak_alone(env, count, when):
 
 
 def soak_vector(envs, count, when):
-    """The same side by side, half of the places meek."""
+    """The same side by side: a place that was bold in one episode is meek in the next."""
     random, ends = np.random.default_rng(0), [0, 0]
+    scale = np.where(np.arange(envs.num_envs) % 2, BOLD, MEEK)[:, None]
     envs.reset(seed=1)
     while sum(ends) < count:
-        observations, reward, terminated, truncated, info = envs.step(actions_of(envs, random))
+        actions = (scale * random.uniform(-1, 1, envs.action_space.shape)).astype(np.float32)
+        observations, reward, terminated, truncated, info = envs.step(actions)
         assert envs.observation_space.contains(observations)
         assert np.isfinite(reward).all()
         for name, values in info.items():
@@ -60,6 +62,7 @@ def soak_vector(envs, count, when):
                 assert np.isfinite(values).all(), name
         for place in np.flatnonzero(terminated | truncated):
             ends[info["fault"][place] is None] += 1
+            scale[place] = BOLD + MEEK - scale[place]
             when(sum(ends))
     return ends
 
