@@ -12,54 +12,85 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import gymnasium
 import mujoco
+import numpy as np
+from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
-from gantrysim import Job, Machine, Servo, simulate
+from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.bead import Bead
 from gantrysim.budget import Budget
 from gantrysim.controllers.path import Path
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.job import builtin_jobs
 from gantrysim.metrics import Analysis
 from gantrysim.programs import build
 
-SERVO_PERIOD = 1e-3  # [s]
-PHYSICS_STEP = 2.5e-4  # [s]
+SIDE_BY_SIDE = 64  # simulations or environments at once
+DECISIONS = 20  # in every environment, at a time
+NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
 
 
-def seconds(work: Callable[[], object]) -> float:
+def speed(work: Callable[[], object]) -> float:
+    """Return the physics steps per second of a work that returns how many it makes, or its calls per second."""
     start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
+    done = work()
+    return (done if isinstance(done, int) else 1) / (time.perf_counter() - start)
 
 
 def ratio(reference: Callable[[], object], ours: Callable[[], object], rounds: int) -> float:
-    """Return the median of reference time over our time; the two take turns, each going first every other time."""
+    """Return the median of our speed over the reference's; the two take turns, each going first every other time."""
     reference(), ours()
     ratios = []
     for k in range(rounds):
         if k % 2:
-            bare, own = seconds(reference), seconds(ours)
+            bare, own = speed(reference), speed(ours)
         else:
-            own, bare = seconds(ours), seconds(reference)
-        ratios.append(bare / own)
+            own, bare = speed(ours), speed(reference)
+        ratios.append(own / bare)
     return statistics.median(ratios)
 
 
-def engine(rounds: int) -> float:
-    """bare mj_step against simulate with a full log, of the same model and number of steps."""
+def spiral(diameter: float, turns: int) -> tuple[Machine, Servo, Setpoints, int]:
+    """Return a machine, its servo, setpoints of a spiral, and the number of physics steps they take."""
     machine = Machine("xy")
-    servo = Servo.derive(machine.axes, SERVO_PERIOD)
-    setpoints = MoveSpiral(120, 4, 10, 100).setpoints(SERVO_PERIOD)
-    steps = (len(setpoints.position) - 1) * round(SERVO_PERIOD / PHYSICS_STEP) + 1
-    model = machine.stepping(PHYSICS_STEP)
+    servo = Servo.derive(machine.axes)
+    setpoints = MoveSpiral(diameter, turns, 10, 100).setpoints(servo.period)
+    steps = (len(setpoints.position) - 1) * round(servo.period / machine.model.opt.timestep) + 1
+    return machine, servo, setpoints, steps
+
+
+def engine(rounds: int) -> float:
+    """simulate with a full log over bare mj_step of the machine's MJCF, for the same number of steps."""
+    machine, servo, setpoints, steps = spiral(120, 4)
 
     def bare() -> None:
-        mujoco.mj_step(model, mujoco.MjData(model), steps)
+        mujoco.mj_step(machine.model, mujoco.MjData(machine.model), steps)
 
-    return ratio(bare, lambda: simulate(machine, servo, setpoints, physics_step=PHYSICS_STEP), rounds)
+    return ratio(bare, lambda: simulate(machine, servo, setpoints), rounds)
+
+
+def servo(rounds: int) -> float:
+    """the same over bare mj_step of what simulate steps of the MJCF, which is all but what is only seen."""
+    machine, servo, setpoints, steps = spiral(120, 4)
+
+    def bare() -> None:
+        mujoco.mj_step(machine.physics, mujoco.MjData(machine.physics), steps)
+
+    return ratio(bare, lambda: simulate(machine, servo, setpoints), rounds)
+
+
+def batch(rounds: int) -> float:
+    """64 runs by simulate_batch, records and all, over bare mujoco.batch of the machine's MJCF, on as many threads."""
+    machine, servo, setpoints, steps = spiral(60, 2)
+
+    def bare() -> None:
+        Batch(machine.model, SIDE_BY_SIDE).step(nstep=steps)
+
+    return ratio(bare, lambda: simulate_batch(machine, [servo] * SIDE_BY_SIDE, setpoints), rounds)
 
 
 def setpoints(rounds: int) -> float:
@@ -93,6 +124,56 @@ def analysis(rounds: int) -> float:
     return max(share(name) for name in builtin_jobs())
 
 
+def vector_env(rounds: int) -> float:
+    """64 environments, resets, observations and all, over bare mujoco.batch of the MJCF, on as many threads."""
+    envs = gymnasium.make_vec("gantrysim/SpiralTuning-v0", num_envs=SIDE_BY_SIDE)
+    envs.reset(seed=0)
+    envs.action_space.seed(0)
+    model = Machine("xy").model
+    steps = round(envs.unwrapped.settings.decision_interval / model.opt.timestep)
+    simulations = Batch(model, SIDE_BY_SIDE)
+    over = np.zeros(SIDE_BY_SIDE, bool)
+
+    def bare() -> int:
+        for _ in range(DECISIONS):
+            simulations.step(nstep=steps)
+        return DECISIONS * SIDE_BY_SIDE * steps
+
+    def ours() -> int:
+        made = 0
+        for _ in range(DECISIONS):
+            made += steps * np.count_nonzero(~over)  # one whose episode is over is reset instead
+            _, _, terminated, truncated, _ = envs.step(NEAR * envs.action_space.sample())
+            over[:] = terminated | truncated
+        return int(made)
+
+    for _ in range(200 // DECISIONS):  # until the episodes have come out of step
+        ours()
+    return ratio(bare, ours, rounds)
+
+
+def scalar_env(rounds: int) -> float:
+    """scalar environment over Gymnasium's InvertedPendulum-v5, physics steps per second of random episodes."""
+
+    def episodes(name: str, frame_skip: int, scale: float, decisions: int) -> Callable[[], int]:
+        env = gymnasium.make(name)
+        env.reset(seed=0)
+        env.action_space.seed(0)
+
+        def run() -> int:
+            for _ in range(decisions):
+                _, _, terminated, truncated, _ = env.step(scale * env.action_space.sample())
+                if terminated or truncated:
+                    env.reset()
+            return decisions * frame_skip
+
+        return run
+
+    frame_skip = round(0.1 / Machine("xy").model.opt.timestep)
+    pendulum = episodes("InvertedPendulum-v5", 2, 1.0, 5000)
+    return ratio(pendulum, episodes("gantrysim/SpiralTuning-v0", frame_skip, NEAR, 200), rounds)
+
+
 class Benchmark(NamedTuple):
     measure: Callable[[int], float]
     wanted: str
@@ -100,6 +181,10 @@ class Benchmark(NamedTuple):
 
 BENCHMARKS = {
     "engine": Benchmark(engine, "at least 0.90"),
+    "servo": Benchmark(servo, "at least 0.85"),
+    "batch": Benchmark(batch, "at least 0.90"),
+    "vector_env": Benchmark(vector_env, "at least 0.80"),
+    "scalar_env": Benchmark(scalar_env, "at least 5.00"),
     "setpoints": Benchmark(setpoints, "at most 0.10"),
     "analysis": Benchmark(analysis, "at most 1.00"),
 }
