@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from typing import Any
 from uuid import uuid4
 
+import cloudpickle
 from distributed import Client, Future, KilledWorker
 from joblib import parallel_config
 from joblib.parallel import ParallelBackendBase
@@ -60,7 +61,8 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
 
     def submit(self, func: Callable[[], Any], callback: Callable[[Future], None] | None = None) -> Future:
         """Hand out a batch of calls."""
-        future = self._client.submit(func, key=f"gantrysim-{uuid4().hex}", pure=False)
+        key = f"gantrysim-{uuid4().hex}"
+        future = self._client.submit(_reader(), cloudpickle.dumps(func), key=key, pure=False)
         self._futures.add(future)
         future.add_done_callback(callback)
         return future
@@ -69,22 +71,41 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
         """Return what a batch of calls has returned, or raise what it has raised."""
         self._futures.discard(out)
         try:
-            return out.result()
+            unreadable, results = out.result()
         except KilledWorker as error:
             times, last = error.allowed_failures + 1, error.last_worker.address
             raise WorkerError(f"{times} workers have ended at the same case, the last at {last}") from None
         except CancelledError:
             raise WorkerError(f"the scheduler at {_address(self._client)} has gone") from None
-        except (ImportError, RuntimeError) as error:
-            reason = error.__cause__ or error
-            if not isinstance(reason, ImportError):
-                raise
-            raise WorkerError(f"a worker lacks what the study has: {reason}") from None
+        if unreadable:
+            raise WorkerError(
+                f"a worker cannot read its cases: {unreadable}: every worker must have what the study has"
+            )
+        return results
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
         """Take back what has been handed out."""
         self._client.cancel(list(self._futures))
         self._futures.clear()
+
+
+def _reader() -> Callable[[bytes], tuple[str | None, Any]]:
+    """Return what a worker does with a pickled batch of calls: why it cannot read it, or what the calls return.
+
+    It is sent as it stands, by its code: Dask unpickles whatever else it is given in the scheduler and in the worker's
+    own loop, and ends the worker where that fails.
+    """
+
+    def read(batch: bytes) -> tuple[str | None, Any]:
+        import pickle
+
+        try:
+            call = pickle.loads(batch)
+        except Exception as error:
+            return f"{type(error).__name__}: {error}", None
+        return None, call()
+
+    return read
 
 
 @contextmanager

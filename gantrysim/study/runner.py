@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
@@ -65,11 +66,16 @@ def run_cases(
     tell()
     most = _TOGETHER if measure_together else 1  # a case by itself takes long against its way to the worker
     together = measure_together or partial(_one_by_one, measure)
-    for rows in _finished(list(missing.values()), workers, together, most):
-        for key, row in rows:
-            ledger.add(key, row)
-            del missing[key]
-        tell()
+    finished = _finished(list(missing.values()), workers, together, most)
+    try:
+        for rows in finished:
+            for key, row in rows:
+                ledger.add(key, row)
+                del missing[key]
+            tell()
+    finally:
+        with warnings.catch_warnings(action="ignore"):  # joblib's, that cases under way are given up: here on purpose
+            finished.close()
     return [{**dict(case.tags), **ledger[case.key]} for case in cases]
 
 
@@ -79,7 +85,7 @@ def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
 
 def _finished(
     cases: list[Case], workers: int | None, measure: MeasureTogether, most: int
-) -> Iterable[list[tuple[str, Row]]]:
+) -> Generator[list[tuple[str, Row]], None, None]:
     """Run cases, at most so many together, and yield the keys and rows of each lot as it is finished."""
     if not cases:
         return
