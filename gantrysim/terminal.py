@@ -61,11 +61,15 @@ def share_bar(task: str) -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
-def count_bar(task: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar inside the block; what is given is called with the number done and that of all."""
-    with _bars(MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()) as bars:
-        bar = bars.add_task(task, total=None)
-        yield lambda done, every: bars.update(bar, completed=done, total=every)
+def count_bar(task: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Show a progress bar inside the block.
+
+    What is given is called with the number done, that of all, and a few words of news, which may be none.
+    """
+    columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with _bars(*columns, TextColumn("{task.fields[news]}")) as bars:
+        bar = bars.add_task(task, total=None, news="")
+        yield lambda done, every, news: bars.update(bar, completed=done, total=every, news=news)
 
 
 def _bars(*columns: ProgressColumn) -> Progress:

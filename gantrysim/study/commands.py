@@ -68,7 +68,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
 
             def each(done: int, every: int) -> None:
                 go_on()
-                advance(done, every)
+                advance(done, every, getattr(study, "news", ""))
 
             outcome = run_study(study, folder, workers=workers, progress=each)
     except StudyInterrupted as interrupted:

@@ -58,8 +58,13 @@ class Plot:
 class Study(Protocol):
     """What `run_study` asks of a study; all of it follows from the study's own values and the rows alone.
 
-    A study may also have `measure_together`, from several cases to their rows, as `run_cases` takes it; `measure` is
-    then left alone.
+    A study may also have
+
+    - `measure_together`, from several cases to their rows, as `run_cases` takes it; `measure` is then left alone;
+    - `command`, the words by which it is called, where these are not "study" and its name;
+    - `texts`, names of files that it writes besides, and `text(name, rows)`, what stands in them;
+    - `expected`, the number of cases that it is thought to come to in all its rounds, for the progress;
+    - `news`, where it has come to, in a few words, for the progress.
     """
 
     @property
@@ -133,7 +138,8 @@ class StudyInterrupted(KeyboardInterrupt):
 
 def output_of(study: Study) -> Output:
     """Return the files that a study writes."""
-    return Output("study", ROWS, (ROWS, CURVES, STUDY, JOB, REPORT, *(f"{PLOTS}/{name}.png" for name in study.plots)))
+    drawn = (f"{PLOTS}/{name}.png" for name in study.plots)
+    return Output("study", ROWS, (ROWS, CURVES, STUDY, JOB, REPORT, *getattr(study, "texts", ()), *drawn))
 
 
 def run_study(
@@ -151,7 +157,7 @@ def run_study(
             job.toml (what was run, enough to run it again), report.html and plots. Until they are written, the
             finished rows lie there in a hidden file.
         workers: as in `run_cases`.
-        progress: as in `run_cases`.
+        progress: as in `run_cases`, of all rounds so far.
 
     Raises:
         InputError: a folder that may not be written to, or that another study is at work in, or a job that is refused
@@ -174,6 +180,11 @@ def run_study(
         "versions": versions(study.job.built_machine),
     }
     rows: list[Row] = []
+
+    def tell(done: int, every: int) -> None:
+        if progress is not None:
+            progress(len(rows) + done, max(len(rows) + every, getattr(study, "expected", 0)))
+
     with Ledger(target, identity) as ledger:
         try:
             while True:
@@ -183,7 +194,7 @@ def run_study(
                     workers=workers,
                     measure=measure,
                     measure_together=measure_together,
-                    progress=progress,
+                    progress=tell,
                 )
                 rows += found
                 try:
@@ -211,13 +222,15 @@ def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, ide
     (folder / JOB).write_text(study.job.toml(), encoding="utf-8")
     described = {
         "study": study.name,
-        "command": f"gantrysim study {study.name} {JOB}",
+        "command": f"gantrysim {getattr(study, 'command', f'study {study.name}')} {JOB}",
         "cases": len(rows),
         "findings": findings,
         "settings": identity["settings"],
         "versions": identity["versions"],
     }
     (folder / STUDY).write_text(tomli_w.dumps(described, multiline_strings=True), encoding="utf-8")
+    for name in getattr(study, "texts", ()):
+        (folder / name).write_text(study.text(name, rows), encoding="utf-8")  # type: ignore[attr-defined]
     curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
     columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves]
     with (folder / ROWS).open("w", newline="", encoding="utf-8") as stream:
