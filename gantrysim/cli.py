@@ -17,6 +17,7 @@ from gantrysim.metrics import Analysis
 from gantrysim.study.commands import study_app
 from gantrysim.tables import links_table, outcome_table
 from gantrysim.terminal import FAULT, INPUT_ERROR, say, share_bar, show, warn
+from gantrysim.tuning.commands import tune
 
 __all__ = ["app", "main"]
 
@@ -26,6 +27,7 @@ app = typer.Typer(
     help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
 )
 app.add_typer(study_app, name="study")
+app.command()(tune)
 
 
 @app.callback(invoke_without_command=True)
@@ -50,6 +52,12 @@ def run(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
     ] = None,
+    servo: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file whose table [servo] is taken instead of the job's, as the tuned.toml of gantrysim tune."
+        ),
+    ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
     drawn: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
 ) -> None:
@@ -60,7 +68,7 @@ def run(
     from gantrysim import plots, render, report
     from gantrysim.page.run import headline, write_run_page
 
-    loaded = Job.load(job, settings or (), model)
+    loaded = Job.load(job, settings or (), model, servo)
     folder = out if out is not None else Path("out") / loaded.name
     no_video = None
     with report.output_folder(folder) as scratch:

@@ -101,7 +101,13 @@ class Job(BaseModel):
         return {"controller": name, **arguments(build(name, values))}
 
     @classmethod
-    def load(cls, job: str | os.PathLike[str], overrides: Iterable[str] = (), machine: str | None = None) -> Job:
+    def load(
+        cls,
+        job: str | os.PathLike[str],
+        overrides: Iterable[str] = (),
+        machine: str | None = None,
+        servo: str | os.PathLike[str] | None = None,
+    ) -> Job:
         """Return a built-in job by its name, or the job in a TOML file.
 
         Args:
@@ -109,6 +115,7 @@ class Job(BaseModel):
             overrides: "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its
                 last parts alone where they are unique.
             machine: a machine to take instead of the job's.
+            servo: a TOML file whose table [servo] is taken instead of the job's, before the overrides.
 
         Raises:
             InputError: no such job, or a key or value that is not in order.
@@ -121,6 +128,8 @@ class Job(BaseModel):
         for section in ("program", "servo", "dispenser", "bead", "simulation"):
             if not isinstance(content.get(section, {}), dict):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
+        if servo is not None:
+            content["servo"] = _servo_table(Path(servo))
         for setting in overrides:
             override(content, setting, _known_keys(content))
         if machine is not None:
@@ -128,9 +137,22 @@ class Job(BaseModel):
         elif isinstance(content.get("machine"), str):
             content["machine"] = machine_in_full(content["machine"], folder)
         try:
-            return cls(**content)
+            loaded = cls(**content)
         except ValidationError as error:
             raise InputError(f"job {job}: {_one_line(error)}") from None
+        if servo is not None:
+            loaded._check_axes(Path(servo))
+        return loaded
+
+    def _check_axes(self, servo: Path) -> None:
+        """See that a servo's file has as many values as the machine has axes."""
+        axes = self.built_machine.axis_names
+        for name, value in self.servo:
+            if isinstance(value, list) and len(value) != len(axes):
+                raise InputError(
+                    f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
+                    f"{', '.join(axes)} of machine {self.built_machine.name}"
+                )
 
     def changed(self, values: Mapping[str, Any]) -> Job:
         """Return the job with other values, by their full dotted keys, as in {"program.loop_period": 0.01}.
@@ -246,6 +268,26 @@ def _read(job: str) -> tuple[str, Path]:
         raise unknown("job", job, builtin_jobs()) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"job {job}: cannot be read: {error}") from None
+
+
+def _servo_table(file: Path) -> dict[str, Any]:
+    """Return the table [servo] of a TOML file, its keys and the kinds of its values checked."""
+    try:
+        content = tomllib.loads(file.expanduser().read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"servo {file}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"servo {file}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"servo {file}: is not TOML: {error}") from None
+    table = content.get("servo")
+    if not isinstance(table, dict):
+        raise InputError(f"servo {file}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
+    try:
+        ServoSettings(**table)
+    except ValidationError as error:
+        raise InputError(f"servo {file}: {_one_line(error)}") from None
+    return table
 
 
 def _known_keys(content: dict[str, Any]) -> list[str]:

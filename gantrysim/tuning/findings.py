@@ -1,0 +1,232 @@
+"""What a search has found, in words."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.budget import LINKS, Budget
+from gantrysim.controllers.servo import Servo
+from gantrysim.study.cases import OK, Row
+from gantrysim.tuning.laws import GAINS
+from gantrysim.tuning.objective import column
+from gantrysim.tuning.search import Candidate, History
+from gantrysim.tuning.servo import unit_of
+from gantrysim.tuning.stability import Stability
+
+if TYPE_CHECKING:
+    from gantrysim.tuning.study import TuningStudy
+
+__all__ = ["findings", "label", "least_margins", "unseen_figures"]
+
+_UM = 1e3
+_AT_LIMIT = 0.98  # of a bound, from which it holds the gains back
+_MOSTLY = 0.5  # of the mean square
+_BEYOND = 1.1  # times the figure of the search, which a machine not seen may have
+_ENDED = {
+    "budget": "It ended with its budget.",
+    "converged": "It ended where the candidates of a generation differed by less than 2 %.",
+    "no progress": "It ended after 25 generations in which the figure became better by less than 0.2 %.",
+    "no candidate": "It ended after 200 generations without a candidate that keeps the margin.",
+}
+
+
+def findings(study: TuningStudy, rows: list[Row]) -> list[str]:
+    """Return what has become better and what has not, the gains, and how they do on machines not seen."""
+    history = study.history(rows)
+    start, best = history.start, history.best
+    paragraphs = [_outcome(study, start, best), *_links(study, start, best), *_gains(study, start.servo, best.servo)]
+    paragraphs.append(_bounds(study, start, best))
+    if study.unseen:
+        paragraphs.append(_unseen(study, rows, best))
+    return [*paragraphs, _search(study, history)]
+
+
+def label(figure: str) -> str:
+    """Return a figure in words, as in "rms contour error"."""
+    link, _, statistic = figure.partition("_")
+    return f"{ {'rms': 'rms', 'p95': '95 %', 'max': 'largest'}[statistic] } {link} error"
+
+
+def least_margins(stability: Stability, servo: Servo, machines: int) -> tuple[float, float, float]:
+    """Return the least gain margin, the least phase margin [deg] and the largest peak of |S| of axes and machines.
+
+    A loop that is not stable has the factor at which it would be, no phase margin, and inf.
+    """
+    found = [margins for k in range(machines) for margins in stability.margins(servo, k)]
+    return (
+        min(margins.gain for margins in found),
+        min(margins.phase for margins in found),
+        max(margins.sensitivity for margins in found),
+    )
+
+
+def unseen_figures(study: TuningStudy, rows: list[Row], stage: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the figure on the machines not seen, before or after, (unseen,) [µm]; inf where there is none."""
+    name = column(study.figure)
+    return np.array([float(row[name]) if row["status"] == OK else math.inf for row in study.checked(rows, stage)])  # type: ignore[arg-type]
+
+
+def _outcome(study: TuningStudy, start: Candidate, best: Candidate) -> str:
+    what = label(study.figure)
+    over = (
+        "" if not study.robust else f", the largest over the job's own machine and {study.robust} that differ from it"
+    )
+    rank, was = best.order(0.01 * study.ripple), start.order(0.01 * study.ripple)
+    if best is start:
+        text = "No gains were found that are better than the job's own, with which the "
+        text += f"{what} is {_um(best.figure)}{over}."
+        return f"{text} {_wanting(study, rank)}".rstrip()
+    if not math.isfinite(start.figure):
+        text = f"With the job's own gains a fault ends the run. Those found go through, with a {what} of "
+        text += f"{_um(best.figure)}{over}."
+    else:
+        text = f"The gains found bring the {what} from {_um(start.figure)} to {_um(best.figure)}"
+        text += f", {100 * best.figure / start.figure:.3g} % of what it was{over}."
+        if was[0] > 1:
+            text += f" The job's own gains {_misses(was)}."
+    return f"{text} {_wanting(study, rank)}".rstrip()
+
+
+def _wanting(study: TuningStudy, rank: tuple[int, float]) -> str:
+    return "" if rank[0] == 1 else f"They {_misses(rank)}: within the budget none were found that are in order."
+
+
+def _misses(rank: tuple[int, float]) -> str:
+    """What gains do that are not in order, by their place in the order of candidates."""
+    kind, amount = rank
+    if kind == 4:
+        return "end in a fault"
+    if kind == 3:
+        by = "their loop is not stable" if amount >= 10 else f"peak of |S| {math.exp(amount):.3g} times the bound"
+        return f"miss the margin ({by})"
+    return f"exceed the torque ripple {math.exp(amount):.3g} times"
+
+
+def _links(study: TuningStudy, start: Candidate, best: Candidate) -> list[str]:
+    """Say what of the error is left, and of which link."""
+    before, after = study.run(start.servo), study.run(best.servo)
+    if after.fault is not None:
+        return []
+    now = Budget(after).figures
+    was = None if before.fault is not None else Budget(before).figures
+    if was is None:
+        text = f"On the job's own machine the contour error is {_UM * now.contour.rms:.4g} µm rms: "
+    else:
+        text = (
+            f"On the job's own machine the contour error goes from {_UM * was.contour.rms:.4g} to "
+            f"{_UM * now.contour.rms:.4g} µm rms and at most from {_UM * was.contour.max:.4g} to "
+            f"{_UM * now.contour.max:.4g} µm: "
+        )
+    text += ", ".join(
+        f"{link} {'' if was is None else f'{_UM * was.parts[link].rms:.3g} to '}{_UM * now.parts[link].rms:.3g}"
+        for link in LINKS
+    )
+    text += " µm."
+    most = max(now.parts, key=lambda link: now.parts[link].share)
+    share = now.parts[most].share
+    if most == "generation" and share > _MOSTLY:
+        text += (
+            f" {100 * min(share, 1):.0f} % of what is left, by its mean square, is generation: the controller's "
+            "program, which no gain mends."
+        )
+        if study.figure.startswith("contour"):
+            text += (
+                " Gains that make this figure smaller have tracking errors make good for it; tracking_rms is the "
+                "figure that tells how well the servo does."
+            )
+    elif share > _MOSTLY:
+        text += f" Most of what is left is the {most} part."
+    return [text]
+
+
+def _gains(study: TuningStudy, before: Servo, after: Servo) -> list[str]:
+    axes = study.job.built_machine.axes
+    paragraphs = []
+    for a, axis in enumerate(axes):
+        parts = []
+        for name in GAINS:
+            old, new = getattr(before, name)[a], getattr(after, name)[a]
+            if old == new == 0:
+                continue
+            times = f" (times {new / old:.3g})" if old > 0 and new > 0 else ""
+            parts.append(f"{name} {old:.4g} to {new:.4g} {unit_of(name, [axis.unit])}{times}")
+        paragraphs.append(f"Gains of {axis.name}: {', '.join(parts)}.")
+    return paragraphs
+
+
+def _bounds(study: TuningStudy, start: Candidate, best: Candidate) -> str:
+    machines = study.robust + 1
+    gain, phase, peak = least_margins(study.stability, best.servo, machines)
+    old_gain, old_phase, old_peak = least_margins(study.stability, start.servo, machines)
+    text = (
+        f"Of all axes{' and machines' if study.robust else ''} the least gain margin is {gain:.3g} (before "
+        f"{old_gain:.3g}), the least phase margin {phase:.0f} deg ({old_phase:.0f} deg), the largest peak of |S| "
+        f"{peak:.3g} ({_or_unstable(old_peak)}), where {study.stability.peak:.3g} is the most that a margin of "
+        f"{study.margin:g} lets through; the torque ripple is {100 * best.ripple:.2g} % of the peak torque"
+    )
+    text += f" ({100 * start.ripple:.2g} %)" if math.isfinite(start.ripple) else ""
+    text += f", at most {study.ripple:g} % may be."
+    held = [
+        name
+        for name, share in (
+            ("margin", peak / study.stability.peak),
+            ("torque ripple", 100 * best.ripple / study.ripple),
+        )
+        if _AT_LIMIT <= share <= 1
+    ]
+    if held:
+        text += f" It is the {' and the '.join(held)} that {'holds' if len(held) == 1 else 'hold'} the gains back."
+    return text
+
+
+def _or_unstable(peak: float) -> str:
+    return f"{peak:.3g}" if math.isfinite(peak) else "not stable"
+
+
+def _unseen(study: TuningStudy, rows: list[Row], best: Candidate) -> str:
+    before, after = (unseen_figures(study, rows, stage) for stage in ("before", "after"))
+    count, limit = study.unseen, _BEYOND * best.figure
+    faults = int(np.sum(~np.isfinite(after)))
+    good = [row for row in study.checked(rows, "after") if row["status"] == OK]
+    quiet = sum(float(row["torque_ripple_percent"]) <= study.ripple for row in good)  # type: ignore[arg-type]
+    stability = study.unseen_stability
+    assert stability is not None
+    steady = sum(float(stability.excess(best.servo, [k]).max()) <= 0 for k in range(count))
+    gain, phase, _ = least_margins(stability, best.servo, count)
+    text = (
+        f"On {count} machines that the search has not seen the {label(study.figure)} is {_um(_median(after))} on the "
+        f"median one (before {_um(_median(before))}) and {_um(float(after.max()))} on the worst "
+        f"({_um(float(before.max()))}): {int(np.sum(after <= limit))} of them have no more than 1.1 times that of the "
+        f"search."
+    )
+    if faults:
+        text += f" {faults} of them end in a fault."
+    return (
+        f"{text} {steady} of {count} keep the margin, with a gain margin of {gain:.3g} and a phase margin of "
+        f"{phase:.0f} deg at least; {quiet} keep the torque ripple."
+    )
+
+
+def _median(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
+    return float(np.percentile(values, 50, method="inverted_cdf"))
+
+
+def _search(study: TuningStudy, history: History) -> str:
+    numbers = "each axis by itself" if study.per_axis else "one factor for all axes"
+    moved = ", ".join(name for name in GAINS[:-1] if name != "ki" or study.searched_law == "pid")
+    ran = len(history.candidates)
+    text = (
+        f"Law {study.searched_law}: {moved} were searched, {numbers}, by CMA-ES with the seed {study.seed}: "
+        f"{history.runs} runs of {ran} candidates in {history.generations} generations, the budget being "
+        f"{study.budget} runs"
+    )
+    if history.unstable:
+        text += f"; {history.unstable} more candidates were not run, as they keep the margin at no speed of the loop"
+    return f"{text}. {_ENDED[history.ended]}"
+
+
+def _um(figure: float) -> str:
+    return f"{figure:.4g} µm" if math.isfinite(figure) else "none (a fault)"
