@@ -13,6 +13,7 @@ from gantrysim.controllers.path import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
+from gantrysim.tuning.findings import NOTHING
 from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.search import History
 from gantrysim.tuning.stability import Stability
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["draw_gains", "draw_links", "draw_loops", "draw_machines", "draw_path", "draw_search"]
 
 _BEFORE = "#9aa0a8"
-_NOTHING = 1e-3  # [µm]
 _STAGE_COLOURS = {"before": _BEFORE, "after": COLOURS["tracking"]}
 _FREQUENCIES = 1500
 _LOWEST = 1e-3  # of half the servo's frequency
@@ -41,15 +41,15 @@ def draw_links(figures: Mapping[str, BudgetFigures]) -> Figure:
         stage: [UM * (own.contour if name == "contour" else own.parts[name]).rms for name in names]
         for stage, own in figures.items()
     }
-    drawn = [value for values in size.values() for value in values if value > _NOTHING]
+    drawn = [value for values in size.values() for value in values if value > NOTHING]
     with sheet(9.0, 3.4) as figure:
         axes = figure.add_subplot()
         for k, name in enumerate(names):
             at = [values[k] for values in size.values()]
-            if max(at) <= _NOTHING:
+            if max(at) <= NOTHING:
                 axes.text(0.5, k, "none", transform=axes.get_yaxis_transform(), ha="center", va="center", fontsize=9)
                 continue
-            at = [max(value, _NOTHING) for value in at]
+            at = [max(value, NOTHING) for value in at]
             if len(at) > 1:
                 axes.annotate(
                     "", (at[1], k), (at[0], k), arrowprops={"arrowstyle": "-|>", "color": COLOURS[name], "lw": 2.0}

@@ -12,7 +12,7 @@ from gantrysim.plots.style import COLOURS
 from gantrysim.study.cases import Row
 from gantrysim.study.study import Plot
 from gantrysim.tuning import drawing
-from gantrysim.tuning.findings import label, unseen_figures
+from gantrysim.tuning.findings import NOTHING, label, unseen_figures
 from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.search import Candidate, History
 from gantrysim.tuning.servo import UNITS
@@ -113,7 +113,8 @@ def _links_table(budgets: dict[str, Budget]) -> Table:
             budget.figures.contour if link == "contour" else budget.figures.parts[link] for budget in budgets.values()
         ]
         of = [[_UM * part.rms, _UM * part.p95, _UM * part.max, 100 * part.share] for part in parts]
-        rows.append([link, *(number for numbers in zip(*of, strict=True) for number in numbers)])
+        numbers = [number for same in zip(*of, strict=True) for number in same]
+        rows.append([link, *(numbers if max(own[0] for own in of) > NOTHING else [None] * len(numbers))])
     return Table(columns, rows, "Error normal to the path on the job's own machine", COLOURS)
 
 

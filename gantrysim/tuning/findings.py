@@ -13,13 +13,15 @@ from gantrysim.study.cases import OK, Row
 from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.objective import column
 from gantrysim.tuning.search import Candidate, History
-from gantrysim.tuning.servo import unit_of
+from gantrysim.tuning.servo import TUNED, unit_of
 from gantrysim.tuning.stability import Stability
 
 if TYPE_CHECKING:
     from gantrysim.tuning.study import TuningStudy
 
-__all__ = ["findings", "label", "least_margins", "unseen_figures"]
+__all__ = ["NOTHING", "findings", "label", "least_margins", "unseen_figures"]
+
+NOTHING = 1e-3  # rms of an error that is none [µm]
 
 _UM = 1e3
 _AT_LIMIT = 0.98  # of a bound, from which it holds the gains back
@@ -120,10 +122,11 @@ def _links(study: TuningStudy, start: Candidate, best: Candidate) -> list[str]:
             f"{_UM * now.contour.rms:.4g} µm rms and at most from {_UM * was.contour.max:.4g} to "
             f"{_UM * now.contour.max:.4g} µm: "
         )
-    text += ", ".join(
-        f"{link} {'' if was is None else f'{_UM * was.parts[link].rms:.3g} to '}{_UM * now.parts[link].rms:.3g}"
-        for link in LINKS
-    )
+    parts = []
+    for link in LINKS:
+        sizes = [_UM * figures.parts[link].rms for figures in (was, now) if figures is not None]
+        parts.append(f"{link} {' to '.join(f'{size:.3g}' for size in sizes)}" if max(sizes) > NOTHING else f"no {link}")
+    text += ", ".join(parts)
     text += " µm."
     most = max(now.parts, key=lambda link: now.parts[link].share)
     share = now.parts[most].share
@@ -143,32 +146,40 @@ def _links(study: TuningStudy, start: Candidate, best: Candidate) -> list[str]:
 
 
 def _gains(study: TuningStudy, before: Servo, after: Servo) -> list[str]:
-    axes = study.job.built_machine.axes
-    paragraphs = []
-    for a, axis in enumerate(axes):
+    """Say what has become of the gains, of axes together where it is the same."""
+    if before == after:
+        return []
+    told: dict[str, list[str]] = {}
+    for a, axis in enumerate(study.job.built_machine.axes):
         parts = []
         for name in GAINS:
             old, new = getattr(before, name)[a], getattr(after, name)[a]
-            if old == new == 0:
-                continue
-            times = f" (times {new / old:.3g})" if old > 0 and new > 0 else ""
-            parts.append(f"{name} {old:.4g} to {new:.4g} {unit_of(name, [axis.unit])}{times}")
-        paragraphs.append(f"Gains of {axis.name}: {', '.join(parts)}.")
-    return paragraphs
+            if old > 0 and new > 0:
+                parts.append(f"{name} times {new / old:.3g}")
+            elif old != new:  # one of them none
+                parts.append(f"{name} from {old:.3g} to {new:.3g} {unit_of(name, [axis.unit])}")
+        told.setdefault(", ".join(parts), []).append(axis.name)
+    said = [f"of {_listed(axes)} {parts}" for parts, axes in told.items()]
+    return [f"The gains {'; '.join(said)}. {TUNED} holds them, for gantrysim run --servo."]
 
 
 def _bounds(study: TuningStudy, start: Candidate, best: Candidate) -> str:
     machines = study.robust + 1
     gain, phase, peak = least_margins(study.stability, best.servo, machines)
     old_gain, old_phase, old_peak = least_margins(study.stability, start.servo, machines)
+    over = "axes and machines" if study.robust else "axes"
     text = (
-        f"Of all axes{' and machines' if study.robust else ''} the least gain margin is {gain:.3g} (before "
-        f"{old_gain:.3g}), the least phase margin {phase:.0f} deg ({old_phase:.0f} deg), the largest peak of |S| "
-        f"{peak:.3g} ({_or_unstable(old_peak)}), where {study.stability.peak:.3g} is the most that a margin of "
-        f"{study.margin:g} lets through; the torque ripple is {100 * best.ripple:.2g} % of the peak torque"
+        f"Of all {over} the least gain margin is {gain:.2f}, the least phase margin {phase:.0f} deg and the largest "
+        f"peak of |S| {peak:.2f}, where {study.stability.peak:.2f} is the most that a margin of {study.margin:g} lets "
+        f"through; before "
     )
-    text += f" ({100 * start.ripple:.2g} %)" if math.isfinite(start.ripple) else ""
-    text += f", at most {study.ripple:g} % may be."
+    if math.isfinite(old_peak):
+        text += f"they were {old_gain:.2f}, {old_phase:.0f} deg and {old_peak:.2f}."
+    else:
+        text += "there was a loop that is not stable, Coulomb friction apart."
+    text += f" The torque ripple is {100 * best.ripple:.2g} % of the peak torque"
+    text += f", before {100 * start.ripple:.2g} %" if math.isfinite(start.ripple) else ""
+    text += f", and {study.ripple:g} % is the most that may be."
     held = [
         name
         for name, share in (
@@ -182,10 +193,6 @@ def _bounds(study: TuningStudy, start: Candidate, best: Candidate) -> str:
     return text
 
 
-def _or_unstable(peak: float) -> str:
-    return f"{peak:.3g}" if math.isfinite(peak) else "not stable"
-
-
 def _unseen(study: TuningStudy, rows: list[Row], best: Candidate) -> str:
     before, after = (unseen_figures(study, rows, stage) for stage in ("before", "after"))
     count, limit = study.unseen, _BEYOND * best.figure
@@ -195,7 +202,7 @@ def _unseen(study: TuningStudy, rows: list[Row], best: Candidate) -> str:
     stability = study.unseen_stability
     assert stability is not None
     steady = sum(float(stability.excess(best.servo, [k]).max()) <= 0 for k in range(count))
-    gain, phase, _ = least_margins(stability, best.servo, count)
+    gain, phase, peak = least_margins(stability, best.servo, count)
     text = (
         f"On {count} machines that the search has not seen the {label(study.figure)} is {_um(_median(after))} on the "
         f"median one (before {_um(_median(before))}) and {_um(float(after.max()))} on the worst "
@@ -205,8 +212,8 @@ def _unseen(study: TuningStudy, rows: list[Row], best: Candidate) -> str:
     if faults:
         text += f" {faults} of them end in a fault."
     return (
-        f"{text} {steady} of {count} keep the margin, with a gain margin of {gain:.3g} and a phase margin of "
-        f"{phase:.0f} deg at least; {quiet} keep the torque ripple."
+        f"{text} {steady} of {count} keep the margin: the largest peak of |S| is {peak:.2f}, the least gain margin "
+        f"{gain:.2f} and the least phase margin {phase:.0f} deg. {quiet} keep the torque ripple."
     )
 
 
@@ -230,3 +237,7 @@ def _search(study: TuningStudy, history: History) -> str:
 
 def _um(figure: float) -> str:
     return f"{figure:.4g} µm" if math.isfinite(figure) else "none (a fault)"
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -119,7 +119,7 @@ class Space:
             share = np.sinh(_BEND * u) / math.sinh(_BEND) if name in "va" else 10.0**u
             number[name] = self._natural[name] * share
         w, kp = number["w"], self._inertia * number["w"] ** 2
-        gains: dict[str, Any] = {
+        gains = {
             "kp": kp,
             "ki": kp * w / number["n"] if "n" in number else 0.0 * kp,
             "kd": 2 * number["zeta"] * self._inertia * w,
@@ -127,7 +127,8 @@ class Space:
             "acceleration_ff": number["a"] * self._inertia,
             "output_velocity": 0.0 * kp,
         }
-        return replace(self.start, **{name: tuple(_rounded(gain) for gain in values) for name, values in gains.items()})
+        rounded: dict[str, Any] = {name: tuple(map(_rounded, values.tolist())) for name, values in gains.items()}
+        return replace(self.start, **rounded)
 
     def _bounds_of(self, shape: Floats) -> Floats:
         names = np.repeat(LAWS[self.law][1:], self.groups)

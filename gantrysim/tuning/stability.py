@@ -30,6 +30,7 @@ _UNSTABLE = 10.0  # excess of a loop that is next to stable: more than that of a
 _LEAST_GAIN = 1e-6
 _STEP = 0.03  # first one of the search for a bracket [decades of w]
 _CLOSE = 0.002  # width of the bracket that will do [decades of w]
+_NEAR = 0.003  # of the excess to 0, that will do as well
 _REACH = 2.0  # of the natural frequency, on both sides [decades of w]
 
 
@@ -145,23 +146,30 @@ class Stability:
                 binding = (*binding, worst)
 
     def _edge(self, space: Space, shape: Floats, guess: Floats, machines: Sequence[int], together: bool) -> Fastest:
-        """Bisect the frequency of every group by itself, or a shift of all together, on some of the machines."""
+        """Find the frequency of every group by itself, or a shift of all together, on some of the machines.
+
+        A bracket, then false position; halves where a loop at its upper end is not stable.
+        """
         low, high = np.full(space.groups, -np.inf), np.full(space.groups, np.inf)
+        kept, missed = np.full(space.groups, -np.inf), np.full(space.groups, np.inf)  # excess at low and at high
         least = np.full(space.groups, np.inf)
         at, step = guess, _STEP
         while True:
             excess = self.excess(space.servo(at, shape), machines).reshape(space.groups, -1).max(axis=1)
             if together:
                 excess = np.full(space.groups, excess.max())
-            least = np.minimum(least, excess)
-            low, high = np.where(excess <= 0, at, low), np.where(excess > 0, at, high)
-            none_kept = np.isneginf(low)
+            least, keeps = np.minimum(least, excess), excess <= 0
+            low, kept = np.where(keeps, at, low), np.where(keeps, excess, kept)
+            high, missed = np.where(keeps, high, at), np.where(keeps, missed, excess)
+            none_kept, none_missed = np.isneginf(low), np.isposinf(high)
             if np.any(none_kept & (high < np.minimum(guess, 0) - _REACH)):
                 return Fastest(at, float(least.max()), tuple(machines))
-            done = (high - low <= _CLOSE) | (low > np.maximum(guess, 0) + _REACH)
+            done = (high - low <= _CLOSE) | (kept > -_NEAR) | (low > np.maximum(guess, 0) + _REACH)
             if done.all():
                 return Fastest(low)
             with np.errstate(invalid="ignore"):  # where one of them is not yet known
-                at = np.where(none_kept, high - step, np.where(np.isposinf(high), low + step, 0.5 * (low + high)))
+                share = np.where(missed < _UNSTABLE, np.clip(kept / (kept - missed), 0.1, 0.9), 0.5)
+                inside = low + share * (high - low)
+            at = np.where(none_kept, high - step, np.where(none_missed, low + step, inside))
             at = np.where(done, low, at)
             step *= 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from typing import Any
@@ -11,8 +11,10 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.engine import simulate
 from gantrysim.errors import InputError, finite, positive, unknown, whole
 from gantrysim.job import Job
+from gantrysim.machine import Machine
 from gantrysim.perturbation import Perturbation
 from gantrysim.run import Run
+from gantrysim.simulation import positions
 from gantrysim.spread import Spread
 from gantrysim.study.cases import Case, Row, Value
 from gantrysim.study.runner import MeasureTogether
@@ -148,18 +150,25 @@ class TuningStudy:
         return self.spread.machines(self.job.built_machine, self.unseen, self.seed + 1)
 
     @cached_property
+    def _machines(self) -> list[Machine]:
+        return self._built(self.perturbations)
+
+    def _built(self, perturbations: Sequence[Perturbation | None]) -> list[Machine]:
+        machine = self.job.built_machine
+        return [machine if one is None else machine.perturbed(one) for one in perturbations]
+
+    @cached_property
     def stability(self) -> Stability:
         """The margins on the machines of the search."""
-        return self._stability_on(self.perturbations)
+        return self._stability_on(self._machines)
 
     @cached_property
     def unseen_stability(self) -> Stability | None:
         """The margins on the machines that the search has not seen."""
-        return self._stability_on(self.unseen_perturbations) if self.unseen else None
+        return self._stability_on(self._built(self.unseen_perturbations)) if self.unseen else None
 
-    def _stability_on(self, perturbations: list[Perturbation | None] | list[Perturbation]) -> Stability:
-        machine, servo = self.job.built_machine, self.job.built_servo
-        machines = [machine if one is None else machine.perturbed(one) for one in perturbations]
+    def _stability_on(self, machines: list[Machine]) -> Stability:
+        servo = self.job.built_servo
         return Stability(machines, servo.period, servo.delay, self.margin, self.job.simulation.physics_step)
 
     @cached_property
@@ -185,8 +194,10 @@ class TuningStudy:
         """Yield the runs that the search asks for, and in the end those on machines that it has not seen.
 
         Raises:
-            InputError: a machine whose margins cannot be told.
+            InputError: a machine whose margins cannot be told, or one that refuses the job.
         """
+        for machine in self._machines:
+            positions(machine, self.job.setpoints)
         history = yield from self._searched()
         yield from self._checked(history)
 
@@ -228,6 +239,11 @@ class TuningStudy:
 
     def history(self, rows: list[Row]) -> History:
         """Return what the search has done, from the rows of the study."""
+        if not self._histories or self._histories[-1][0] is not rows:
+            self._histories[:] = [(rows, self._replayed(rows))]
+        return self._histories[-1][1]
+
+    def _replayed(self, rows: list[Row]) -> History:
         own, left = self._searched(), iter(rows)
         cases = next(own)
         while True:
@@ -269,6 +285,10 @@ class TuningStudy:
     @cached_property
     def _runs(self) -> dict[Servo, Run]:
         return {}
+
+    @cached_property
+    def _histories(self) -> list[tuple[list[Row], History]]:
+        return []
 
     @cached_property
     def _news(self) -> list[str]:
