@@ -2,11 +2,13 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 
 from gantrysim.study import measure
@@ -29,9 +31,11 @@ class Cluster:
 
     def __init__(self, folder, **settings):
         self.folder, self.processes = folder, []
+        # of gantrysim, as it is now, whatever is edited while the tests run; with what numba has compiled
+        self.sources = shutil.copytree(files("gantrysim"), folder / "copy" / "gantrysim")
         self.environment = {**os.environ, **settings}
         file, bare = folder / "scheduler.json", without_gantrysim(folder)
-        self.scheduler = self._begin("scheduler", bare, "--scheduler-file", file, "--port", 0, "--idle-timeout", IDLE)
+        self.scheduler = self._begin("scheduler", [bare], "--scheduler-file", file, "--port", 0, "--idle-timeout", IDLE)
         waited_for(lambda: file.exists() and file.read_text().endswith("}"), self.scheduler)
         self.address = json.loads(file.read_text())["address"]
         self.workers = []
@@ -44,18 +48,18 @@ class Cluster:
             process.kill()
             process.wait()
 
-    def filled(self, count, path=HERE):
-        """Have so many workers, and return their processes; those that are new import first what lies in a folder."""
+    def filled(self, count, *paths):
+        """Have so many workers, and return their processes; those that are new search some folders first."""
         self.workers = [worker for worker in self.workers if worker.poll() is None]
         while len(self.workers) > count:
             self.kill(self.workers.pop())
-        self.workers += [self._worker(path) for _ in range(count - len(self.workers))]
+        self.workers += [self._worker(*paths) for _ in range(count - len(self.workers))]
         waited_for(lambda: self.count("workers") == count, *self.workers)
         return self.workers
 
     @contextmanager
     def odd_one(self, path):
-        """Have one worker alone inside the block, which imports first what lies in a folder."""
+        """Have one worker alone inside the block, which searches a folder first for what it imports."""
         self.filled(0)
         self.filled(1, path)
         yield
@@ -72,15 +76,16 @@ class Cluster:
         worker.send_signal(signal.SIGKILL)
         worker.wait()
 
-    def _worker(self, path):
-        return self._begin("worker", path, self.address, "--no-nanny", "--nthreads", 1, "--death-timeout", ORPHANED)
+    def _worker(self, *paths):
+        paths = (*paths, self.sources.parent, HERE)
+        return self._begin("worker", paths, self.address, "--no-nanny", "--nthreads", 1, "--death-timeout", ORPHANED)
 
-    def _begin(self, what, path, *arguments):
+    def _begin(self, what, paths, *arguments):
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--host", "127.0.0.1", "--no-dashboard"]
         with (self.folder / "log").open("ab") as log:
             process = subprocess.Popen(
                 [*command, *map(str, arguments)],
-                env={**self.environment, "PYTHONPATH": str(path)},
+                env={**self.environment, "PYTHONPATH": os.pathsep.join(map(str, paths))},
                 cwd=self.folder,
                 stdout=log,
                 stderr=log,

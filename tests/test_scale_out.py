@@ -9,8 +9,9 @@ from importlib.metadata import version
 import pytest
 from conftest import RIGID, RIGID_DEFAULTS
 
-from gantrysim import Job
+from gantrysim import InputError, Job
 from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, on_backend, run_cases, run_study
+from gantrysim.study import worker as of_worker
 from gantrysim.study.cases import forget_jobs
 from gantrysim.study.worker import Origin
 
@@ -31,6 +32,15 @@ def cluster(tmp_path_factory):
     """A scheduler, for which a case may end two workers, and two workers."""
     with Cluster(tmp_path_factory.mktemp("dask"), DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="1") as started:
         yield started
+
+
+@pytest.fixture(autouse=True)
+def _same_sources(cluster, monkeypatch):
+    """The study's sources are those that the workers have."""
+    monkeypatch.setattr(of_worker, "files", lambda package: cluster.sources)
+    of_worker._installed.cache_clear()
+    yield
+    of_worker._installed.cache_clear()
 
 
 def on(cluster):
@@ -137,6 +147,17 @@ def test_the_one_thread_of_a_cluster_is_used(cluster, job):
     (worker,) = cluster.filled(1)
     with on(cluster):
         assert [row["process"] for row in rows_of(cases_of(job), measure=where)] == [worker.pid] * 4
+
+
+def test_a_worker_s_address_is_no_scheduler_s(cluster):
+    from distributed import Client
+
+    cluster.filled(1)
+    with Client(cluster.address, timeout=PATIENCE, set_as_default=False) as client:
+        (worker,) = client.scheduler_info(n_workers=-1)["workers"]
+    text = f"^--backend dask={worker}: no scheduler answers: a Worker does$"
+    with pytest.raises(InputError, match=text), on_backend(f"dask={worker}"):
+        pass
 
 
 def test_an_interrupted_study_leaves_the_cluster_to_others_and_goes_on(cluster, job, tmp_path):

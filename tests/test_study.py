@@ -6,14 +6,15 @@ from pathlib import Path
 
 import pytest
 import typer
+from conftest import RIGID, RIGID_DEFAULTS
 
 from gantrysim import InputError, Job
-from gantrysim.study import StudyInterrupted, run_study
+from gantrysim.study import StudyInterrupted, measure, run_study
 from gantrysim.study.checks import NoFiguresError
 from gantrysim.study.commands import carry_out
 from gantrysim.study.ledger import LEDGER
 
-from studies import SHORT, Counted, Toy, content
+from studies import SHORT, Counted, Toy, cases_of, content
 
 
 @pytest.fixture(scope="module")
@@ -154,3 +155,22 @@ def test_paths_of_folders(tmp_path, job):
     file.write_text("")
     with pytest.raises(InputError, match=f"--out {file}: is a file, must be a folder"):
         run_study(Toy(job), Path(file), workers=1)
+
+
+def test_a_machine_s_file_is_read_at_the_begin_of_a_study(tmp_path):
+    file, found = tmp_path / "rigid.xml", []
+    for damping in (12.0, 30.0):
+        file.write_text(RIGID.format(**{**RIGID_DEFAULTS, "damping": damping}))
+        own = Job.load("an225", SHORT, str(file))
+        found.append(run_study(Toy(own, measure_tracking, values=(0.3,)), tmp_path / "out", workers=1).rows)
+        assert found[-1][0]["tracking"] == measure(cases_of(own, (0.3,))[0])["tracking_rms_um"]
+    assert found[0] != found[1]
+
+
+def measure_tracking(case):
+    row = measure(case)
+    return {
+        "status": row["status"],
+        "third": case.settings["program.loop_period"] / 3,
+        "tracking": row["tracking_rms_um"],
+    }

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from gantrysim import InputError, Job
-from gantrysim.study import Case, Ledger, StudyInterrupted, measure, run_cases, run_study
+from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, run_cases, run_study
 
 from studies import SHORT, Counted, Toy, cases_of, content
 
@@ -103,6 +103,20 @@ def test_cases_that_differ_in_tags_alone_run_once(job):
     assert told == [(0, 2), (1, 2), (2, 2)]
     assert [row.get("sweep") for row in rows] == ["a", "b", None]
     assert rows[0]["third"] == rows[1]["third"] == 0.1 / 3
+
+
+def deadly(case):
+    if case.settings["program.loop_period"] == 0.08:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"status": "ok"}
+
+
+def test_a_worker_that_is_killed_ends_the_study_and_what_was_finished_is_kept(job, monkeypatch):
+    monkeypatch.setattr("joblib._parallel_backends.cpu_count", lambda: 2)
+    with Ledger(None, {}) as ledger:
+        with pytest.raises(WorkerError, match=r"^a worker has ended at its work, as one that the system "):
+            run_cases(cases_of(job, (0.02, 0.03, 0.04, 0.06, 0.07, 0.08)), ledger, workers=2, measure=deadly)
+        assert len(ledger) >= 1
 
 
 # cases that are measured together

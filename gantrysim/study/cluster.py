@@ -6,16 +6,18 @@ and which leaves the cluster aside where that has but one thread.
 
 from __future__ import annotations
 
-import gc
+import asyncio
 import logging
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 from uuid import uuid4
 
 import cloudpickle
 from distributed import Client, Future, KilledWorker
+from distributed.core import rpc
+from distributed.security import Security
 from joblib import parallel_config
 from joblib.parallel import ParallelBackendBase
 
@@ -25,6 +27,7 @@ from gantrysim.study.worker import WorkerError
 __all__ = ["Cluster", "on_cluster"]
 
 _PATIENCE = 5.0  # with the scheduler, and with a first worker [s]
+_SCHEDULER = "Scheduler"
 _LOGGERS = ("distributed", "distributed.client")
 
 
@@ -128,11 +131,23 @@ def on_cluster(address: str) -> Iterator[None]:
 
 def _connected(address: str) -> Client:
     try:
-        return Client(address, timeout=_PATIENCE, set_as_default=False)
+        with ThreadPoolExecutor(1) as pool:  # this thread may have a loop of its own
+            kind = pool.submit(lambda: asyncio.run(_kind(address))).result()
+        if kind == _SCHEDULER:
+            return Client(address, timeout=_PATIENCE, set_as_default=False)
+        reason = f"a {kind} does"
+    except TimeoutError:
+        reason = f"none within {_PATIENCE:g} s"
     except Exception as error:  # what answers there may be anything
         reason = " ".join(str(error).split())
-    gc.collect()  # the client that failed closes itself now: in the middle of the start of another, that would hang
     raise InputError(f"--backend dask={address}: no scheduler answers: {reason}")
+
+
+async def _kind(address: str) -> str:
+    """Return what kind of server of Dask's is at an address; a client would wait for ever for one of another's."""
+    security = Security().get_connection_args("client")
+    async with asyncio.timeout(_PATIENCE), rpc(address, timeout=_PATIENCE, connection_args=security) as server:
+        return str((await server.identity())["type"])
 
 
 @contextmanager
