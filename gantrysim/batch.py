@@ -145,8 +145,8 @@ class Fleet:
         self._batch.set_models(self._models)
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
         for place, simulation in simulations.items():
+            self._loaded[place] = simulation  # before its row is armed with addresses of its arrays
             self.rows[place] = simulation.start(self._qpos[place], self._userdata[place])
-            self._loaded[place] = simulation
 
     def step(self, steps: int, places: Sequence[int] | None = None) -> None:
         """Step simulations; one that is done does no more than idle.

@@ -25,7 +25,7 @@ from gantrysim.overrides import change, machine_in_full, override
 from gantrysim.programs import Controller, arguments, build, dotted, keys
 from gantrysim.run import Run
 
-__all__ = ["Job", "ServoSettings", "builtin_jobs", "job_text"]
+__all__ = ["Job", "ServoSettings", "builtin_jobs", "job_text", "one_line"]
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
@@ -139,7 +139,7 @@ class Job(BaseModel):
         try:
             loaded = cls(**content)
         except ValidationError as error:
-            raise InputError(f"job {job}: {_one_line(error)}") from None
+            raise InputError(f"job {job}: {one_line(error)}") from None
         if servo is not None:
             loaded._check_axes(Path(servo))
         return loaded
@@ -168,7 +168,7 @@ class Job(BaseModel):
         try:
             return Job(**content)
         except ValidationError as error:
-            raise InputError(f"job {self.name}: {_one_line(error)}") from None
+            raise InputError(f"job {self.name}: {one_line(error)}") from None
 
     def overridden(self, overrides: Iterable[str]) -> Job:
         """Return the job with values changed by "key=value", as `load` takes them.
@@ -182,7 +182,7 @@ class Job(BaseModel):
         try:
             return Job(**content)
         except ValidationError as error:
-            raise InputError(f"job {self.name}: {_one_line(error)}") from None
+            raise InputError(f"job {self.name}: {one_line(error)}") from None
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Job:
         return self  # it never changes, and a machine that is built cannot be copied
@@ -286,7 +286,7 @@ def _servo_table(file: Path) -> dict[str, Any]:
     try:
         ServoSettings(**table)
     except ValidationError as error:
-        raise InputError(f"servo {file}: {_one_line(error)}") from None
+        raise InputError(f"servo {file}: {one_line(error)}") from None
     return table
 
 
@@ -298,7 +298,8 @@ def _known_keys(content: dict[str, Any]) -> list[str]:
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
 
 
-def _one_line(error: ValidationError) -> str:
+def one_line(error: ValidationError) -> str:
+    """Return what pydantic finds wrong, in one line."""
     problems: dict[str, str] = {}
     for item in error.errors():
         where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))

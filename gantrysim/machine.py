@@ -95,7 +95,7 @@ class Machine:
         self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
         joints = [address.joint for address in self.addresses]
         self._kinematics = Kinematics(self.physics, self.nozzle, self.work, joints)
-        if not self._kinematics.turns_body:
+        if not self.turns_work:
             self._check_work_frame()
 
     def __repr__(self) -> str:
@@ -137,6 +137,11 @@ class Machine:
     def springs_have_axes(self) -> bool:
         """Whether each axis can have a factor of stiffness of its own."""
         return springs_have_axes(self.physics, self._joints)
+
+    @property
+    def turns_work(self) -> bool:
+        """Whether a hinge turns the work, so that programs speak of the machine's axes, not of the work's frame."""
+        return bool(self._kinematics.turns_body)
 
     @property
     def _joints(self) -> list[int]:

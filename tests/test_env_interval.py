@@ -105,9 +105,9 @@ def test_torque_use_and_ripple_of_given_demands():
     rows, _ = measured(line, tips, log=log_of(tips, demand=demand), cuts=(40,))
     seen = Measured.of(rows, 1e-3, np.array([1.0, 2.0]))
     assert seen.torque == pytest.approx(np.array([[0.1, 0.0975], [0.1, 0.25]]))
-    counts = np.array([39 / 40, 1.0])  # the very first tick has no change before it
-    assert seen.ripple[:, 0] == pytest.approx(np.sqrt(0.5 * 0.2**2 * counts))
-    assert seen.ripple[:, 1] == pytest.approx(np.sqrt(0.5 * 0.005**2 * counts) / 2)
+    assert value(rows, "pairs").tolist() == [39, 61]  # the very first tick has no change before it
+    assert seen.ripple[:, 0] == pytest.approx(np.sqrt(0.5) * 0.2)
+    assert seen.ripple[:, 1] == pytest.approx(np.sqrt(0.5) * 0.005 / 2)
 
 
 def test_speed_heading_and_turning_are_those_of_an_arc():

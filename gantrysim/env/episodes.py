@@ -76,7 +76,8 @@ class Source:
         ticks: servo periods from one decision to the next; None for one decision per episode.
 
     Raises:
-        InputError: no such job or machine, or a decision interval that is no multiple of the servo period.
+        InputError: no such job or machine, spirals that it cannot run, or a decision interval that is no multiple of
+            the servo period.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -84,13 +85,15 @@ class Source:
         self._job = Job.load(settings.job) if isinstance(settings.job, str) else settings.job
         if self._job is None:
             self.machine = Machine(settings.machine)
-            servo = Servo.derive(self.machine.axes, **settings.servo)
+            servo = Servo.derive(self.machine.axes, **dict(settings.servo))
         else:
             self.machine, servo = self._job.built_machine, self._job.built_servo
         lower: dict[str, Any] = {n: tuple(gain / settings.detune for gain in getattr(servo, n)) for n in _DETUNED}
         self.servo = replace(servo, **lower)
         self.ticks = self._ticks()
         self._fixed = self._fixed_plan()
+        if self._job is None:
+            self._check_room()
 
     def draw(self, random: np.random.Generator) -> Episode:
         """Return an episode; of the same random numbers it is the same."""
@@ -127,6 +130,18 @@ class Source:
         setpoints = Setpoints.along(path, profile, self.servo.period)
         drawn = {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
         return _Plan(setpoints, Dispenser(flow=_BEAD * speed), drawn)
+
+    def _check_room(self) -> None:
+        """See that the machine can run the largest and fastest spirals: none is refused in the middle of training."""
+        if self.machine.turns_work:
+            raise InputError(
+                f"machine {self.machine.name} turns its work, and a spiral is drawn where the work stands still: "
+                "give a job, or another machine"
+            )
+        diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
+        for distance in thickness:
+            plan = self._spiral(diameter[1], distance, speed[1], int(turns[1]))
+            Simulation.of(self.machine, self.servo, plan.setpoints, dispenser=plan.dispenser)
 
     def _ticks(self) -> int | None:
         interval, period = self.settings.decision_interval, self.servo.period

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, whole
 from gantrysim.machine import Machine
 from gantrysim.run import Run
 
@@ -26,13 +26,16 @@ class Frames:
         size: width and height [pixels].
 
     Raises:
-        InputError: another mode.
+        InputError: another mode, or no size.
     """
 
     def __init__(self, mode: str | None, size: tuple[int, int]) -> None:
         if mode not in (None, "rgb_array"):
             raise InputError(f"render_mode = {mode!r}: must be None or 'rgb_array'")
-        self._mode, self._size = mode, size
+        if not isinstance(size, tuple | list) or len(size) != 2:
+            raise InputError(f"size = {size!r}: must be width and height [pixels]")
+        self._mode = mode
+        self._size = whole("width of the picture", size[0], 1), whole("height of the picture", size[1], 1)
         self._renderer: Renderer | None = None
 
     def picture(self, scene: Callable[[], tuple[Machine, Run, int]]) -> NDArray[np.uint8] | None:

@@ -10,7 +10,7 @@ import numpy as np
 __all__ = ["PER_AXIS", "SHARED", "measure"]
 
 # what stands in a row of measurements before what every axis has, which is listed in PER_AXIS
-SHARED = ("ticks", "dispensing", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
+SHARED = ("ticks", "dispensing", "pairs", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
 PER_AXIS = ("square", "largest", "sum", "demand", "ripple")
 
 _HEAD, _EACH = len(SHARED), len(PER_AXIS)
@@ -28,8 +28,9 @@ def _distance(a, b):
 
 @numba.njit(error_model="numpy")
 def _nearest(points, tip, low, high):
+    low, high = max(low, 0), min(high, len(points) - 1)
     best, least = low, np.inf
-    for i in range(max(low, 0), min(high, len(points) - 1) + 1):
+    for i in range(low, high + 1):
         x, y, z = points[i, 0] - tip[0], points[i, 1] - tip[1], points[i, 2] - tip[2]
         square = x * x + y * y + z * z
         if square < least:
@@ -68,7 +69,8 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
         spacing: of them [mm].
         foot: index of the point next to the nozzle at the tick before, -1 before the dispenser was ever on.
         row: of measurements, to be written: `SHARED`, and then `PER_AXIS` for one axis after the other. The ripple is
-            a sum of squares of changes, `heading` [rad] and `turning` [1/mm] are the path's at the last foot.
+            a sum of squares of changes, over pairs of ticks at both of which the dispenser is on; `heading` [rad] and
+            `turning` [1/mm] are the path's at the last foot.
     """
     n = position.shape[1]
     row[:] = 0.0
@@ -78,6 +80,8 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
         if not np.isfinite(tip).all():
             continue
         row[0] += 1
+        both = k > 0 and dispense[at] and dispense[int(log[k - 1, -1])]
+        row[2] += both
         for a in range(n):
             column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
             error = position[at, a] - log[k, a]
@@ -86,16 +90,16 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
             column[1] = max(column[1], abs(error))
             column[2] += error
             column[3] = max(column[3], abs(demand))
-            if k > 0:
+            if both:
                 change = demand - log[k - 1, n + 3 + a]
                 column[4] += change * change
         moved = _distance(tip, log[k - 1, n : n + 3]) if k > 0 else 0.0
-        row[5] += moved
+        row[6] += moved
         if not dispense[at]:
             continue
         if foot < 0:
-            foot = _nearest(points, tip, 0, int((2 * _distance(tip, points[0]) + _BEGIN) / spacing))
-        reach = _AROUND + int(2 * moved / spacing)
+            foot = _nearest(points, tip, 0, int(min((2 * _distance(tip, points[0]) + _BEGIN) / spacing, len(points))))
+        reach = _AROUND + int(min(2 * moved / spacing, len(points)))
         foot = _nearest(points, tip, foot - reach, foot + reach)
         distance, left = np.inf, 0.0
         for i in range(max(foot - 1, 0), min(foot + 1, len(points) - 1)):
@@ -103,12 +107,12 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
             if to < distance:
                 distance, left = to, side
         row[1] += 1
-        row[2] += distance * distance
-        row[3] = max(row[3], distance)
-        row[4] += left
+        row[3] += distance * distance
+        row[4] = max(row[4], distance)
+        row[5] += left
     middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
     x, y = points[middle] - points[middle - _CHORD], points[middle + _CHORD] - points[middle]
-    row[6] = np.arctan2(x[1] + y[1], x[0] + y[0])
+    row[7] = np.arctan2(x[1] + y[1], x[0] + y[0])
     between = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
-    row[7] = between / (_CHORD * spacing)
+    row[8] = between / (_CHORD * spacing)
     return foot

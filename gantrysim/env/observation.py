@@ -104,12 +104,12 @@ class Measured(NamedTuple):
         shared = dict(zip(SHARED, rows.T, strict=False))
         axes = rows[:, len(SHARED) :].reshape(len(rows), -1, len(PER_AXIS))
         square, largest, total, demand, ripple = np.moveaxis(axes, 2, 0)
-        ticks, dispensing = np.maximum(shared["ticks"], 1), np.maximum(shared["dispensing"], 1)
+        ticks, dispensing, pairs = (np.maximum(shared[name], 1) for name in ("ticks", "dispensing", "pairs"))
         every = ticks[:, None]
         return cls(
             contour_rms=np.sqrt(shared["contour_square"] / dispensing),
             contour_max=shared["contour_max"],
-            ripple=np.sqrt(0.5 * ripple / every) / peak,
+            ripple=np.sqrt(0.5 * ripple / pairs[:, None]) / peak,
             tracking_rms=np.sqrt(square / every),
             tracking_max=largest,
             tracking_mean=total / every,

@@ -8,11 +8,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
+from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from gantrysim.env.frames import Frames
 from gantrysim.env.settings import Settings
 from gantrysim.env.side_by_side import SideBySide
+from gantrysim.errors import InputError
 from gantrysim.run import Run
 
 __all__ = ["GainBanditEnv", "SpiralTuningEnv"]
@@ -20,7 +22,7 @@ __all__ = ["GainBanditEnv", "SpiralTuningEnv"]
 Observation = NDArray[np.float32]
 
 
-class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
+class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
     """Tune the servo while the nozzle runs along a path.
 
     An episode is one spiral, with its diameter, turns, thickness and speed fixed or drawn at random, on a machine that
@@ -63,13 +65,16 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
 
     Reward: the sum of three terms, which stand in `info`,
 
-        reward_contour = -log(1 + contour_rms / tolerance), where the dispenser is on,
-        reward_ripple = -clip(ripple / ripple_limit - 1, 0, 1), of the axis with the most,
-        reward_fault = -8 for the interval of a fault and for each that it leaves undone,
+        reward_contour = -min(log(1 + contour_rms / tolerance), 6), while the dispenser is on,
+        reward_ripple = -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the most,
+        reward_fault = -12 for the interval of a fault and for each that it leaves undone,
 
-    so that no fault pays. With them stand contour_rms, contour_max [mm], ripple, the torque ripple as a share of the
-    peak torque (see `gantrysim.metrics.torque_ripple`), fault, in words or None, and, when an episode is over,
-    episode_contour_rms and episode_contour_max [mm]. `reset` tells in its info what was drawn.
+    so that no fault pays; a single one can cost some thousand times what a good interval does. What a loop has in
+    reserve is not rewarded but through its ripple: hold what was learnt against `gantrysim.margins`. With the terms
+    stand contour_rms and contour_max [mm], 0 in an interval without glue; ripple, the torque ripple while the dispenser
+    is on as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, in words or None;
+    and, when an episode is over, episode_contour_rms and episode_contour_max [mm] of what was run of it, nan where that
+    was no glue. `reset` tells in its info what was drawn.
 
     A fault terminates the episode; the end of the setpoints truncates it.
 
@@ -85,7 +90,8 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
-        self.settings = Settings(**settings)
+        EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
+        self.settings = Settings.of(settings)
         self._episodes = SideBySide(self.settings, 1, 1)
         self.observation_space, self.action_space = self._episodes.observation_space, self._episodes.action_space
         self.render_mode = render_mode
@@ -108,6 +114,9 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         super().reset(seed=seed)
+        if options:
+            raise InputError(f"options {', '.join(options)}: reset takes none; what is fixed or drawn are settings")
+        self._over = True  # until the next episode has begun
         drawn = self._episodes.begin({0: self.np_random})[0]
         self._over = False
         return self._episodes.observations()[0], dict(drawn)

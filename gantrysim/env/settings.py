@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
-from gantrysim.errors import InputError, at_least, finite, positive, whole
-from gantrysim.job import Job
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
+
+from gantrysim.errors import InputError, finite, positive, unknown, whole
+from gantrysim.job import Job, ServoSettings, one_line
 from gantrysim.spread import Spread
 
 __all__ = ["Range", "Settings"]
@@ -18,8 +28,7 @@ Range = float | tuple[float, float]  # a fixed value, or the lowest and the high
 _LEAST_DIAMETER = 4  # thicknesses: the first turn ends with a radius of one
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(BaseModel):
     """Settings of the environments; those of a spiral and its machine mean nothing where a job is given.
 
     Attributes:
@@ -44,26 +53,61 @@ class Settings:
         InputError: a value out of its bounds.
     """
 
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, arbitrary_types_allowed=True)
+
     job: str | Job | None = None
     machine: str = "xy"
-    servo: Mapping[str, Any] = field(default_factory=lambda: {"integral_time": 0.03})
+    servo: ServoSettings = ServoSettings(integral_time=0.03)
     diameter: Range = (80.0, 140.0)
     turns: Range = (2, 5)
     thickness: Range = (6.0, 12.0)
     speed: Range = (50.0, 150.0)
     acceleration: float = 1000.0
-    spread: Spread | None = field(default_factory=Spread)
+    spread: Spread | None = Spread()
     decision_interval: float = 0.1
     tolerance: float = 0.05
     gain_range: float = 10.0
     detune: float = 1.0
     per_axis: bool = False
-    ripple_limit: float = 0.02
+    ripple_limit: float = 0.01
 
-    def __post_init__(self) -> None:
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Settings:
+        """Return the settings with these values.
+
+        Raises:
+            InputError: an unknown one, or a value that is not in order.
+        """
+        for name in values:
+            if name not in cls.model_fields:
+                raise unknown("setting", name, cls.model_fields)
+        try:
+            return cls(**{name: _plain(value) for name, value in values.items()})
+        except ValidationError as error:
+            raise InputError(one_line(error)) from None
+
+    @field_validator("spread", mode="before")
+    @classmethod
+    def _spread_in_words(cls, value: Any) -> Any:
+        return Spread.parse(value) if isinstance(value, str) else value
+
+    @field_validator("diameter", "turns", "thickness", "speed", mode="wrap")
+    @classmethod
+    def _one_or_two(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Range:
+        try:
+            range_: Range = handler(value)
+        except ValidationError:
+            raise InputError(
+                f"{info.field_name} = {value!r}: must be one number, or the lowest and the highest"
+            ) from None
+        return range_
+
+    def model_post_init(self, _context: Any) -> None:
+        """Hold values against their bounds."""
         for name, unit in (("diameter", "mm"), ("thickness", "mm"), ("speed", "mm/s")):
             low, high = self.between(name)
-            at_least(f"highest {name}", high, positive(name, low, unit), unit)
+            if high < positive(name, low, unit):
+                raise InputError(f"{name} = ({low:g}, {high:g}) {unit}: must be the lowest, then the highest")
         fewest, most = self.between("turns")
         whole("highest turns", most, whole("turns", fewest, 1))
         for name, unit in (("acceleration", "mm/s²"), ("tolerance", "mm"), ("detune", ""), ("ripple_limit", "")):
@@ -80,16 +124,13 @@ class Settings:
             )
 
     def between(self, name: str) -> tuple[float, float]:
-        """Return the lowest and the highest value of what is drawn.
+        """Return the lowest and the highest value of what is drawn, the same where it is fixed."""
+        value: Range = getattr(self, name)
+        return value if isinstance(value, tuple) else (value, value)
 
-        Raises:
-            InputError: neither one number nor two.
-        """
-        value = getattr(self, name)
-        if isinstance(value, int | float):
-            return value, value
-        try:
-            low, high = value
-        except (TypeError, ValueError):
-            raise InputError(f"{name} = {value!r}: must be one number, or the lowest and the highest") from None
-        return low, high
+
+def _plain(value: Any) -> Any:
+    """Plain values of NumPy's, and paths as text."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return os.fspath(value) if isinstance(value, os.PathLike) else value

@@ -22,10 +22,10 @@ from gantrysim.run import Run
 
 __all__ = ["Outcome", "SideBySide"]
 
-# The reward of an interval is -log(1 + contour error / tolerance), which a following error of 5 mm at a tolerance of
-# 50 um makes -5, less the ripple's share over its limit, at most _RIPPLE. What a fault leaves undone costs more.
-_RIPPLE = 1.0
-_FAULT = 8.0
+# At most so much is taken from the reward of an interval, and of one that a fault leaves undone: no fault pays.
+_CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
+
+_MOST_STEPS = 20_000  # in one call, so that Ctrl-C need not wait for long
 
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
@@ -110,16 +110,17 @@ class SideBySide:
             InputError: an action that is not finite, or of another shape.
         """
         actions, places = np.asarray(actions, float), np.flatnonzero(mask).tolist()
-        if actions.shape != self._action.shape or not np.isfinite(actions[places]).all():
-            raise InputError(f"actions of shape {actions.shape}: must be finite and of shape {self._action.shape}")
+        if actions.shape != self._action.shape:
+            gains, shape = self._action.shape[1], actions.shape[1:]
+            raise InputError(f"{len(actions)} actions of shape {shape}: must be {len(mask)} of shape ({gains},)")
+        if not np.isfinite(actions[places]).all():
+            place = next(place for place in places if not np.isfinite(actions[place]).all())
+            raise InputError(f"action {actions[place].tolist()}: must be finite")
         self._action[places] = np.clip(actions[places], -1.0, 1.0)
         if not places:
             return self._outcome(mask)
         self._set_gains(places)
-        if self.source.ticks is None:
-            self._fleet.finish(places)
-        else:
-            self._fleet.step(self.source.ticks * self._episode(places[0]).simulation.substeps, places)
+        self._run(places)
         ticks = self._fleet.field("tick")
         for place in places:
             self._measure(place, int(ticks[place]))
@@ -136,8 +137,14 @@ class SideBySide:
         return Measured.of(self._rows, self.source.servo.period, self._peak)
 
     def record(self, place: int) -> Run:
-        """Return the record of the episode at a place so far."""
+        """Return the record of the episode at a place so far.
+
+        Raises:
+            GantryError: no tick of it has been run yet.
+        """
         simulation = self._episode(place).simulation
+        if not self._measured[place]:
+            raise GantryError("nothing has been run of this episode yet: take a step first")
         return simulation.record(self._fleet.rows[place], partial=True)
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:
@@ -148,6 +155,18 @@ class SideBySide:
             return simulation.machine, follower, 0
         run = self.record(place)
         return simulation.machine, run, len(run.time) - 1
+
+    def _run(self, places: Sequence[int]) -> None:
+        """Step until the next decision, or where that comes first to the end of the longest episode."""
+        if self.source.ticks is None:
+            self._fleet.finish(places)
+            return
+        simulations = {place: self._episode(place).simulation for place in places}
+        substeps = simulations[places[0]].substeps
+        left = max(simulation.steps_left(self._fleet.rows[place]) for place, simulation in simulations.items())
+        steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
+        for begun in range(0, steps, _MOST_STEPS):
+            self._fleet.step(min(steps - begun, _MOST_STEPS), places)
 
     def _set_gains(self, places: Sequence[int]) -> None:
         chosen = self._action[places].reshape(len(places), len(GAINS), -1)
@@ -188,8 +207,8 @@ class SideBySide:
         ripple = measured.ripple.max(axis=1)
         undone = 1 if alone else 1 + left // self.source.ticks
         terms = {
-            "reward_contour": -np.log1p(measured.contour_rms / settings.tolerance),
-            "reward_ripple": -_RIPPLE * np.clip(ripple / settings.ripple_limit - 1.0, 0.0, 1.0),
+            "reward_contour": -np.minimum(np.log1p(measured.contour_rms / settings.tolerance), _CONTOUR),
+            "reward_ripple": -np.clip(np.log(np.maximum(ripple / settings.ripple_limit, 1.0)), 0.0, _RIPPLE),
             "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
         }
         faults = np.full(len(self.episodes), None, object)
@@ -208,8 +227,8 @@ class SideBySide:
                 "fault": faults,
             },
             final={
-                "episode_contour_rms": np.sqrt(square / np.maximum(ticks, 1)),
-                "episode_contour_max": largest,
+                "episode_contour_rms": np.where(ticks > 0, np.sqrt(square / np.maximum(ticks, 1)), np.nan),
+                "episode_contour_max": np.where(ticks > 0, largest, np.nan),
             },
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
+from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gantrysim.env.frames import Frames
 from gantrysim.env.settings import Settings
 from gantrysim.env.side_by_side import SideBySide
-from gantrysim.errors import InputError, whole
+from gantrysim.errors import InputError, unknown, whole
 from gantrysim.run import Run
 
 __all__ = ["GainBanditVectorEnv", "SpiralTuningVectorEnv"]
@@ -27,7 +27,7 @@ Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
+class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
     """`SpiralTuningEnv` many times over; equal to as many scalar ones, step by step, for any number of threads.
 
     Args:
@@ -58,9 +58,21 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
         **settings: Any,
     ) -> None:
         self.num_envs = whole("num_envs", num_envs, 1)
+        modes = {mode.value: mode for mode in AutoresetMode}
+        if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
+            raise unknown("autoreset_mode", str(autoreset_mode), modes)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.settings = Settings(**settings)
+        EzPickle.__init__(
+            self,
+            num_envs,
+            threads=threads,
+            autoreset_mode=autoreset_mode,
+            render_mode=render_mode,
+            size=size,
+            **settings,
+        )
+        self.settings = Settings.of(settings)
         self._episodes = SideBySide(self.settings, self.num_envs, threads)
         self.single_observation_space = self._episodes.observation_space
         self.single_action_space = self._episodes.action_space
@@ -109,10 +121,12 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
             InputError: actions that are not finite, or of another shape.
         """
         resting = self._over.copy()
-        if len(self._randoms) < self.num_envs or (self.autoreset_mode is AutoresetMode.DISABLED and resting.any()):
+        stuck = self.autoreset_mode is not AutoresetMode.NEXT_STEP and resting.any()
+        if len(self._randoms) < self.num_envs or stuck:
             raise ResetNeeded("an episode is over, or none has begun: call reset")
         outcome = self._episodes.advance(actions, ~resting)
         over = outcome.terminated | outcome.truncated
+        self._over = over | resting  # until the next episodes have begun
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             final = self._episodes.observations()
             info = self._told(outcome.info, ~over)
@@ -124,7 +138,6 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
         else:
             info = self._told(outcome.info, ~resting) | self._told(outcome.final, over)
             info |= self._begin(resting) if resting.any() else {}
-            self._over = over
         reward = np.where(resting, 0.0, outcome.reward)
         return self._episodes.observations(), reward, outcome.terminated, outcome.truncated, info
 
@@ -144,12 +157,14 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        seeds = [int(seed) + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        seeds = [whole("seed", seed, 0) + i for i in range(self.num_envs)] if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
         if len(seeds) != self.num_envs:
             raise InputError(f"{len(seeds)} seeds: must be one, or {self.num_envs}, one for each environment")
-        return [None if one is None else int(one) for one in seeds]
+        return [None if one is None else whole("seed", one, 0) for one in seeds]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
+        if unfit := set(options or {}) - {"reset_mask"}:
+            raise unknown("option", unfit.pop(), ["reset_mask"])
         mask = (options or {}).get("reset_mask")
         if mask is None:
             return np.ones(self.num_envs, bool)
@@ -160,6 +175,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any]):
 
     def _begin(self, mask: Flags) -> dict[str, Any]:
         """Begin new episodes, and return what was drawn for them as infos."""
+        self._over[mask] = True
         drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()})
         self._over[mask] = False
         names = next(iter(drawn.values()))
