@@ -485,7 +485,7 @@ def test_no_interval_costs_more_than_a_fault():
     env = SpiralTuningEnv(**SHORT, tolerance=1e-9, servo=servo, ripple_limit=1e-30)
     env.reset(seed=1)
     for _ in range(3):
-        _, reward, terminated, _, info = env.step(np.ones(4))
+        _, reward, terminated, _, info = env.step(np.zeros(4))
     assert not terminated
     assert info["reward_contour"] == -6
     assert reward > -12
