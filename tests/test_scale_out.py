@@ -1,5 +1,6 @@
 """Studies on the workers of a Dask cluster: a scheduler and two processes on this machine, one of them killed."""
 
+import logging
 import os
 import threading
 from dataclasses import dataclass
@@ -103,9 +104,9 @@ def test_a_worker_killed_at_its_work_leaves_the_study_complete_and_equal(cluster
     assert kill.told[: len(PERIODS) + 1] == list(range(len(PERIODS) + 1))
 
 
-def test_the_command_on_a_cluster_writes_what_it_writes_here(cluster, gantrysim_command, tmp_path):
+def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(cluster, gantrysim_command, tmp_path):
     settings = [part for setting in SHORT for part in ("--set", setting)]
-    command = ("study", "speed", "an225", *settings, "--tolerance", 150, "--figure", "contour_rms")
+    command = ("tune", "an225", *settings, "--budget", 24, "--robust", 1, "--unseen", 2)
     here, there, killed = tmp_path / "here", tmp_path / "there", []
     assert gantrysim_command(*command, "--workers", 1, "--out", here)[0] == 0
 
@@ -119,10 +120,22 @@ def test_the_command_on_a_cluster_writes_what_it_writes_here(cluster, gantrysim_
     status, printed, said = gantrysim_command(*command, "--backend", f"dask={cluster.address}", "--out", there)
     killing.join()
     assert (status, said) == (0, "")
-    assert "keeps to a rms contour error of 150 µm" in " ".join(printed.split())
+    assert printed.endswith("tuned.toml\n")
     assert content(there) == content(here)
     cases = len((here / "study.csv").read_text().splitlines()) - 1
     assert 2 <= killed[0] < cases
+
+
+def test_a_study_s_command_on_a_cluster_writes_what_it_writes_here(cluster, gantrysim_command, tmp_path):
+    command = ("study", "circle", "--radius", 10, "--speed", 80)
+    cluster.filled(2)
+    printed = []
+    for place, where_to in {"here": ("--workers", 1), "there": ("--backend", f"dask={cluster.address}")}.items():
+        status, output, said = gantrysim_command(*command, *where_to, "--out", tmp_path / place)
+        assert (status, said) == (0, "")
+        printed.append(output.replace(f"{tmp_path / place}", ""))
+    assert printed[0] == printed[1]
+    assert content(tmp_path / "there") == content(tmp_path / "here")
 
 
 def test_cases_that_are_measured_together_on_a_cluster(cluster, job):
@@ -186,8 +199,10 @@ def test_an_interrupted_study_leaves_the_cluster_to_others_and_goes_on(cluster, 
 
 def test_an_error_in_a_case_is_the_study_s(cluster, job):
     cluster.filled(2)
-    with on(cluster), pytest.raises(ZeroDivisionError, match="in the case"):
-        rows_of(cases_of(job), measure=broken)
+    with on(cluster):
+        with pytest.raises(ZeroDivisionError, match="in the case"):
+            rows_of(cases_of(job, PERIODS), measure=broken)
+        waited_for(lambda: cluster.count("tasks") == 0)  # the rest is taken back
 
 
 def test_a_worker_s_machine_is_that_of_the_study(cluster, tmp_path, monkeypatch):
@@ -256,5 +271,10 @@ def test_a_cluster_without_workers_and_a_scheduler_that_goes(cluster, job, monke
         if done == 1:
             cluster.kill(cluster.scheduler)
 
+    logged = []
+    log = logging.Handler()
+    log.emit = logged.append
+    monkeypatch.setattr(logging.getLogger("distributed.client"), "handlers", [log])
     with on(cluster), pytest.raises(WorkerError, match=f"^the scheduler at {cluster.address} has gone$"):
         rows_of(cases_of(job), progress=end)
+    assert logged == []  # the error says it
