@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from types import CodeType, TracebackType
 from typing import Any
 
 import mujoco
@@ -13,6 +14,7 @@ import numpy as np
 
 from gantrysim.controllers.servo import PlainLaw, Tick
 from gantrysim.errors import GantryError, InputError
+from gantrysim.native.interrupts import Interrupts
 from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.native.tick import compiled
 
@@ -20,45 +22,35 @@ __all__ = ["installed", "installed_law"]
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
-_SILENCE = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(lambda _text: None)
-
-_turn = threading.Lock()  # held while any callback of ours is installed
-_count_lock = threading.Lock()
-_count = 0
-_previous: Any = None
-_thread = threading.local()  # .depth: runs that this thread is in
+_POLL = 0.05  # how often one that waits for its turn looks whether Ctrl-C came [s]
 
 
-@contextmanager
-def installed() -> Iterator[None]:
+def _silent(_text: bytes) -> None:
+    pass
+
+
+_SILENCE = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(_silent)
+
+_changed = threading.Condition(threading.Lock())  # guards the two below, for a few lines at a time
+_users = 0  # turns that hold MuJoCo's hooks; -1: one that is alone
+_previous: Any = None  # what was there before the first of them
+_thread = threading.local()  # .depth: runs that this thread is in; .law: whether one of a law in plain Python
+
+
+def installed() -> AbstractContextManager[None]:
     """Have the compiled tick installed; several threads may at once, and what was there before comes back.
+
+    Ctrl-C at any point leaves all as it was.
 
     Raises:
         GantryError: called from within a law in plain Python.
     """
-    global _count, _previous
     if getattr(_thread, "law", False):
         raise GantryError("a law in plain Python cannot run a simulation: it is inside one")
-    with _count_lock:
-        if _count == 0:
-            callback = compiled().callback
-            _turn.acquire()
-            _previous = _take_over(callback)
-        _count += 1
-    _thread.depth = getattr(_thread, "depth", 0) + 1
-    try:
-        yield
-    finally:
-        _thread.depth -= 1
-        with _count_lock:
-            _count -= 1
-            if _count == 0:
-                _give_back(_previous)
-                _turn.release()
+    return _Turn(compiled().callback, Interrupts(_CAREFUL, _CALLED))
 
 
-@contextmanager
-def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[None]:
+def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[None]:
     """Have a law in plain Python installed for one simulation, alone; it raises here what the law raised.
 
     Raises:
@@ -75,6 +67,7 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[None]:
         if address != own or raised:
             return
         try:
+            interrupts.deliver()
             if tick.sample(own, userdata):
                 torque = np.asarray(law(_tick(row, n)), float)
                 if torque.shape != (n,) or not np.isfinite(torque).all():
@@ -86,17 +79,77 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[None]:
             raised.append(error)
             data.ctrl[:] = 0
 
-    callback = _CALLBACK(on_control)
-    with _turn:
-        previous = _take_over(callback)
-        _thread.law = True
+    interrupts = Interrupts(_CAREFUL, {*_CALLED, on_control.__code__})
+    return _Turn(_CALLBACK(on_control), interrupts, raised)
+
+
+class _Turn(AbstractContextManager[None]):
+    """The time in which a callback is installed.
+
+    It is a class, for an interrupt between a generator's start and the block leaves the generator open.
+
+    Args:
+        callback: as MuJoCo's control callback.
+        interrupts: held back while it is put in and taken out.
+        raised: what the callback raised; None of one that raises nothing, which others may share.
+    """
+
+    def __init__(self, callback: Any, interrupts: Interrupts, raised: Sequence[BaseException] | None = None) -> None:
+        self._callback = callback
+        self._interrupts = interrupts
+        self._raised = raised
+        self._taken = False
+
+    def __enter__(self) -> None:
+        self._interrupts.hold(self)
         try:
-            yield
-        finally:
-            _thread.law = False
-            _give_back(previous)
-    if raised:
-        raise raised[0]
+            while not self._taken:
+                self._take()
+                self._interrupts.deliver()
+        except BaseException:
+            self._end()
+            raise
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._end()
+        if self._raised and kind is None:
+            raise self._raised[0]
+
+    def _take(self) -> None:
+        """Install the callback, or wait a little for those that are."""
+        global _users, _previous
+        alone = self._raised is not None
+        with _changed:
+            if _users < 0 or (alone and _users):
+                _changed.wait(_POLL)
+                return
+            if not _users:
+                _previous = _take_over(self._callback)
+            _users = -1 if alone else _users + 1
+            self._taken = True
+        if alone:
+            _thread.law = True
+        else:
+            _thread.depth = getattr(_thread, "depth", 0) + 1
+
+    def _end(self) -> None:
+        global _users
+        if self._taken:
+            self._taken = False
+            if self._raised is None:
+                _thread.depth -= 1
+            else:
+                _thread.law = False
+            with _changed:
+                _users = max(_users - 1, 0)
+                if not _users:
+                    _give_back(_previous)
+                    _changed.notify_all()
+        self._interrupts.release()
+
+
+_CAREFUL = (_Turn.__enter__.__code__, _Turn.__exit__.__code__)
+_CALLED: tuple[CodeType, ...] = (_silent.__code__,)  # by C code, which would swallow what they raise
 
 
 def _take_over(callback: Any) -> tuple[Any, Any]:
