@@ -1,0 +1,72 @@
+"""Jobs and studies that the tests of tuning ask for."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from gantrysim import Job
+from gantrysim.tuning import TuningStudy
+from gantrysim.tuning.objective import case_of, measured
+
+CIRCLE = """
+%
+O0001
+N10 G17 G21 G90
+N20 G02 X0 Y10 I0 J-10 F6000
+N30 M30
+%
+"""
+GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")
+
+
+def circle(**servo):
+    """A circle of 10 mm at 100 mm/s, on which the servo makes all of the error."""
+    return Job(
+        name="circle",
+        program={
+            "controller": "fanuc.Program",
+            "start": [0.0, 10.0, 0.0],
+            "acceleration": 2000.0,
+            "program": CIRCLE,
+        },
+        servo={"integral_time": 0.03, **servo},
+        dispenser={"flow": 300.0},
+        simulation={"settle": 0.05},
+    )
+
+
+def detuned(factor, job=None, **factors):
+    """The job with its gains so many times the derived ones."""
+    job = job or circle()
+    times = {name: factors.get(name, factor) for name in GAINS}
+    servo = job.built_servo
+    return job.changed({f"servo.{name}": [times[name] * gain for gain in getattr(servo, name)] for name in GAINS})
+
+
+def best_of_grid(study, factors):
+    """The least figure of all combinations of factors on the derived gains, by the study's own objective.
+
+    Args:
+        study: for its job, its machines and its bounds.
+        factors: of each gain, by its name; what is left out is none.
+    """
+    derived = circle().built_servo
+    least, runs = np.inf, 0
+    for chosen in itertools.product(*factors.values()):
+        times = {**dict.fromkeys(GAINS, 0.0), **dict(zip(factors, chosen, strict=True))}
+        gains = {name: tuple(times[name] * gain for gain in getattr(derived, name)) for name in GAINS}
+        servo = dataclasses.replace(derived, **gains)
+        if float(study.stability.excess(servo).max()) > 0:
+            continue
+        cases = [case_of(study.job, servo, one) for one in study.perturbations]
+        found = [measured(row, study.figure) for row in study.measure_together(cases)]
+        runs += len(found)
+        if all(one.fault is None and one.ripple <= 0.01 * study.ripple for one in found):
+            least = min(least, max(one.figure for one in found))
+    return least, runs
+
+
+def tuning(job, **more):
+    """A study that is small unless the test says otherwise."""
+    return TuningStudy(job, **{"budget": 40, "robust": 1, "unseen": 2, **more})
