@@ -1,4 +1,4 @@
-"""Draw the README's pictures anew into pictures/: every job on its machine, the plots of one, and of its loop study."""
+"""Draw the README's pictures anew into pictures/: every job on its machine, plots of a run, of a study, of a tuning."""
 
 import shutil
 import tempfile
@@ -13,9 +13,10 @@ from gantrysim.plots import save_plots
 from gantrysim.render import Renderer
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.study import run_study
+from gantrysim.tuning import TuningStudy
 
 FOLDER = Path(__file__).parent.parent / "pictures"
-PLOTTED = "an225"
+PLOTTED, TUNED = "an225", "fanuc-spiral"
 PLOTS = ("budget", "plan", "spacing", "bead")
 SIZE, SMALL = (960, 720), (640, 480)
 SHARE = 0.74  # of the run, at which the machine is shown
@@ -33,6 +34,10 @@ for name in builtin_jobs():
                 if plot.stem in PLOTS:
                     shutil.copy(plot, FOLDER / f"{name}-{plot.name}")
 
-with tempfile.TemporaryDirectory() as scratch:
-    run_study(LoopStudy(Job.load(PLOTTED)), Path(scratch))
-    shutil.copy(Path(scratch) / "plots" / "loop_period.png", FOLDER / "study-loop.png")
+for study, plot, picture in (
+    (LoopStudy(Job.load(PLOTTED)), "loop_period", "study-loop"),
+    (TuningStudy(Job.load(TUNED)), "path", "tuned"),
+):
+    with tempfile.TemporaryDirectory() as scratch:
+        run_study(study, Path(scratch))
+        shutil.copy(Path(scratch) / "plots" / f"{plot}.png", FOLDER / f"{picture}.png")
