@@ -52,19 +52,40 @@ def best_of_grid(study, factors):
         factors: of each gain, by its name; what is left out is none.
     """
     derived = circle().built_servo
+
+    def servo(times):
+        return dataclasses.replace(
+            derived, **{name: tuple(factor * gain for gain in getattr(derived, name)) for name, factor in times.items()}
+        )
+
+    loops = [name for name in factors if not name.endswith("_ff")]
+    shares = [name for name in factors if name.endswith("_ff")]
     least, runs = np.inf, 0
-    for chosen in itertools.product(*factors.values()):
-        times = {**dict.fromkeys(GAINS, 0.0), **dict(zip(factors, chosen, strict=True))}
-        gains = {name: tuple(times[name] * gain for gain in getattr(derived, name)) for name in GAINS}
-        servo = dataclasses.replace(derived, **gains)
-        if float(study.stability.excess(servo).max()) > 0:
+    for gains in itertools.product(*(factors[name] for name in loops)):
+        loop = {**dict.fromkeys(GAINS, 0.0), **dict(zip(loops, gains, strict=True))}
+        if float(study.stability.excess(servo(loop)).max()) > 0:
             continue
-        cases = [case_of(study.job, servo, one) for one in study.perturbations]
-        found = [measured(row, study.figure) for row in study.measure_together(cases)]
-        runs += len(found)
-        if all(one.fault is None and one.ripple <= 0.01 * study.ripple for one in found):
-            least = min(least, max(one.figure for one in found))
+        for chosen in itertools.product(*(factors[name] for name in shares)):
+            own = servo({**loop, **dict(zip(shares, chosen, strict=True))})
+            cases = [case_of(study.job, own, one) for one in study.perturbations]
+            found = [measured(row, study.figure) for row in study.measure_together(cases)]
+            runs += len(found)
+            if all(one.fault is None and one.ripple <= 0.01 * study.ripple for one in found):
+                least = min(least, max(one.figure for one in found))
     return least, runs
+
+
+def searched(study):
+    """The rows of a study, with nothing written."""
+    rounds, rows = study.rounds(), []
+    cases = next(rounds)
+    while True:
+        found = [{**dict(case.tags), **row} for case, row in zip(cases, study.measure_together(cases), strict=True)]
+        rows += found
+        try:
+            cases = rounds.send(found)
+        except StopIteration:
+            return rows
 
 
 def tuning(job, **more):

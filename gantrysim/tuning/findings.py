@@ -25,6 +25,7 @@ NOTHING = 1e-3  # rms of an error that is none [µm]
 
 _UM = 1e3
 _AT_LIMIT = 0.98  # of a bound, from which it holds the gains back
+_ROUNDED = 2e-3  # relative, between factors that differ by the rounding of gains alone
 _MOSTLY = 0.5  # of the mean square
 _BEYOND = 1.1  # times the figure of the search, which a machine not seen may have
 _ENDED = {
@@ -84,6 +85,9 @@ def _outcome(study: TuningStudy, start: Candidate, best: Candidate) -> str:
     if not math.isfinite(start.figure):
         text = f"With the job's own gains a fault ends the run. Those found go through, with a {what} of "
         text += f"{_um(best.figure)}{over}."
+    elif best.figure > start.figure:
+        text = f"The job's own gains, with a {what} of {_um(start.figure)}, {_misses(was)}. The best gains found that "
+        text += f"are in order have {_um(best.figure)}{over}."
     else:
         text = f"The gains found bring the {what} from {_um(start.figure)} to {_um(best.figure)}"
         text += f", {100 * best.figure / start.figure:.3g} % of what it was{over}."
@@ -149,17 +153,24 @@ def _gains(study: TuningStudy, before: Servo, after: Servo) -> list[str]:
     """Say what has become of the gains, of axes together where it is the same."""
     if before == after:
         return []
-    told: dict[str, list[str]] = {}
+    alike: list[tuple[str, dict[str, float], list[str]]] = []
     for a, axis in enumerate(study.job.built_machine.axes):
-        parts = []
+        parts, times = [], {}
         for name in GAINS:
             old, new = getattr(before, name)[a], getattr(after, name)[a]
             if old > 0 and new > 0:
+                times[name] = new / old
                 parts.append(f"{name} times {new / old:.3g}")
             elif old != new:  # one of them none
                 parts.append(f"{name} from {old:.3g} to {new:.3g} {unit_of(name, [axis.unit])}")
-        told.setdefault(", ".join(parts), []).append(axis.name)
-    said = [f"of {_listed(axes)} {parts}" for parts, axes in told.items()]
+        for _, others, names in alike:
+            same = others.keys() == times.keys() and len(times) == len(parts)
+            if same and all(math.isclose(others[name], times[name], rel_tol=_ROUNDED) for name in times):
+                names.append(axis.name)
+                break
+        else:
+            alike.append((", ".join(parts), times, [axis.name]))
+    said = [f"of {_listed(names)} {parts}" for parts, _, names in alike]
     return [f"The gains {'; '.join(said)}. {TUNED} holds them, for gantrysim run --servo."]
 
 
