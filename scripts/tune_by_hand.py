@@ -83,7 +83,7 @@ def asked() -> str:
         return "q"
 
 
-attempt("the job's own", own)
+attempt("as it is", own)
 for line in arguments.changes or iter(asked, "q"):
     try:
         attempt(line, changed(trials[-1][1], line))
@@ -94,7 +94,8 @@ for line in arguments.changes or iter(asked, "q"):
 
 arguments.out.mkdir(parents=True, exist_ok=True)
 servo = trials[-1][1]
-settings = {"period": servo.period, "delay": servo.delay} | {gain: list(getattr(servo, gain)) for gain in GAINS}
+settings = {name: getattr(job.servo, name) for name in ("period", "delay", "following_error_limit")}
+settings |= {name: list(getattr(servo, name)) for name in (*GAINS, "torque_limit", "resolution")}
 (arguments.out / "tuned.toml").write_text(tomli_w.dumps({"servo": settings}))
 with sheet(9.0, 4.5) as figure:
     axes = figure.add_subplot(xlabel="place along the requested path [mm]", ylabel="left of the requested path [µm]")

@@ -1,0 +1,140 @@
+"""The example scripts, run as they stand on a short job: what they find, what they write, what they refuse."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gantrysim import Job
+from gantrysim.metrics import Analysis
+
+SCRIPTS = Path(__file__).parent.parent / "scripts"
+
+JOB = """
+name = "short"
+
+[program]
+controller = "fanuc.Program"
+start = [0.0, 20.0, 0.0]
+acceleration = 2000.0
+program = '''
+%
+O0001
+N10 G17 G21 G90
+N20 G02 X0 Y-8 I0 J-20 Q-8 F4000
+N30 M30
+%
+'''
+
+[servo]
+integral_time = 0.03
+following_error_limit = 4.0
+"""
+
+EXACT = 1e-12
+ALONE = 0.02  # that one axis shows in the other, which it moves by friction alone
+
+
+@pytest.fixture
+def job(tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(JOB)
+    return file
+
+
+@pytest.fixture
+def script(monkeypatch, tmp_path, capsys):
+    """Run a script in an empty folder; its names, and what it has printed."""
+
+    def run(name, *arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        monkeypatch.setenv("COLUMNS", "120")
+        names = runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+        return names, capsys.readouterr().out
+
+    return run
+
+
+def test_gains_turned_by_hand_do_what_they_say(script, job, tmp_path):
+    names, output = script("tune_by_hand.py", job, "kp x 0.5", "kd 1.5, ki y 0", "ff 0", "kp 1")
+    own = Job.load(job).built_servo
+    servos = [servo for _, servo, _ in names["trials"]]
+    assert servos[0] == own
+    assert servos[1].kp == (0.5 * own.kp[0], own.kp[1])
+    assert servos[2].kp == servos[1].kp  # it stays
+    assert servos[2].kd == (1.5 * own.kd[0], 1.5 * own.kd[1])
+    assert servos[2].ki == (own.ki[0], 0.0)
+    assert servos[3].velocity_ff == servos[3].acceleration_ff == (0.0, 0.0)
+    assert servos[4].kp == own.kp  # factors are on the job's own gains
+    before, after = (analysis.figures.tracking for _, _, analysis in names["trials"][:2])
+    assert after["x"].rms > 1.2 * before["x"].rms
+    assert after["y"].rms == pytest.approx(before["y"].rms, rel=ALONE)
+    for name, _, analysis in names["trials"]:
+        assert name in output
+        assert f"{1e3 * analysis.figures.contour.rms:.1f}" in output
+    assert (tmp_path / "out/tune-by-hand/trials.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_gains_turned_by_hand_are_those_that_run_takes(script, job, tmp_path):
+    names, _ = script("tune_by_hand.py", job, "kp 1.4, kd 1.1", "--out", tmp_path / "mine")
+    loaded = Job.load(job, servo=tmp_path / "mine" / "tuned.toml")
+    _, servo, analysis = names["trials"][-1]
+    assert loaded.built_servo == servo
+    assert np.array_equal(loaded.run().nozzle, analysis.run.nozzle)
+
+
+def test_without_changes_gains_are_asked_for_until_the_end(script, job, monkeypatch):
+    lines = iter(["kp 2", "foo 2", "kp z 2", "kp x", "kd nan", "kp 60", "kd y 1.2"])
+
+    def answer(_prompt=""):
+        try:
+            return next(lines)
+        except StopIteration:
+            raise EOFError from None
+
+    monkeypatch.setattr("builtins.input", answer)
+    names, output = script("tune_by_hand.py", job)
+    assert [name for name, _, _ in names["trials"]] == ["as it is", "kp 2", "kd y 1.2"]
+    for text in (
+        "unknown change 'foo 2': known: ",
+        "unknown axis 'z': known: x, y",
+        "factor of kp = 'x': must be a number",
+        "factor of kd = nan: must be finite",
+        "kp 60: fault: oscillation",
+    ):
+        assert text in " ".join(output.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["nowhere"], "unknown job 'nowhere'"),
+        (["fanuc-spiral", "kp"], "unknown change 'kp': known: "),
+        (["fanuc-spiral", "kp x y 2"], "unknown change 'kp x y 2'"),
+    ],
+)
+def test_what_cannot_be_turned_is_refused_in_one_line(script, capsys, arguments, text):
+    with pytest.raises(SystemExit) as stop:
+        script("tune_by_hand.py", *arguments)
+    assert stop.value.code == 2
+    assert text in capsys.readouterr().err
+
+
+def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script, job):
+    names, output = script("train_ppo.py", job, "--steps", 1024, "--budget", 16)
+    start, own, tuned, agent = (Analysis(run).figures.contour.rms for run, *_ in names["runs"].values())
+    assert agent < 0.95 * start
+    assert tuned < 0.9 * start
+    assert own < start
+    for rms in (start, own, tuned, agent):
+        assert f" {1e3 * rms:.2f} " in output
+    low, given = names["low"].built_servo, Job.load(job).built_servo
+    for name in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff"):
+        assert getattr(low, name) == pytest.approx([gain / 10 for gain in getattr(given, name)], rel=EXACT)
+    run, servos, _ = list(names["runs"].values())[-1]
+    assert run.fault is None
+    assert len(servos) == -(-len(run.time) // 100)
+    assert names["agent"].num_timesteps == 1024
