@@ -78,14 +78,16 @@ def linearised(
 
     Raises:
         UnknownLoopError: an actuator that has a delay of its own.
+        InputError: a position that is not one finite number per axis.
     """
+    at = np.zeros(len(machine.axes)) if position is None else _position(machine, position)
     model = smooth_model(machine.stepping(period / substeps))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
     for axis, samples in zip(machine.axes, model.actuator_history[:, 0], strict=True):
         if samples:
             raise UnknownLoopError(f"actuator {axis.name!r} has a delay in its MJCF: its linear loop is not known")
     data = mujoco.MjData(model)
-    data.qpos[:] = machine.to_qpos(np.zeros(len(machine.axes)) if position is None else position)
+    data.qpos[:] = machine.to_qpos(at)
     size = 2 * model.nv + model.na
     A, B = np.zeros((size, size)), np.zeros((size, model.nu))
     mujoco.mjd_transitionFD(model, data, _SMALL, True, A, B, None, None)
@@ -113,6 +115,19 @@ def linearised(
             own = np.ix_(states, states), np.ix_(states, axes), np.ix_(axes, states)
             systems.append(Linear(tuple(axes), powers[-1][own[0]], G0[own[1]], G1[own[1]], H[own[2]]))
     return systems
+
+
+def _position(machine: Machine, position: ArrayLike) -> Floats:
+    """Return the position of the axes, or raise InputError where it is not one finite number per axis."""
+    try:
+        at = np.asarray(position, float)
+    except (TypeError, ValueError):
+        at = np.array(np.nan)
+    if at.shape != (len(machine.axes),) or not np.isfinite(at).all():
+        units = ", ".join(f"{axis.name} [{axis.unit}]" for axis in machine.axes)
+        said = " ".join(str(position).split())  # an array's rows are lines
+        raise InputError(f"position = {said}: must be {len(machine.axes)} finite numbers, one per axis: {units}")
+    return at
 
 
 def _together(A: Floats) -> list[list[int]]:

@@ -33,6 +33,9 @@ _REAL = 1e-6  # imaginary part of a loop that counts as real, relative
 class Margins:
     """How far the loop of one axis is from instability, broken where its torque demand leaves the servo.
 
+    Stable is what comes to rest at its position. A loop without kp, or with no gain at all, holds none: it leaves a
+    pole at z = 1, and counts as not stable, with a gain of 0.
+
     Attributes:
         gain: largest factor on the axis' gains up to which the loop is stable; inf where there is none. Of a loop
             that is not stable, the largest below 1, and 0 where there is none.
@@ -98,7 +101,9 @@ class Plant:
             position: of the axes, home by default, (axes,) [mm or deg].
 
         Raises:
-            InputError: a period, a delay or a physics step that `gantrysim.simulate` refuses.
+            InputError: a period, a delay or a physics step that `gantrysim.simulate` refuses; a position that is
+                not one finite number per axis.
+            UnknownLoopError: an actuator that has a delay of its own.
         """
         substeps = substeps_of(machine, positive("servo period", period, "s"), physics_step)
         if at_least("servo delay", delay, 0, "s") > period:

@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+import re
 from functools import cache
 
 import numpy as np
@@ -34,6 +35,7 @@ FOLLOWS = 1e-7  # of the engine's motion against the linear machine's, of the la
 NEAR = 0.02  # how far from the gain margin a simulated machine is seen to calm down or to swing up
 SAME = 1e-9
 
+UNITS = "x [mm], y [mm]"
 PERIODS = (5e-4, 1e-3, 4e-3)
 NO_FRICTION = Perturbation(friction=1e-15)
 
@@ -532,13 +534,36 @@ def test_words():
         (lambda xy: Plant.of(xy, 1e-3, -1e-3), "servo delay = -0.001 s: must be at least 0 s"),
         (lambda xy: Plant.of(xy, 1e-3, 1e-4), "servo delay = 0.0001 s: must be a multiple of the physics step"),
         (lambda xy: Plant.of(xy, 1e-3, physics_step=1.0), "physics_step = 1 s: must be at most 0.00025 s"),
+        *(
+            (
+                lambda xy, at=at: Plant.of(xy, 1e-3, position=at),
+                f"position = {said}: must be 2 finite numbers, one per axis: {UNITS}",
+            )
+            for at, said in (
+                ([1.0], "[1.0]"),
+                (5.0, "5.0"),
+                ([1.0, 2.0, 3.0], "[1.0, 2.0, 3.0]"),
+                (np.zeros((2, 2)), "[[0. 0.] [0. 0.]]"),
+                ([math.nan, 0.0], "[nan, 0.0]"),
+                ([0.0, math.inf], "[0.0, inf]"),
+                (["left", "right"], "['left', 'right']"),
+                ([[1.0], [1.0, 2.0]], "[[1.0], [1.0, 2.0]]"),
+                ({"x": 1.0}, "{'x': 1.0}"),
+            )
+        ),
         (lambda xy: Plant.of(xy, 1e-3).loop(pd(xy), [600.0]), "frequency: must be above 0 and at most 500 Hz"),
         (lambda xy: Plant.of(xy, 1e-3).loop(pd(xy), [0.0]), "frequency: must be above 0 and at most 500 Hz"),
     ],
 )
 def test_what_is_no_loop_is_refused(xy, build, text):
-    with pytest.raises(InputError, match=text):
+    with pytest.raises(InputError, match=f"^{re.escape(text)}"):
         build(xy)
+
+
+@pytest.mark.parametrize("at", [(10.0, -20.0), np.array([10, -20])])
+def test_a_position_of_any_sequence_of_numbers_is_taken(xy, at):
+    servo = pd(xy)
+    assert Plant.of(xy, 1e-3, position=at).margins(servo) == Plant.of(xy, 1e-3, position=[10.0, -20.0]).margins(servo)
 
 
 def test_an_actuator_with_a_delay_of_its_own_is_refused(rigid):
