@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import mujoco
+import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
@@ -29,15 +32,16 @@ def simulate_batch(
     servo: Servo | Sequence[Servo],
     setpoints: Setpoints | Sequence[Setpoints],
     *,
-    physics_step: float | Sequence[float | None] | None = None,
+    physics_step: float | Sequence[float | None] | NDArray[Any] | None = None,
     dispenser: Dispenser | Sequence[Dispenser | None] | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Run]:
     """Run many simulations on threads and return their records, each the same to the last bit as by `simulate`.
 
-    Every argument is one for all, or a sequence with one for each simulation. Machines of different MJCF files, servo
-    periods and lengths may stand side by side; those of one file, perturbed or not, share a batch of MuJoCo's.
+    Every argument is one for all, or a list, a tuple or an array with one for each simulation. Machines of different
+    MJCF files, servo periods and lengths may stand side by side; those of one file, perturbed or not, share a batch of
+    MuJoCo's.
 
     Args:
         machine: the machines.
@@ -52,8 +56,8 @@ def simulate_batch(
         The records, in order. A fault ends its own simulation only: see `Run.fault`.
 
     Raises:
-        InputError: sequences of different lengths, no simulation at all, or what `simulate` would refuse; the
-            number of the simulation stands in the text.
+        InputError: an argument that is neither one nor a list, a tuple or an array of them; lists of different
+            lengths, no simulation at all, or what `simulate` would refuse, with the number of the simulation.
     """
     simulations = _simulations(
         {
@@ -87,7 +91,11 @@ def simulate_batch(
 
 
 def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
-    lengths = {name: len(value) for name, value in arguments.items() if isinstance(value, Sequence)}
+    several = {name: list(value) for name, value in arguments.items() if _is_several(value)}
+    for name, value in arguments.items():
+        for number, one in enumerate(several.get(name, [value])):
+            _check(name, one, number if name in several else None)
+    lengths = {name: len(values) for name, values in several.items()}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{length} of {name}" for name, length in lengths.items())
         raise InputError(f"a batch of {said}: must be one for all, or as many of each")
@@ -96,12 +104,33 @@ def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
         raise InputError("a batch of no simulation: must have at least one")
     simulations = []
     for k in range(count):
-        own = {name: value[k] if isinstance(value, Sequence) else value for name, value in arguments.items()}
+        own = {name: several[name][k] if name in several else value for name, value in arguments.items()}
         try:
             simulations.append(Simulation.of(**own))
         except InputError as error:
             raise InputError(f"simulation {k} of the batch: {error}") from None
     return simulations
+
+
+def _is_several(value: Any) -> bool:
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
+def _check(name: str, value: Any, number: int | None) -> None:
+    """Raise InputError where an argument, or the one of a simulation by its number, is of another type."""
+    types, words = _ONE[name]
+    if not isinstance(value, types) or isinstance(value, bool):
+        where, more = ("", ", or a list, a tuple or an array of them") if number is None else (f"[{number}]", "")
+        raise InputError(f"{name}{where} is of type {type(value).__name__}: must be {words}{more}")
+
+
+_ONE: dict[str, tuple[tuple[type, ...], str]] = {
+    "machine": ((Machine,), "a Machine"),
+    "servo": ((Servo,), "a Servo"),
+    "setpoints": ((Setpoints,), "Setpoints"),
+    "physics_step": ((Real, NoneType), "a number or None"),
+    "dispenser": ((Dispenser, NoneType), "a Dispenser or None"),
+}
 
 
 class Fleet:

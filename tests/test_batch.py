@@ -156,6 +156,50 @@ def test_a_batch_whose_parts_do_not_fit_is_refused(xy, servo, counts, said):
     assert str(refused.value) == said
 
 
+ONE = ", or a list, a tuple or an array of them"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"physics_step": "1e-4"}, f"physics_step is of type str: must be a number or None{ONE}"),
+        ({"physics_step": b"12"}, f"physics_step is of type bytes: must be a number or None{ONE}"),
+        ({"physics_step": True}, f"physics_step is of type bool: must be a number or None{ONE}"),
+        ({"physics_step": {0: 1e-4}}, f"physics_step is of type dict: must be a number or None{ONE}"),
+        ({"physics_step": {1e-4}}, f"physics_step is of type set: must be a number or None{ONE}"),
+        ({"physics_step": range(2)}, f"physics_step is of type range: must be a number or None{ONE}"),
+        ({"physics_step": ["1e-4"]}, "physics_step[0] is of type str: must be a number or None"),
+        ({"physics_step": [None, [1e-4]]}, "physics_step[1] is of type list: must be a number or None"),
+        ({"physics_step": np.ones((2, 2))}, "physics_step[0] is of type ndarray: must be a number or None"),
+        ({"machine": "xy"}, f"machine is of type str: must be a Machine{ONE}"),
+        ({"machine": (m for m in "xy")}, f"machine is of type generator: must be a Machine{ONE}"),
+        ({"machine": ["xy"]}, "machine[0] is of type str: must be a Machine"),
+        ({"servo": {}}, f"servo is of type dict: must be a Servo{ONE}"),
+        ({"servo": [None]}, "servo[0] is of type NoneType: must be a Servo"),
+        ({"setpoints": map(ramp, [50.0])}, f"setpoints is of type map: must be Setpoints{ONE}"),
+        ({"setpoints": np.zeros((3, 2))}, "setpoints[0] is of type ndarray: must be Setpoints"),
+        ({"dispenser": "none"}, f"dispenser is of type str: must be a Dispenser or None{ONE}"),
+    ],
+)
+def test_an_argument_that_is_neither_one_nor_a_list_is_refused_by_name(xy, servo, given, said):
+    with pytest.raises(InputError) as refused:
+        simulate_batch(**{"machine": xy, "servo": servo, "setpoints": ramp(FAST), **given})
+    assert str(refused.value) == said
+
+
+@pytest.mark.parametrize("several", [list, tuple, lambda values: np.array(values, object)])
+def test_lists_tuples_and_arrays_are_the_same(xy, servo, several):
+    steps, short = [STEP, STEP / 2], ramp(FAST, 5.0)
+    expected = simulate_batch(xy, servo, short, physics_step=steps)
+    machines, servos, setpoints = several([xy, xy]), several([servo, servo]), several([short, short])
+    found = simulate_batch(machines, servos, setpoints, physics_step=several(steps), dispenser=several([None, None]))
+    numbers = simulate_batch(xy, servo, short, physics_step=np.array(steps))
+    for one, other, third in zip(expected, found, numbers, strict=True):
+        assert same(one, other)
+        assert same(one, third)
+    assert not same(*expected)
+
+
 def test_what_one_alone_would_refuse_is_refused_with_its_number(xy, servo):
     with pytest.raises(InputError) as refused:
         simulate_batch(xy, servo, [ramp(FAST), ramp(9000.0)])
