@@ -213,7 +213,7 @@ class Fleet:
         Args:
             name: as in `gantrysim.native.row`.
         """
-        kind, offset = ROW.fields[name][:2]
-        numbers = self._userdata.view(kind.base)
+        kind, offset = ROW[name], (ROW.fields or {})[name][1]
+        numbers: NDArray[Any] = self._userdata.view(kind.base)
         first = offset // numbers.itemsize
         return numbers[:, first : first + kind.shape[0]] if kind.shape else numbers[:, first]

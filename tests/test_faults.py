@@ -111,7 +111,7 @@ def test_a_run_away_axis_trips_on_the_first_limit_it_meets(rigid, limits, kind):
 )
 def test_a_fault_of_a_rotary_axis_is_told_in_degrees(tmp_path, limits, law, text):
     machine = turntable(tmp_path)
-    machine.model.jnt_limited[:] = 0  # no hard stop before the limit switch
+    machine.physics.jnt_limited[:] = 0  # no hard stop before the limit switch
     run = turn(machine, 0.0, ticks=6000, law=law, **limits)
     assert run.fault is not None
     assert re.match(text, str(run.fault)), str(run.fault)
@@ -120,7 +120,7 @@ def test_a_fault_of_a_rotary_axis_is_told_in_degrees(tmp_path, limits, law, text
 def test_leaving_the_travel_is_a_fault(rigid):
     machine = rigid()
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=1e6)
-    machine.model.jnt_limited[:] = 0  # no hard stop before the limit switch
+    machine.physics.jnt_limited[:] = 0  # no hard stop before the limit switch
     run = simulate(machine, servo, ramp(50.0), law=lambda tick: [0.05 if tick.measured_velocity[0] < 300 else 0.0, 0.0])
     assert run.fault is not None
     assert (run.fault.kind, run.fault.axis) == ("travel", "x")
@@ -164,13 +164,13 @@ def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     machine = rigid(speed=0.0, travel=1e7)
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
-    machine.model.jnt_limited[:] = 0
+    machine.physics.jnt_limited[:] = 0
     object.__setattr__(
         machine,
         "axes",
         tuple(dataclasses.replace(a, travel=(-math.inf, math.inf)) for a in machine.axes),
     )
-    machine.model.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
+    machine.physics.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
     run = simulate(machine, servo, ramp(50.0))
     assert run.fault is not None
     assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
