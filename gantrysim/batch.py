@@ -213,7 +213,8 @@ class Fleet:
         Args:
             name: as in `gantrysim.native.row`.
         """
-        kind, offset = ROW[name], (ROW.fields or {})[name][1]
+        assert ROW.fields is not None  # that of a structure
+        kind, offset = ROW.fields[name][:2]
         numbers: NDArray[Any] = self._userdata.view(kind.base)
         first = offset // numbers.itemsize
         return numbers[:, first : first + kind.shape[0]] if kind.shape else numbers[:, first]
