@@ -80,6 +80,8 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
             raise WorkerError(f"{times} workers have ended at the same case, the last at {last}") from None
         except CancelledError:
             raise WorkerError(f"the scheduler at {_address(self._client)} has gone") from None
+        finally:
+            out.release()  # an error that is under way may refer to it for long
         if unreadable:
             raise WorkerError(
                 f"a worker cannot read its cases: {unreadable}: every worker must have what the study has"
