@@ -1,5 +1,6 @@
 """Random actions, episode after episode: no exception, no number out of bounds, nothing left behind."""
 
+import ctypes
 import gc
 import os
 from pathlib import Path
@@ -20,6 +21,9 @@ class Holdings:
 
     def __init__(self):
         gc.collect()
+        library = ctypes.CDLL(None)
+        if hasattr(library, "malloc_trim"):
+            library.malloc_trim(0)  # what is free but kept for later is not held
         status = Path("/proc/self/statm").read_text().split()
         self.memory = int(status[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
         self.threads = len(list(Path("/proc/self/task").iterdir()))

@@ -4,11 +4,15 @@ import runpy
 import sys
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 from gantrysim import Job
 from gantrysim.metrics import Analysis
+
+from episodes import SHORT, TUNING, actions_of
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 
@@ -34,6 +38,7 @@ following_error_limit = 4.0
 """
 
 EXACT = 1e-12
+SINGLE = 1e-6  # of an action, which is of single precision
 ALONE = 0.02  # that one axis shows in the other, which it moves by friction alone
 
 
@@ -138,3 +143,34 @@ def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script,
     assert run.fault is None
     assert len(servos) == -(-len(run.time) // 100)
     assert names["agent"].num_timesteps == 1024
+    check_the_adapter(names["SideBySide"])
+    # the servos that are told are those that ran
+    env = gymnasium.make(names["ID"], **names["settings"]).unwrapped
+    observation, _ = env.reset(seed=names["SEED"])
+    for servo in servos:
+        observation, *_ = env.step(names["agent"].predict(observation, deterministic=True)[0])
+        for gain in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff"):
+            assert env._episodes._fleet.field(gain)[0, :2] == pytest.approx(getattr(servo, gain), rel=SINGLE)
+
+
+def check_the_adapter(kind):
+    """What stable-baselines3 is told of episodes that end is what the native vector environment tells."""
+    adapter, native = (
+        gymnasium.make_vec(TUNING, num_envs=4, autoreset_mode=AutoresetMode.SAME_STEP, **SHORT) for _ in range(2)
+    )
+    places, random, ends = kind(adapter), np.random.default_rng(3), [0, 0]
+    assert np.array_equal(places.reset(), native.reset(seed=1)[0])
+    for _ in range(40):
+        actions = actions_of(native, random)
+        observations, reward, terminated, truncated, info = native.step(actions)
+        got, rewards, dones, infos = places.step(actions)
+        assert np.array_equal(got, observations)
+        assert np.array_equal(rewards, reward.astype(np.float32))
+        assert np.array_equal(dones, terminated | truncated)
+        for k in range(4):
+            assert ("terminal_observation" in infos[k]) == dones[k]
+            if dones[k]:
+                assert np.array_equal(infos[k]["terminal_observation"], info["final_obs"][k])
+                assert infos[k]["TimeLimit.truncated"] == truncated[k]
+                ends[int(truncated[k])] += 1
+    assert min(ends) > 0
