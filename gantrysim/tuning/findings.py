@@ -26,7 +26,7 @@ NOTHING = 1e-3  # rms of an error that is none [µm]
 _UM = 1e3
 _AT_LIMIT = 0.98  # of a bound, from which it holds the gains back
 _ROUNDED = 2e-3  # relative, between factors that differ by the rounding of gains alone
-_MOSTLY = 0.5  # of the mean square
+_MOSTLY, _ALL = 0.5, 0.995  # of the mean square
 _BEYOND = 1.1  # times the figure of the search, which a machine not seen may have
 _ENDED = {
     "budget": "It ended with its budget.",
@@ -136,7 +136,7 @@ def _links(study: TuningStudy, start: Candidate, best: Candidate) -> list[str]:
     share = now.parts[most].share
     if most == "generation" and share > _MOSTLY:
         text += (
-            f" {100 * min(share, 1):.0f} % of what is left, by its mean square, is generation: the controller's "
+            f" {'All' if share > _ALL else f'{100 * share:.0f} %'} of what is left, by its mean square, is generation: the controller's "
             "program, which no gain mends."
         )
         if study.figure.startswith("contour"):
