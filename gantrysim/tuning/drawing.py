@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["draw_gains", "draw_links", "draw_loops", "draw_machines", "draw_path", "draw_search"]
 
 _BEFORE = "#9aa0a8"
+_GAIN_COLOURS = tuple(COLOURS[link] for link in ("tracking", "generation", "structure", "measurement", "contour"))
+_ALIKE = 1.01  # times, between factors that are told once
+_CHANGED = 0.02  # of the logarithm, from which a change is drawn
 _STAGE_COLOURS = {"before": _BEFORE, "after": COLOURS["tracking"]}
 _FREQUENCIES = 1500
 _LOWEST = 1e-3  # of half the servo's frequency
@@ -50,7 +53,8 @@ def draw_links(figures: Mapping[str, BudgetFigures]) -> Figure:
                 axes.text(0.5, k, "none", transform=axes.get_yaxis_transform(), ha="center", va="center", fontsize=9)
                 continue
             at = [max(value, NOTHING) for value in at]
-            if len(at) > 1:
+            changed = len(at) > 1 and abs(math.log(at[0] / at[1])) > _CHANGED
+            if changed:
                 axes.annotate(
                     "", (at[1], k), (at[0], k), arrowprops={"arrowstyle": "-|>", "color": COLOURS[name], "lw": 2.0}
                 )
@@ -62,7 +66,7 @@ def draw_links(figures: Mapping[str, BudgetFigures]) -> Figure:
                 texts[-1], (at[-1], k), xytext=(-9 if right else 9, 0), textcoords="offset points",
                 ha="right" if right else "left", va="center", fontsize=9,
             )  # fmt: skip
-            if len(at) > 1 and abs(math.log(at[0] / at[1])) > 0.02:
+            if changed:
                 axes.annotate(
                     texts[0], (at[0], k), xytext=(9 if right else -9, 0), textcoords="offset points",
                     ha="left" if right else "right", va="center", fontsize=9, color="0.4",
@@ -138,7 +142,7 @@ def draw_search(history: History, label: str, ripple: float) -> Figure:
 def _draw_leaders(axes: Axes, history: History) -> None:
     """Draw the gains of the first axis of every leader as multiples of those found."""
     runs, drawn = [one.runs for one in history.leaders], []
-    for name, colour in zip(GAINS[:-1], AXIS_COLOURS, strict=False):
+    for name, colour in zip(GAINS[:-1], _GAIN_COLOURS, strict=True):
         values = np.array([getattr(one.servo, name)[0] for one in history.leaders])
         if not values[-1] > 0:
             continue
@@ -158,19 +162,20 @@ def draw_gains(before: Servo, after: Servo, axes: Sequence[str]) -> Figure:
         panel = figure.add_subplot()
         names, factors = GAINS[:-1], []
         width = 0.8 / len(axes)
-        for a in range(len(axes)):
-            for k, name in enumerate(names):
-                old, new = getattr(before, name)[a], getattr(after, name)[a]
-                if not (old > 0 and new > 0):
-                    continue
-                factors.append(new / old)
-                at = k + (a - 0.5 * (len(axes) - 1)) * width
-                panel.bar(at, new / old - 1, 0.9 * width, bottom=1.0, color=AXIS_COLOURS[a % len(AXIS_COLOURS)])
-                up = new > old
+        for k, name in enumerate(names):
+            pairs = list(zip(getattr(before, name), getattr(after, name), strict=True))
+            own = {a: new / old for a, (old, new) in enumerate(pairs) if old > 0 and new > 0}
+            at = {a: k + (a - 0.5 * (len(axes) - 1)) * width for a in own}
+            for a, factor in own.items():
+                panel.bar(at[a], factor - 1, 0.9 * width, bottom=1.0, color=AXIS_COLOURS[a % len(AXIS_COLOURS)])
+            if own and max(own.values()) < _ALIKE * min(own.values()):  # one number for all
+                own, at = {0: next(iter(own.values()))}, {0: sum(at.values()) / len(at)}
+            for a, factor in own.items():
                 panel.annotate(
-                    f"{new / old:.3g}", (at, new / old), xytext=(0, 2 if up else -2), textcoords="offset points",
-                    ha="center", va="bottom" if up else "top", fontsize=8,
+                    f"{factor:.3g}", (at[a], factor), xytext=(0, 2 if factor > 1 else -2), textcoords="offset points",
+                    ha="center", va="bottom" if factor > 1 else "top", fontsize=8,
                 )  # fmt: skip
+            factors += own.values()
         logarithmic(panel, "y", [0.6 * min([0.5, *factors]), 1.6 * max([2.0, *factors])])
         panel.axhline(1.0, color=INK, lw=0.8)
         panel.set_xticks(range(len(names)), names)
@@ -206,7 +211,7 @@ def draw_loops(stability: Stability, servos: Mapping[str, Servo], machines: int,
                     colour = _BEFORE if stage == "before" else AXIS_COLOURS[a % len(AXIS_COLOURS)]
                     own = machine == 0
                     style = {"color": colour, "lw": 1.6 if own else 0.6, "ls": "--" if stage == "before" else "-"}
-                    said = f"{name}, {stage}" if own else "_"
+                    said = "_" if not own else f"{name}, after" if stage == "after" else "_" if a else "before"
                     left.plot(loops[:, a].real, loops[:, a].imag, **style)
                     right.plot(frequency, 1 / np.abs(1 + loops[:, a]), label=said, **style)
         left.set(xlim=(-3.2, 0.8), ylim=(-2.4, 2.4), xlabel="Re L", ylabel="Im L", aspect="equal")

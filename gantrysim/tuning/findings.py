@@ -135,10 +135,9 @@ def _links(study: TuningStudy, start: Candidate, best: Candidate) -> list[str]:
     most = max(now.parts, key=lambda link: now.parts[link].share)
     share = now.parts[most].share
     if most == "generation" and share > _MOSTLY:
-        text += (
-            f" {'All' if share > _ALL else f'{100 * share:.0f} %'} of what is left, by its mean square, is generation: the controller's "
-            "program, which no gain mends."
-        )
+        much = "All" if share > _ALL else f"{100 * share:.0f} %"
+        text += f" {much} of what is left, by its mean square, is generation: the controller's program, which no gain "
+        text += "mends."
         if study.figure.startswith("contour"):
             text += (
                 " Gains that make this figure smaller have tracking errors make good for it; tracking_rms is the "
@@ -242,7 +241,8 @@ def _search(study: TuningStudy, history: History) -> str:
         f"{study.budget} runs"
     )
     if history.unstable:
-        text += f"; {history.unstable} more candidates were not run, as they keep the margin at no speed of the loop"
+        more = "one more was" if history.unstable == 1 else f"{history.unstable} more were"
+        text += f"; {more} not run, for want of a frequency at which the margin is kept"
     return f"{text}. {_ENDED[history.ended]}"
 
 
