@@ -60,8 +60,8 @@ def figures(study: TuningStudy, rows: list[Row]) -> list[Plot]:
             f"Above the {label(study.figure)} of every candidate on the hardest machine that it was run on, in the "
             "order of the runs; the line is the best one so far"
             + (", on all machines" if study.robust else "")
-            + f". Below the gains of {study.job.built_machine.axis_names[0]} of the best one so far, as multiples of those "
-            "found.",
+            + f". Below the gains of {study.job.built_machine.axis_names[0]} of the best one so far, as multiples of "
+            "those found.",
             drawing.draw_search(history, label(study.figure), 0.01 * study.ripple),
         ),
         Plot(
