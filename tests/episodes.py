@@ -5,6 +5,7 @@ import numpy as np
 TUNING, BANDIT = "gantrysim/SpiralTuning-v0", "gantrysim/GainBandit-v0"
 
 SHORT = {"diameter": (40.0, 60.0), "turns": (1, 2), "thickness": (6.0, 8.0), "speed": (80.0, 150.0)}
+MOST = 1000  # decisions of an episode
 BOLD, MEEK = 1.0, 0.2  # of the action space: the one ends in faults, the other at the end of the path
 
 
@@ -15,6 +16,7 @@ def episode(env, seed, actions, scale=BOLD):
     while not over:
         returns.append(env.step((scale * actions.uniform(-1, 1, env.action_space.shape)).astype(np.float32)))
         over = returns[-1][2] or returns[-1][3]
+        assert len(returns) < MOST
     return returns
 
 
