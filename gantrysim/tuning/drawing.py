@@ -160,7 +160,8 @@ def draw_gains(before: Servo, after: Servo, axes: Sequence[str]) -> Figure:
     """Draw the factor from every gain before to that after, a bar for each axis."""
     with sheet(9.0, 3.2) as figure:
         panel = figure.add_subplot()
-        names, factors = GAINS[:-1], []
+        names = GAINS[:-1]
+        factors: list[float] = []
         width = 0.8 / len(axes)
         for k, name in enumerate(names):
             pairs = list(zip(getattr(before, name), getattr(after, name), strict=True))
