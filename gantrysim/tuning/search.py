@@ -4,8 +4,9 @@ Candidates are compared in this order, the lowest first:
 
     1  those that keep margin and torque ripple and go through on every machine, by the figure
     2  those whose torque ripple is too much, by how much
-    3  those whose margin is too small at every speed, by how much; they are not run
+    3  a start whose margin is too small, by how much
     4  those that a fault ends, the later the better
+    5  those whose margin is too small at every frequency, by how much; they are not run
 
 A candidate's figure and torque ripple are the largest over all machines. CMA-ES learns from the order alone, so nothing
 else is to be weighed against the figure.
@@ -91,7 +92,7 @@ class Candidate:
         if faults:
             return 4, -min(faults)
         if self.excess > 0:
-            return 3, self.excess
+            return 3 if self.measured else 5, self.excess
         if self.ripple > ripple:
             return 2, math.log(self.ripple / ripple)
         return 1, self.figure
