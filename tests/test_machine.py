@@ -64,6 +64,9 @@ def test_stepping_changes_only_the_timestep_and_leaves_the_machine_alone(rigid):
     assert model.opt.timestep == 1e-4
     assert machine.model.opt.timestep == 5e-4
     assert machine.stepping(1e-4) is model
+    heavy = machine.perturbed(Perturbation(payload=1.0))
+    assert heavy.stepping(1e-4).body_mass.sum() == pytest.approx(model.body_mass.sum() + 1.0)
+    assert machine.stepping(1e-4) is model
 
 
 @pytest.mark.parametrize("name", builtin_models())
@@ -109,7 +112,9 @@ def test_digest_tells_machines_apart(rigid):
 
 
 def test_mujoco_is_told_not_to_hide_divergence(rigid):
-    assert rigid().model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    machine = rigid()
+    for model in (machine.model, machine.physics, machine.stepping(1e-4), Machine("xy").physics):
+        assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
 REPLACEMENTS = {
