@@ -227,12 +227,29 @@ def test_the_order_of_candidates():
         candidate(Measured(1.0, 0.01), Measured(math.inf, math.inf, time), Measured(math.inf, math.inf, 9.0))
         for time in (3.0, 2.0)
     )
-    wanted = [better, good, restless, very, near, far, late, early]
-    mixed = [good, late, far, better, very, early, restless, near]
+    missed = candidate(Measured(0.001, 0.001), excess=20.0)  # as a start may
+    wanted = [better, good, restless, very, missed, late, early, near, far]
+    mixed = [good, late, far, better, missed, very, early, restless, near]
     assert sorted(mixed, key=lambda one: one.order(RIPPLE)) == wanted
-    assert [one.order(RIPPLE)[0] for one in wanted] == [1, 1, 2, 2, 3, 3, 4, 4]
+    assert [one.order(RIPPLE)[0] for one in wanted] == [1, 1, 2, 2, 3, 4, 4, 5, 5]
     assert good.figure == 3.0
     assert (good.hardest, very.ripple, early.hardest) == (1, 0.04, 1)
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_start_far_from_any_good_loop_is_left_behind(stability, seed):
+    """Slow loops of its shape fault, and most other shapes keep the margin at no frequency."""
+
+    def measure(servo, machine):
+        if servo.kp[0] < 0.2 * DERIVED.kp[0] and servo.kp[0] != start.kp[0]:
+            return Measured(math.inf, math.inf, 5.0 * servo.kp[0] / DERIVED.kp[0])
+        return Measured(DERIVED.kp[0] / servo.kp[0])
+
+    start = dataclasses.replace(detuned(0.1), ki=(1.7, 2.3))
+    history, _ = run(space(start, "pid"), stability, measure, budget=60, seed=seed)
+    assert history.start.order(RIPPLE)[0] == 3
+    assert history.best.order(RIPPLE)[0] == 1
+    assert history.ended == "budget"
 
 
 def test_a_candidate_that_misses_the_margin_but_was_run_is_no_better_for_its_figure():
