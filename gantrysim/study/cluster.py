@@ -80,8 +80,6 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
             raise WorkerError(f"{times} workers have ended at the same case, the last at {last}") from None
         except CancelledError:
             raise WorkerError(f"the scheduler at {_address(self._client)} has gone") from None
-        finally:
-            out.release()  # an error that is under way may refer to it for long
         if unreadable:
             raise WorkerError(
                 f"a worker cannot read its cases: {unreadable}: every worker must have what the study has"
@@ -90,7 +88,9 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
         """Take back what has been handed out."""
-        self._client.cancel(list(self._futures))
+        # not cancelled: Dask tells every client of it, and one that is connecting just then stumbles over that
+        for future in list(self._futures):
+            future.release()
         self._futures.clear()
 
 
@@ -141,7 +141,7 @@ def _connected(address: str) -> Client:
     except TimeoutError:
         reason = f"none within {_PATIENCE:g} s"
     except Exception as error:  # what answers there may be anything
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split()) or type(error).__name__
     raise InputError(f"--backend dask={address}: no scheduler answers: {reason}")
 
 
