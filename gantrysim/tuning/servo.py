@@ -48,6 +48,7 @@ def servo_toml(study: TuningStudy, history: History) -> str:
         f"# gain margin of {study.margin:g} in every direction, torque ripple of at most {study.ripple:g} % of the "
         "peak torque;",
         f"# candidate {best.number} of generation {best.generation}; {history.runs} runs, seed {study.seed}.",
+        f"# It takes the place of a job's: gantrysim run JOB --servo {TUNED}",
         f"# One value per axis: {', '.join(f'{axis.name} [{axis.unit}]' for axis in axes)}.",
         "",
         "[servo]",

@@ -54,7 +54,7 @@ class TuningStudy:
         budget: most runs of the search.
         robust: number of machines besides the job's own.
         margin: gain margin, in every direction.
-        ripple: most torque ripple [% of the peak torque]. The derived gains have 0.3 to 1.5 % in the jobs that come
+        ripple: most torque ripple [% of the peak torque]. The derived gains have 0.5 to 1.5 % in the jobs that come
             along, where beyond 2 % a little more gain makes the torque chatter.
         per_axis: whether every axis has numbers of its own, or all share them.
         spread: how far machines differ.
