@@ -185,8 +185,8 @@ BENCHMARKS = {
     "batch": Benchmark(batch, "at least 0.90"),
     "vector_env": Benchmark(vector_env, "at least 0.80"),
     "scalar_env": Benchmark(scalar_env, "at least 5.00"),
-    "setpoints": Benchmark(setpoints, "at most 0.10"),
-    "analysis": Benchmark(analysis, "at most 1.00"),
+    "setpoints": Benchmark(setpoints, "at most 0.15"),
+    "analysis": Benchmark(analysis, "at most 1.50"),
 }
 
 if __name__ == "__main__":
