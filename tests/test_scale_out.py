@@ -15,6 +15,7 @@ from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure
 from gantrysim.study import worker as of_worker
 from gantrysim.study.cases import forget_jobs
 from gantrysim.study.worker import Origin
+from gantrysim.tuning.study import TuningStudy
 
 from clusters import Cluster, all_of, broken, company, deadly, held, waited_for, where, without_gantrysim
 from studies import PATIENCE, SHORT, Toy, cases_of, content, spoken
@@ -104,7 +105,10 @@ def test_a_worker_killed_at_its_work_leaves_the_study_complete_and_equal(cluster
     assert kill.told[: len(PERIODS) + 1] == list(range(len(PERIODS) + 1))
 
 
-def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(cluster, gantrysim_command, tmp_path):
+def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(
+    cluster, gantrysim_command, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(TuningStudy, "figures", lambda study, rows: [])  # they take longest
     settings = [part for setting in SHORT for part in ("--set", setting)]
     command = ("tune", "an225", *settings, "--budget", 24, "--robust", 1, "--unseen", 2)
     here, there, killed = tmp_path / "here", tmp_path / "there", []
