@@ -271,6 +271,7 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.native.hook import installed
 
 faulthandler.dump_traceback_later(60, exit=True)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what starts the tests may ignore it
 handler = signal.getsignal(signal.SIGINT)
 machine = Machine("xy")
 setpoints = MoveSpiral(40, 1, 10, 100).setpoints(1e-3)

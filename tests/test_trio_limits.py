@@ -144,7 +144,8 @@ def test_virtual_speed_is_continuous_within_accel_and_decel_and_ends_at_rest_at_
     assert slope.max() <= up + noise
     assert slope.min() >= -down - noise
     assert law.velocity(0.0) == 0
-    assert law.velocity(law.duration) == pytest.approx(0, abs=1e-6)
+    # a rounding of 1e-10 mm of the way makes sqrt(2 deceleration 1e-10) of the speed
+    assert law.velocity(law.duration) == pytest.approx(0, abs=1e-3)
     assert np.all(law.velocity([-1e-3, law.duration + 1e-3]) == 0)
     # v dt adds up to the way (the trapezoid's rule is exact within phases), which ends with the circles
     way = np.sum(0.5 * (law.velocity(t)[1:] + law.velocity(t)[:-1]) * np.diff(t))
@@ -205,7 +206,8 @@ def test_x_is_held_above_the_least_ratio_while_the_axes_brake():
     assert x[-1] - spiral.change < NEVER_BELOW  # the next would fall below
     assert law.duration > spiral.passes.time[-1] + 2 * 0.1 * x[-1]  # so that the last pass lasts, with x held
     assert law.length == pytest.approx(math.pi * 480)
-    assert law.velocity(law.duration) == pytest.approx(0, abs=1e-6)
+    # a rounding of 1e-10 mm of the way makes sqrt(2 deceleration 1e-10) of the speed
+    assert law.velocity(law.duration) == pytest.approx(0, abs=1e-3)
     # and tick by tick
     job = {"diameter": 120, "turns": 4, "thickness": 14, "speed": 100, "deceleration": 100.0, "servo_period": 1e-3}
     stepped = Controller(**job).run()
