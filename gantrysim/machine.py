@@ -116,9 +116,9 @@ class Machine:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the compiled model, includes and assets and all."""
-        buffer = np.empty(mujoco.mj_sizeModel(self.model), np.uint8)
-        mujoco.mj_saveModel(self.model, None, buffer)
+        """SHA-256 of the compiled model that is stepped, includes and assets and all; its looks are no part of it."""
+        buffer = np.empty(mujoco.mj_sizeModel(self.physics), np.uint8)
+        mujoco.mj_saveModel(self.physics, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
 
     @cached_property
