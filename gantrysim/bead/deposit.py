@@ -28,7 +28,6 @@ _RIPPLE = 0.02  # of the nozzle's height, by which a flat may be uneven
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
 _TRIAL = 300  # of them, on a coarse map
 _WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
-_BISECTIONS = 60
 
 
 _End = tuple[Floats, Floats, float]
@@ -245,7 +244,9 @@ def _round_ends(bead: Strand, volume: Floats) -> Iterator[_End]:
             total = float(volume[whole].sum())
             volume[whole] = 0.0
             middle = (first + last) // 2
-            yield _round(bead, middle, _drop_section(bead, total, middle), total, None)
+            gap = bead.section.gap[middle : middle + 1]
+            drop_section = Section.drop(total, gap, bead.settings.contact_angle)
+            yield _round(bead, middle, drop_section, total, None)
             continue
         for station, taken, away in (
             (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
@@ -261,22 +262,6 @@ def _round_ends(bead: Strand, volume: Floats) -> Iterator[_End]:
 def _part(bead: Strand, stations: slice) -> Section:
     gap = bead.section.gap[stations]
     return Section(bead.area[stations], gap, bead.settings.contact_angle)
-
-
-def _drop_section(bead: Strand, volume: float, station: int) -> Section:
-    """The section that holds a volume as a body of revolution, under the nozzle at a station."""
-    gap = bead.section.gap[station : station + 1]
-    low, high = 0.0, 1.0
-
-    def section(area: float) -> Section:
-        return Section(np.array([area]), gap, bead.settings.contact_angle)
-
-    while 2 * float(section(high).half_body()[0]) < volume:
-        high *= 2
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if 2 * float(section(middle).half_body()[0]) < volume else (low, middle)
-    return section(high)
 
 
 def _round(bead: Strand, station: int, section: Section, volume: float, towards: float | None) -> _End:

@@ -13,6 +13,7 @@ from gantrysim.controllers.path import Floats
 __all__ = ["Section"]
 
 _NODES = 24
+_BISECTIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,21 @@ class Section:
     area: Floats
     gap: Floats
     contact_angle: float
+
+    @classmethod
+    def drop(cls, volume: float, gap: Floats, contact_angle: float) -> Section:
+        """Return the section that holds a volume [mm³] as a body of revolution, under one gap, (1,) [mm]."""
+        low, high = 0.0, 1.0
+
+        def held(area: float) -> float:
+            return 2 * float(cls(np.array([area]), gap, contact_angle).half_body()[0])
+
+        while held(high) < volume:
+            high *= 2
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if held(middle) < volume else (low, middle)
+        return cls(np.array([high]), gap, contact_angle)
 
     @cached_property
     def _angle(self) -> float:

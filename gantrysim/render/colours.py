@@ -1,0 +1,115 @@
+"""What the colour of a bead tells: its width, or its contour error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.bead.strand import BeadSettings, Strand
+from gantrysim.controllers.path import Floats
+from gantrysim.errors import unknown
+from gantrysim.metrics import Analysis
+from gantrysim.run import Run
+
+__all__ = ["COLOURS", "Scale", "scale_for", "values_along"]
+
+COLOURS = ("plain", "width", "error")
+
+_SHADES = 256
+_USUAL = (2.0, 98.0)  # percentiles of the values, that a scale holds
+_LEAST = {"width": 0.02, "error": 1.0}  # [mm], [µm]; of what a scale spans
+_STATIONS = 1250
+_UM = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """What the colours stand for.
+
+    Attributes:
+        title: of the quantity.
+        unit: of the quantity.
+        low, high: its values at the first and the last colour.
+        below, above: whether there are values beyond these; they have the first or the last colour.
+        table: colours from low to high, (256, 3), 0 to 255.
+    """
+
+    title: str
+    unit: str
+    low: float
+    high: float
+    below: bool
+    above: bool
+    table: NDArray[np.uint8]
+
+    def share(self, values: Floats) -> Floats:
+        """Return how far from low to high values are, 0 to 1."""
+        return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
+
+
+def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None) -> Scale | None:
+    """Return one scale for the beads of several runs.
+
+    The error's begins at 0. The width's has its middle at the first run's nominal width, where that is known. Both
+    span all but the rarest values, so that a blob or a flash does not take the colours from the rest.
+
+    Args:
+        colour: one of `COLOURS`.
+        runs: to be coloured.
+        bead: how the glue lies.
+
+    Returns:
+        None where the beads are plain.
+
+    Raises:
+        InputError: no such colour.
+    """
+    if colour not in COLOURS:
+        raise unknown("colour", colour, COLOURS)
+    if colour == "plain":
+        return None
+    strands = [Strand(run, bead, stations=_STATIONS) for run in runs]
+    laid = [values_along(colour, strand)[strand.area > 0] for strand in strands]
+    values = np.concatenate(laid) if any(part.size for part in laid) else np.zeros(1)
+    usual = np.percentile(values, _USUAL)
+    if colour == "error":
+        low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST[colour]))
+        title, unit, name, part = "contour error", "µm", "viridis", (0.22, 1.0)
+    else:
+        nominal = float(strands[0].nominal_section.width[0]) or float(np.median(values))
+        reach = min(_rounded_up(max(float(np.abs(usual - nominal).max()), 0.5 * _LEAST[colour])), nominal)
+        low, high = nominal - reach, nominal + reach
+        title, unit, name, part = "width of the bead", "mm", "coolwarm", (0.0, 1.0)
+    return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), _table(name, *part))
+
+
+def values_along(colour: str, strand: Strand) -> Floats:
+    """Return what colours the bead at its stations, (r,): its width [mm], or the contour error there [µm].
+
+    The contour error is known while the dispenser is on; beyond it is that at the end.
+    """
+    if colour == "width":
+        return strand.width
+    run = strand.run
+    if not run.dispense.any():
+        return np.zeros(strand.place.size)
+    analysis: Analysis = strand.analysis
+    ticks = np.arange(len(run.time), dtype=np.float64)
+    return strand.along(_UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
+
+
+def _rounded_up(value: float) -> float:
+    """Return a value rounded up to two digits."""
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(math.ceil(value / digit - 1e-9) * digit)
+
+
+def _table(name: str, first: float, last: float) -> NDArray[np.uint8]:
+    from matplotlib import colormaps  # slow to import, and needed for coloured beads alone
+
+    shades: NDArray[np.float64] = colormaps[name](np.linspace(first, last, _SHADES))
+    return np.round(255 * shades[:, :3]).astype(np.uint8)

@@ -1,0 +1,127 @@
+"""Pictures of a run, offscreen."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.bead import BeadSettings
+from gantrysim.errors import whole
+from gantrysim.machine import Machine
+from gantrysim.render.colours import Scale
+from gantrysim.render.opengl import offscreen
+from gantrysim.render.scene import Scene
+from gantrysim.run import Run
+
+__all__ = ["Image", "Renderer"]
+
+Image = NDArray[np.uint8]
+
+_FRAMED = 4 / 3  # width over height, for which the machines' cameras are framed
+_MOST_GEOMS = 2000
+
+
+class Renderer:
+    """Draws a run at any of its ticks. Use it as a context manager.
+
+    A picture that is narrower than 4:3 is as wide as one of 4:3, so that nothing is cut off.
+
+    Args:
+        machine: the machine that ran.
+        run: the record.
+        camera: name of a camera of the machine; by default "overview", or a view of everything where there is none.
+        size: width and height of the pictures [pixels].
+        bead: how the glue lies.
+        colour: what the bead's colour tells, one of `gantrysim.render.colours.COLOURS`.
+        scale: of the colours; by default one that fits the run.
+
+    Attributes:
+        size: width and height of the pictures [pixels].
+        scene: what is drawn.
+        view: the camera.
+
+    Raises:
+        InputError: no such camera or colour.
+        NoOpenGLError: no EGL and no OSMesa.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        run: Run,
+        camera: str | None = None,
+        size: tuple[int, int] = (640, 480),
+        bead: BeadSettings | None = None,
+        colour: str = "plain",
+        scale: Scale | None = None,
+    ) -> None:
+        width, height = (
+            whole(f"{name} of the picture", n, 1) for name, n in zip(("width", "height"), size, strict=True)
+        )
+        self.size = (width, height)
+        self.scene = Scene(machine, run, bead, colour=colour, scale=scale)
+        self.view = self.scene.camera(camera)
+        model = self.scene.model
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        if width < _FRAMED * height:
+            for fields, name in ((model, "cam_fovy"), (model.vis.global_, "fovy")):
+                half = np.tan(0.5 * np.radians(getattr(fields, name))) * _FRAMED * height / width
+                setattr(fields, name, 2 * np.degrees(np.arctan(half)))
+        self._gl = offscreen(width, height)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._drawn = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
+        self._option = mujoco.MjvOption()
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The machine with the bead."""
+        return self.scene.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """Where it stands."""
+        return self.scene.data
+
+    @property
+    def scale(self) -> Scale | None:
+        """Of the bead's colours, None where it is plain."""
+        return self.scene.scale
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._gl.make_current()
+        self._context.free()
+        self._gl.free()
+
+    def show(self, run: Run) -> None:
+        """Draw another run of the machine from now on, with as many rings of the bead."""
+        self.scene.show(run)
+
+    def frame(self, tick: int) -> Image:
+        """Return the picture at a tick, (height, width, 3)."""
+        scene = self.scene
+        scene.pose(tick)
+        self._gl.make_current()
+        mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(scene.model, scene.data, self._option, None, self.view, everything, self._drawn)
+        scene.decorate(self._drawn)
+        width, height = self.size
+        viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, self._drawn, self._context)
+        image = np.empty((height, width, 3), np.uint8)
+        mujoco.mjr_readPixels(image, None, viewport, self._context)
+        return image[::-1]

@@ -1,0 +1,173 @@
+"""The machine of a run with its bead, at any of its ticks; without OpenGL, for pictures and for the viewer."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.bead import BeadSettings
+from gantrysim.bead.sweep import Sweep
+from gantrysim.errors import unknown
+from gantrysim.machine import WORK, Machine
+from gantrysim.render.colours import Scale, scale_for, values_along
+from gantrysim.render.drop import drop_at
+from gantrysim.run import Run
+
+__all__ = ["Scene"]
+
+_BEAD = "gantrysim bead"
+_GLUE = (0.98, 0.58, 0.10, 1.0)
+# A coloured bead mostly glows, for its colours are held against a scale: of a texture's colour so much is lit, and the
+# rest its own light. The machines' lights add up to about 1.1.
+_LIT = 0.3
+_GLOW = (1 - 1.1 * _LIT) / _LIT
+
+
+class Scene:
+    """A model of the machine with a bead on its work, and its data.
+
+    Args:
+        machine: the machine that ran.
+        run: the record.
+        bead: how the glue lies.
+        colour: what the bead's colour tells, one of `gantrysim.render.colours.COLOURS`.
+        scale: of the colours; by default one that fits the run.
+
+    Attributes:
+        model: the compiled machine with the bead.
+        data: posed by `pose`.
+        mesh: number of the bead's mesh in the model, which is to be uploaded after `pose`.
+        scale: of the colours, None where the bead is plain.
+
+    Raises:
+        InputError: no such colour.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        run: Run,
+        bead: BeadSettings | None = None,
+        *,
+        colour: str = "plain",
+        scale: Scale | None = None,
+    ) -> None:
+        self.machine = machine
+        self.scale = scale_for(colour, [run], bead) if scale is None else scale
+        self._colour = colour
+        self._take(run, Sweep(run, bead))
+        self.model = _with_bead(machine, self.sweep, self.scale)
+        self.data = mujoco.MjData(self.model)
+        self.mesh = int(self.model.mesh(_BEAD).id)
+        self._vertices = _mesh_part(self.model, self.mesh, "vert")
+        self._normals = _mesh_part(self.model, self.mesh, "normal")
+        self.pose(0)
+
+    def _take(self, run: Run, sweep: Sweep) -> None:
+        self.run, self.sweep = run, sweep
+        if self.scale is not None:
+            self._shares = self.scale.share(values_along(self._colour, sweep.strand))
+
+    def show(self, run: Run) -> None:
+        """Show another run of the machine from now on, with as many rings of the bead."""
+        self._take(run, Sweep(run, self.sweep.strand.settings, self.sweep.rings))
+
+    def pose(self, tick: int) -> None:
+        """Put the machine where it stood at a tick, with the bead laid until then."""
+        self.data.qpos[:] = self.machine.to_qpos(self.run.encoder[tick])
+        mujoco.mj_forward(self.model, self.data)
+        mesh = self.sweep.mesh(tick)
+        self._vertices[:], self._normals[:] = mesh.vertices, mesh.normals
+        if self.scale is not None:
+            shares = np.interp(mesh.place, self.sweep.strand.place, self._shares)
+            coordinates = _mesh_part(self.model, self.mesh, "texcoord")
+            coordinates[:, 0] = _in_texture(shares).repeat(len(coordinates) // len(shares))
+        self._drop = drop_at(self.sweep.strand, tick)
+
+    def decorate(self, scene: mujoco.MjvScene) -> None:
+        """Add what is no part of the model, the drop at the nozzle, to a scene that holds the model's geoms."""
+        if self._drop is None or scene.ngeom >= scene.maxgeom:
+            return
+        centre, radius, half_height = self._drop
+        work = self.machine.work
+        frame = self.data.xmat[work].reshape(3, 3)
+        geom = scene.geoms[scene.ngeom]
+        size = np.array([radius, radius, half_height])
+        position = self.data.xpos[work] + frame @ centre
+        colour = np.array(_GLUE, np.float32)
+        mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_ELLIPSOID, size, position, frame.ravel(), colour)
+        geom.specular, geom.shininess = 0.6, 0.7
+        scene.ngeom += 1
+
+    def camera(self, name: str | None = None) -> mujoco.MjvCamera:
+        """Return a camera: the named one, by default "overview", or a view of everything where there is none of that.
+
+        Raises:
+            InputError: no such camera.
+        """
+        names = [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(self.model.ncam)]
+        view = mujoco.MjvCamera()
+        if name is None and "overview" not in names:
+            mujoco.mjv_defaultFreeCamera(self.model, view)
+            return view
+        wanted = name or "overview"
+        if wanted not in names:
+            raise unknown("camera", wanted, names)
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = names.index(wanted)
+        return view
+
+
+def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.MjModel:
+    """Compile the machine once more with the bead's mesh on the work, in the work's own frame."""
+    spec = machine.spec.copy()
+    drawn = sweep.mesh(len(sweep.strand.run.time) - 1)
+    mesh = spec.add_mesh(name=_BEAD)
+    # the compiler wants a body with a volume; the vertices that are drawn are written afterwards
+    mesh.uservert = np.random.default_rng(0).uniform(-1, 1, drawn.vertices.size).astype(np.float32)
+    mesh.usernormal = drawn.normals.ravel()
+    mesh.userface = sweep.faces().ravel()
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=0.6, shininess=0.7)
+    if scale is not None:
+        mesh.usertexcoord = np.full(2 * len(drawn.vertices), 0.5, np.float32)
+        texture = spec.add_texture(name=_BEAD, type=mujoco.mjtTexture.mjTEXTURE_2D, nchannel=3)
+        texture.width, texture.height = len(scale.table), 2
+        texture.data = np.stack([scale.table, scale.table]).tobytes()
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
+        material.rgba, material.emission, material.specular = (_LIT, _LIT, _LIT, 1), _GLOW, 0.0
+    spec.body(WORK).add_geom(
+        name=_BEAD,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=_BEAD,
+        material=_BEAD,
+        mass=0,
+        contype=0,
+        conaffinity=0,
+        group=0,
+    )
+    model = spec.compile()
+    geom = model.geom(_BEAD).id
+    # the compiler has moved the mesh to its own inertial frame; the drawn vertices lie in the work's
+    model.geom_pos[geom] = 0
+    model.geom_quat[geom] = (1, 0, 0, 0)
+    model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    # views and light are scaled to the machine, and to the bead where that is larger
+    model.stat.center[:] = machine.model.stat.center
+    model.stat.extent = max(
+        float(machine.model.stat.extent), 2e-3 * float(np.ptp(sweep.strand.run.nozzle, axis=0).max())
+    )
+    return model
+
+
+def _in_texture(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where colours lie in a texture of 256: from the middle of the first to that of the last."""
+    return (0.5 + 255 * shares) / 256
+
+
+def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float32]:
+    start = int(getattr(model, f"mesh_{part}adr")[mesh])
+    count = int(getattr(model, f"mesh_{part}num")[mesh])
+    array: NDArray[np.float32] = getattr(model, f"mesh_{part}")[start : start + count]
+    return array
