@@ -8,10 +8,9 @@ import imageio.v2 as imageio
 import mujoco
 import numpy as np
 import pytest
+from pinhole import in_sight, on_work, to_pixels
 
 from gantrysim import Dispenser, InputError, Machine, Servo, cli, simulate
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.sweep import Sweep
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.render import NoOpenGLError, Renderer, save_video
 
@@ -30,41 +29,6 @@ def run(xy):
 def dry(run):
     """The same run without glue."""
     return dataclasses.replace(run, flow=np.zeros(len(run.time)))
-
-
-def to_pixels(renderer, points):
-    """Columns and rows at which world points [m] appear, (n, 2): a pinhole of the camera's field of view."""
-    width, height = renderer.size
-    frame = renderer.data.cam_xmat[renderer.view.fixedcamid].reshape(3, 3)
-    seen = (points - renderer.data.cam_xpos[renderer.view.fixedcamid]) @ frame
-    focal = 0.5 * height / np.tan(0.5 * np.radians(renderer.model.cam_fovy[renderer.view.fixedcamid]))
-    column = 0.5 * width + focal * seen[:, 0] / -seen[:, 2]
-    row = 0.5 * height - focal * seen[:, 1] / -seen[:, 2]
-    return np.stack([column, row], axis=1)
-
-
-def in_sight(renderer, points):
-    """Whether nothing but the work lies between the camera and each point [m]."""
-    model, data = renderer.model, renderer.data
-    eye = data.cam_xpos[renderer.view.fixedcamid].copy()
-    bead = model.geom("gantrysim bead").id
-    visible = []
-    for point in points:
-        way = point - eye
-        geom = np.full(1, -1, np.int32)
-        shown = model.geom_group[bead]
-        model.geom_group[bead] = 5
-        groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
-        distance = mujoco.mj_ray(model, data, eye, way / np.linalg.norm(way), groups, 1, -1, geom, None)
-        model.geom_group[bead] = shown
-        visible.append(geom[0] < 0 or distance > np.linalg.norm(way) - 1e-3)
-    return np.array(visible)
-
-
-def on_work(xy, renderer, points):
-    """World coordinates [m] of points of the work frame [mm]."""
-    origin, frame = renderer.data.xpos[xy.work], renderer.data.xmat[xy.work].reshape(3, 3)
-    return origin + 1e-3 * points @ frame.T
 
 
 def bead_pixels(xy, run, dry, tick, camera):
@@ -157,20 +121,6 @@ def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
     assert (picture.min(axis=2) > 250).mean() < 0.2
 
 
-@pytest.mark.parametrize("tick_share", [0.0, 0.3, 1.0])
-def test_the_mesh_conserves_the_volume_of_the_glue(run, tick_share):
-    tick = int(tick_share * (len(run.time) - 1))
-    bead = Sweep(run)
-    vertices, normals = bead.mesh(tick)
-    corners = vertices.astype(float)[bead.faces()] * 1e3
-    # divergence theorem, with the flat base of each section closing the surface: it lies at z = -gap
-    corners[..., 2] += 0.5
-    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
-    laid = float((run.flow[:-1] * np.diff(run.time))[:tick].sum())
-    assert volume == pytest.approx(laid, rel=0.01, abs=0.5)  # less what facets cut off the sides
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
-
-
 def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
     seen = []
     count = save_video(xy, run, tmp_path / "video.mp4", size=(320, 240), fps=5.0, progress=seen.append)
@@ -227,7 +177,7 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
 
 def test_the_machine_stands_where_its_encoders_say(xy, run):
     with Renderer(xy, run) as renderer:
-        renderer.pose(2000)
+        renderer.scene.pose(2000)
         joints = [renderer.data.joint(name).qpos[0] for name in run.axes]
     np.testing.assert_allclose(joints, 1e-3 * run.encoder[2000], atol=1e-12)
 
@@ -243,37 +193,6 @@ def test_the_camera_is_overview_or_else_one_that_sees_everything(xy, run, rigid)
         assert renderer.frame(len(other.time) - 1).std() > 3
 
 
-def section_areas(rings):
-    """Areas of polygons across a trace, (r,), of rings (r, v, 3): by strips between the vertices."""
-    across = np.einsum("rvi,ri->rv", rings - rings[:, :1], rings[:, -1] - rings[:, 0])
-    across /= np.linalg.norm(rings[:, -1] - rings[:, 0], axis=1)[:, None]
-    height = rings[..., 2] - rings[:, :1, 2]
-    return np.sum(0.5 * (height[:, 1:] + height[:, :-1]) * np.diff(across, axis=1), axis=1)
-
-
-def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
-    area = FLOW / 100
-    for gap in (0.3, 0.5, 5.0):
-        bead = Sweep(run, BeadSettings(gap=gap))
-        vertices, normals = bead.mesh(len(run.time) - 1)
-        rings = 1e3 * vertices.reshape(-1, 11, 3).astype(float)
-        middle = rings[len(rings) // 2]
-        # a drop at 60 deg: A = w^2 / (8 sin^2 60) (2 pi / 3 - sin 120), h = w/2 tan 30
-        drop = np.sqrt(area / 0.2047) * np.tan(np.pi / 6) / 2
-        assert middle[:, 2].max() + gap == pytest.approx(min(gap, drop), rel=1e-3)
-        assert section_areas(middle[None])[0] == pytest.approx(area, rel=0.02)
-        assert np.linalg.norm(middle[0] - middle[-1]) == pytest.approx(bead.strand.width[len(rings) // 2 - 1], rel=1e-3)
-        top = normals.reshape(-1, 11, 3)[len(rings) // 2][5]
-        np.testing.assert_allclose(top, [0, 0, 1], atol=1e-6)
-
-
-def test_a_long_trace_gets_more_rings(run):
-    long = dataclasses.replace(run, nozzle=run.nozzle * [20, 20, 1])
-    assert Sweep(run).rings == 1250
-    chord = np.linalg.norm(np.diff(long.nozzle, axis=0), axis=1).sum() / Sweep(long).rings
-    assert 1.0 < chord <= 2.0
-
-
 def test_a_long_run_is_shown_faster(xy, run, tmp_path):
     slow = dataclasses.replace(run, time=run.time * 30, period=run.period * 30)  # 133 s
     count = save_video(xy, slow, tmp_path / "video.mp4", size=(160, 120), fps=1.0)
@@ -287,30 +206,6 @@ def test_mujoco_gl_off_means_no_video(xy, run, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "off")
     with pytest.raises(NoOpenGLError, match="MUJOCO_GL is off"):
         Renderer(xy, run)
-
-
-def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
-    dwell = 200
-    nozzle = np.concatenate([np.repeat(run.nozzle[:1], dwell, axis=0), run.nozzle])
-    still = dataclasses.replace(
-        run,
-        time=np.arange(len(nozzle)) * run.period,
-        nozzle=nozzle,
-        flow=np.concatenate([np.full(dwell, FLOW), run.flow]),
-    )
-    bead = Sweep(still)
-    vertices, _ = bead.mesh(len(nozzle) - 1)
-    rings = 1e3 * vertices.reshape(-1, 11, 3).astype(float)[1:-1]
-    width = np.linalg.norm(rings[:, 0] - rings[:, -1], axis=1)
-    area = section_areas(rings)
-    length = np.linalg.norm(np.diff(nozzle, axis=0), axis=1).sum()
-    drawn = np.trapezoid(area, dx=length / (bead.rings - 1))
-    assert drawn == pytest.approx(still.flow[:-1].sum() * run.period, rel=0.01)
-    # the heap spreads no further than it is wide, to either side twice
-    usual = area[len(area) // 2]
-    assert area[0] > 2 * usual
-    near = np.linspace(0, length, bead.rings) < 2.5 * width.max()
-    assert area[~near][:-9] == pytest.approx(np.full((~near).sum() - 9, usual), rel=0.05)
 
 
 def test_the_gap_is_measured_down_the_work_however_the_machine_stands(xy, rigid):

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from pinhole import on_work, to_pixels
 
 from gantrysim import Dispenser, Machine, Servo, simulate
 from gantrysim.render import Renderer
@@ -24,18 +25,6 @@ def run(stage):
     return simulate(stage, Servo.derive(stage.axes), round_the_piece(6.0)[0], dispenser=Dispenser(flow=40.0))
 
 
-def pixels(renderer, points):
-    """Columns and rows at which points of the work frame [mm] appear, (n, 2)."""
-    data, model, camera = renderer.data, renderer.model, renderer.view.fixedcamid
-    work = model.body("work").id
-    world = data.xpos[work] + 1e-3 * points @ data.xmat[work].reshape(3, 3).T
-    seen = (world - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
-    focal = 0.5 * SIZE[1] / np.tan(0.5 * np.radians(model.cam_fovy[camera]))
-    return np.stack(
-        [0.5 * SIZE[0] + focal * seen[:, 0] / -seen[:, 2], 0.5 * SIZE[1] - focal * seen[:, 1] / -seen[:, 2]], 1
-    )
-
-
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 def test_the_bead_lies_where_it_was_laid_on_the_work_that_has_moved_on(stage, run, share):
     tick = int(share * (len(run.time) - 1))
@@ -43,7 +32,9 @@ def test_the_bead_lies_where_it_was_laid_on_the_work_that_has_moved_on(stage, ru
     each = np.searchsorted(length, np.arange(0, length[-1]))  # the ticks of every millimetre
     with Renderer(stage, run, CAMERA, SIZE) as renderer:
         picture = renderer.frame(tick).astype(int)
-        places = pixels(renderer, run.nozzle[each] - [0, 0, 0.2])  # in the upper half of the bead
+        places = to_pixels(
+            renderer, on_work(stage, renderer, run.nozzle[each] - [0, 0, 0.2])
+        )  # in the upper half of the bead
     red, green, blue = np.moveaxis(picture, 2, 0)
     glue = (red > 1.35 * green) & (green > 1.35 * blue) & (red > 60)  # in the shadow, too
     inside = (np.abs(places - np.divide(SIZE, 2)) < np.divide(SIZE, 2) - 12).all(axis=1)
