@@ -233,14 +233,20 @@ class Machine:
 def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
     """Return a compiled model without what is only seen; its dynamics are the same to the last bit.
 
-    That saves the placing of geoms that touch nothing, at every step, and their textures, in every copy. Where they are
-    needed to tell a body's inertia, MuJoCo does not leave them out, and the model is the compiled one.
+    That saves the placing of geoms that touch nothing, of cameras and lights, at every step, and textures, in every copy.
+    Where they are needed to tell a body's inertia, MuJoCo does not leave them out, and the model is the compiled one.
     """
     bare = spec.copy()
     bare.compiler.discardvisual = True
+    bare.visual = mujoco.MjSpec().visual
+    bare.stat.center, bare.stat.extent, bare.stat.meansize = [np.nan] * 3, np.nan, np.nan
+    for seen in (*bare.cameras, *bare.lights):
+        bare.delete(seen)
     try:
         physics = bare.compile()
     except (ValueError, mujoco.FatalError):
+        return compiled
+    if physics.nsensordata != compiled.nsensordata:  # one looks through a camera
         return compiled
     physics.opt.disableflags = compiled.opt.disableflags
     return physics
