@@ -233,8 +233,9 @@ class Machine:
 def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
     """Return a compiled model without what is only seen; its dynamics are the same to the last bit.
 
-    That saves the placing of geoms that touch nothing, of cameras and lights, at every step, and textures, in every copy.
-    Where they are needed to tell a body's inertia, MuJoCo does not leave them out, and the model is the compiled one.
+    That saves the placing of geoms that touch nothing, of cameras and lights, at every step, and textures, in every
+    copy. Where they are needed to tell a body's inertia, MuJoCo does not leave them out, and the model is the compiled
+    one.
     """
     bare = spec.copy()
     bare.compiler.discardvisual = True
