@@ -8,11 +8,12 @@ import imageio.v2 as imageio
 import mujoco
 import numpy as np
 import pytest
-from pinhole import in_sight, on_work, to_pixels
 
 from gantrysim import Dispenser, InputError, Machine, Servo, cli, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.render import NoOpenGLError, Renderer, save_video
+
+from pinhole import in_sight, on_work, to_pixels
 
 SIZE = (640, 480)
 FLOW = 150.0  # [mm³/s]

@@ -4,11 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
-from pinhole import on_work, to_pixels
 
 from gantrysim import Dispenser, Machine, Servo, simulate
 from gantrysim.render import Renderer
 
+from pinhole import on_work, to_pixels
 from runs import round_the_piece
 
 SIZE = (640, 480)

@@ -179,6 +179,20 @@ class Strand:
         return np.maximum(self.along(height), _LEAST_GAP * self.gap)
 
     @cached_property
+    def surface(self) -> Floats:
+        """Height of the surface below the nozzle at each tick, in the work frame, (n,) [mm].
+
+        It is the gap below the requested path; beyond where the dispenser is on it is that at the end.
+        """
+        run = self.run
+        if not run.dispense.any():
+            return run.nozzle[:, 2] - self.gap
+        on = self.analysis.ticks
+        requested = run.nozzle[on, 2] - self.analysis.nozzle.offset[:, 2]
+        surface: Floats = np.interp(np.arange(len(run.time)), on, requested) - self.gap
+        return surface
+
+    @cached_property
     def area(self) -> Floats:
         """Cross-section A, (r,) [mm²]."""
         ds = self.ds

@@ -125,7 +125,7 @@ class Sweep:
     def _base(self) -> Floats:
         """Points of the surface below the stations, (r, 3) [mm]."""
         strand = self.strand
-        return strand.point - strand.nozzle_height[:, None] * [0.0, 0.0, 1.0]
+        return np.column_stack([strand.point[:, :2], strand.along(strand.surface)])
 
     @cached_property
     def _stations(self) -> Mesh:

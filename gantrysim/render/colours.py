@@ -20,7 +20,7 @@ __all__ = ["COLOURS", "Scale", "scale_for", "values_along"]
 COLOURS = ("plain", "width", "error")
 
 _SHADES = 256
-_USUAL = (2.0, 98.0)  # percentiles of the values, that a scale holds
+_USUAL = {"width": (5.0, 95.0), "error": (0.0, 99.5)}  # percentiles of the values, that a scale holds
 _LEAST = {"width": 0.02, "error": 1.0}  # [mm], [µm]; of what a scale spans
 _STATIONS = 1250
 _UM = 1e3
@@ -54,8 +54,9 @@ class Scale:
 def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None) -> Scale | None:
     """Return one scale for the beads of several runs.
 
-    The error's begins at 0. The width's has its middle at the first run's nominal width, where that is known. Both
-    span all but the rarest values, so that a blob or a flash does not take the colours from the rest.
+    The error's begins at 0 and spans all but the rarest values; the width's has its middle at the first run's nominal
+    width, where that is known, and spans what is usual, so that a blob at a stop does not take the colours from the
+    rest.
 
     Args:
         colour: one of `COLOURS`.
@@ -75,7 +76,7 @@ def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None
     strands = [Strand(run, bead, stations=_STATIONS) for run in runs]
     laid = [values_along(colour, strand)[strand.area > 0] for strand in strands]
     values = np.concatenate(laid) if any(part.size for part in laid) else np.zeros(1)
-    usual = np.percentile(values, _USUAL)
+    usual = np.percentile(values, _USUAL[colour])
     if colour == "error":
         low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST[colour]))
         title, unit, name, part = "contour error", "µm", "viridis", (0.22, 1.0)

@@ -46,8 +46,7 @@ def drop_at(strand: Strand, tick: int) -> Drop | None:
         return None
     radius = float(np.sqrt(section / np.pi * flow / most))
     tip = run.nozzle[tick]
-    ground = strand.point[:, 2] - strand.nozzle_height
-    height = float(tip[2] - np.interp(strand.length[tick], strand.place, ground))
+    height = float(tip[2] - strand.surface[tick])
     top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)
     centre = tip + np.array([0.0, 0.0, 0.5 * (top - bottom)])
     return Drop(1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom))
