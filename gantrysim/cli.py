@@ -12,6 +12,7 @@ import gantrysim
 from gantrysim.bead import Bead
 from gantrysim.budget import Budget
 from gantrysim.errors import GantryError
+from gantrysim.filming import render as render_command
 from gantrysim.job import Job
 from gantrysim.metrics import Analysis
 from gantrysim.study.commands import study_app
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 app.add_typer(study_app, name="study")
 app.command()(tune)
+app.command("render")(render_command)
 
 
 @app.callback(invoke_without_command=True)
@@ -86,7 +88,12 @@ def run(
             try:
                 with share_bar("video") as advance:
                     render.save_video(
-                        loaded.built_machine, record, scratch / report.VIDEO, bead=loaded.bead, progress=advance
+                        loaded.built_machine,
+                        record,
+                        scratch / report.VIDEO,
+                        bead=loaded.bead,
+                        label=loaded.name,
+                        progress=advance,
                     )
             except render.NoOpenGLError as error:
                 no_video = f"no video: {error}"

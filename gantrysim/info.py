@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-import re
 from dataclasses import fields
-from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
@@ -19,6 +16,7 @@ from gantrysim.job import Job, ServoSettings, builtin_jobs, job_text
 from gantrysim.machine import Machine, builtin_models
 from gantrysim.margins import Plant
 from gantrysim.needle import Needle
+from gantrysim.programs import described
 
 __all__ = ["gains_table", "glue_table", "jobs_table", "machines_table", "margins_table", "settings_table"]
 
@@ -85,20 +83,13 @@ def glue_table() -> Table:
     table.add_column("default", no_wrap=True)
     table.add_column("what")
     for prefix, kind in (("dispenser", Dispenser), ("dispenser.needle", Needle), ("bead", BeadSettings)):
-        described = _described(kind)
+        said = described(kind)
         for field in fields(kind):
             default = field.default
             text = "none" if default is None else f"{default:g}" if isinstance(default, float) else str(default).lower()
-            table.add_row(f"{prefix}.{field.name}", text, escape(described.get(field.name, "")))
+            table.add_row(f"{prefix}.{field.name}", text, escape(said.get(field.name, "")))
         table.add_section()
     return table
-
-
-def _described(kind: type[Any]) -> dict[str, str]:
-    """What the docstring of a dataclass says of each of its fields."""
-    listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(kind) or "")[-1].split("\n\n")[0]
-    entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
-    return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}
 
 
 def gains_table(period: float = ServoSettings().period) -> Table:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
@@ -15,7 +17,7 @@ from gantrysim.controllers.path import Path
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import unknown
 
-__all__ = ["PROGRAMS", "Controller", "arguments", "build", "dotted", "keys"]
+__all__ = ["PROGRAMS", "Controller", "arguments", "build", "described", "dotted", "keys"]
 
 
 class Controller(Protocol):
@@ -96,3 +98,10 @@ def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
             if is_dataclass(part) and isinstance(part, type):
                 names += dotted(part, f"{prefix}{field.name}.")
     return tuple(names)
+
+
+def described(kind: type[Any]) -> dict[str, str]:
+    """Return what the docstring of a dataclass says of each of its fields."""
+    listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(kind) or "")[-1].split("\n\n")[0]
+    entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
+    return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}

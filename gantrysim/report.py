@@ -30,6 +30,7 @@ __all__ = [
     "JOB",
     "PLOTS",
     "RECORD",
+    "RENDER",
     "REPORT",
     "RUN",
     "SUMMARY",
@@ -37,16 +38,19 @@ __all__ = [
     "Output",
     "output_folder",
     "package_versions",
+    "partial_name",
     "summary",
     "versions",
     "write_run",
 ]
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
+RENDER = "render"  # the film or picture that gantrysim render draws of a saved run, less its suffix
 REPORT = "report.html"
 RECORD = "record.csv"  # what the controller itself writes down, where its program asks for it
 _DRAWN = ("plan", "error", "budget", "spacing", "bead")
-_FILES = (JOB, RUN, SUMMARY, VIDEO, REPORT, RECORD, *(f"{PLOTS}/{name}.png" for name in _DRAWN))
+_RENDERED = tuple(f"{RENDER}{suffix}" for suffix in (".mp4", ".gif", ".png"))
+_FILES = (JOB, RUN, SUMMARY, VIDEO, REPORT, RECORD, *_RENDERED, *(f"{PLOTS}/{name}.png" for name in _DRAWN))
 
 _THOUSANDTHS = 1e3
 _PARTIAL = ".partial-"  # with the number of the process that writes it
@@ -104,7 +108,7 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
     try:
         target.mkdir(parents=True, exist_ok=True)
         _clear_away(target)
-        scratch = Path(tempfile.mkdtemp(prefix=f"{_PARTIAL}{os.getpid()}-", dir=target))
+        scratch = Path(tempfile.mkdtemp(prefix=partial_name(""), dir=target))
     except OSError as error:
         raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
     try:
@@ -126,12 +130,20 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
                     parent.rmdir()
 
 
+def partial_name(name: str) -> str:
+    """Return the name under which this process writes a file that is to be called `name`, hidden until it is whole."""
+    return f"{_PARTIAL}{os.getpid()}-{name}"
+
+
 def _clear_away(folder: Path) -> None:
     """Remove what processes that were killed have left of theirs."""
     for left in folder.glob(f"{_PARTIAL}*"):
         owner = left.name.removeprefix(_PARTIAL).partition("-")[0]
         if owner.isdigit() and not _alive(int(owner)):
-            shutil.rmtree(left, ignore_errors=True)
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
 
 
 def _alive(process: int) -> bool:

@@ -1,7 +1,7 @@
 """Offscreen pictures and video of a run, from its record: the machine, and the bead growing behind the nozzle."""
 
-from gantrysim.render.film import save_video
+from gantrysim.render.film import Film, Take, save_video
 from gantrysim.render.opengl import NoOpenGLError
 from gantrysim.render.renderer import Renderer
 
-__all__ = ["NoOpenGLError", "Renderer", "save_video"]
+__all__ = ["Film", "NoOpenGLError", "Renderer", "Take", "save_video"]

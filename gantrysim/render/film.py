@@ -1,68 +1,271 @@
-"""Video of a run, from its record: the machine, and the bead growing behind the nozzle."""
+"""Films of runs, from their records: machine and growing bead, with readout and error strip; one run, two, or four."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
 from gantrysim.bead import BeadSettings
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, finite, positive, whole
 from gantrysim.machine import Machine
-from gantrysim.render.renderer import Renderer
+from gantrysim.render.colours import scale_for
+from gantrysim.render.encoding import film_rate, film_writer, save_picture
+from gantrysim.render.lettering import PAPER, rgb
+from gantrysim.render.overlay import Header, Panel, panel_height, run_colours
+from gantrysim.render.readout import Readout
+from gantrysim.render.renderer import Image, Renderer
 from gantrysim.run import Run
 
-__all__ = ["save_video"]
+__all__ = ["COUNTS", "Cell", "Film", "Take", "save_video"]
 
-_LONGEST_VIDEO = 60.0  # [s]
+_LONGEST = 60.0  # of a film whose speed is not asked for [s]
+_LEAST_SIZE = (160, 120)  # with letters that can be read
+_SIZES = {1: (960, 720), 2: (1280, 640), 4: (1280, 960)}
+COUNTS = tuple(_SIZES)  # of runs that a film can show
+_GAP = 4  # between pictures side by side [pixels]
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A run to be filmed.
+
+    Attributes:
+        machine: that ran.
+        run: the record.
+        label: what it is called; by default by its machine's name.
+        bead: how the glue lies.
+    """
+
+    machine: Machine
+    run: Run
+    label: str = ""
+    bead: BeadSettings | None = None
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where a take's picture stands in the frame.
+
+    Attributes:
+        left, top: its first column and row.
+        width, height: its size [pixels].
+    """
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def of(self, frame: Image) -> Image:
+        """Return this part of a frame."""
+        return frame[self.top : self.top + self.height, self.left : self.left + self.width]
+
+
+class Film:
+    """Frames of one run, or of two or four side by side, at the same time of the run. Use it as a context manager.
+
+        with Film([Take(machine, slow, "T = 1 s"), Take(machine, fast, "T = 0.01 s")]) as film:
+            film.save("comparison.mp4", speed=4)
+
+    A run that is over before the others keeps its last picture, and its readout says so.
+
+    Args:
+        takes: the runs.
+        camera: name of a camera of the machines, as for `Renderer`.
+        size: width and height of the frames, all included; by default one that suits the number of runs [pixels].
+        colour: what the colour of the beads tells, one of `gantrysim.render.colours.COLOURS`, on one scale.
+
+    Attributes:
+        size: width and height of the frames [pixels].
+        end: time at which the longest run ends [s].
+        cells: where each run's picture stands.
+        panel: what stands below the pictures, at the bottom of the frame.
+
+    Raises:
+        InputError: another number of runs, no such camera or colour, or too small a size.
+        NoOpenGLError: no EGL and no OSMesa.
+    """
+
+    def __init__(
+        self,
+        takes: Sequence[Take],
+        *,
+        camera: str | None = None,
+        size: tuple[int, int] | None = None,
+        colour: str = "plain",
+    ) -> None:
+        if len(takes) not in _SIZES:
+            raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
+        width, height = _SIZES[len(takes)] if size is None else size
+        self.size = (
+            whole("width of the film", width, _LEAST_SIZE[0]),
+            whole("height of the film", height, _LEAST_SIZE[1]),
+        )
+        self._readouts = [Readout(take.run) for take in takes]
+        self.end = max(float(take.run.time[-1]) for take in takes)
+        scale = scale_for(colour, [take.run for take in takes], takes[0].bead)
+        labels = [take.label or take.machine.name for take in takes]
+        panel = panel_height(height)
+        self.panel = Panel(self._readouts, (width, panel), labels[0], scale)
+        self._headers: list[Header] = []
+        self.cells: tuple[Cell, ...] = (Cell(0, 0, width, height - panel),)
+        if len(takes) > 1:
+            self.cells = self._side_by_side(labels, height - panel)
+        with ExitStack() as opened:
+            self._renderers = [
+                opened.enter_context(
+                    Renderer(take.machine, take.run, camera, (cell.width, cell.height), take.bead, colour, scale)
+                )
+                for take, cell in zip(takes, self.cells, strict=True)
+            ]
+            self._opened = opened.pop_all()
+
+    def _side_by_side(self, labels: Sequence[str], room: int) -> tuple[Cell, ...]:
+        """Make the headers and return the places of the pictures, row by row, in the room above the panel."""
+        rows = len(labels) // 2
+        wide = (self.size[0] - _GAP) // 2
+        looks = zip(self._readouts, labels, run_colours(len(labels)), strict=True)
+        self._headers = [Header(*look, wide, self.panel.font.size) for look in looks]
+        above = self._headers[0].size[1]
+        high = (room - rows * above) // rows
+        if high < 1:
+            raise InputError(f"height of the film = {self.size[1]}: leaves no room for the pictures of {len(labels)}")
+        places = [(column * (wide + _GAP), row * (above + high) + above) for row in range(rows) for column in range(2)]
+        return tuple(Cell(left, top, wide, high) for left, top in places)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the OpenGL contexts."""
+        self._opened.close()
+
+    def frame(self, time: float, speed: float | None = None) -> Image:
+        """Return the frame at a time of the run, (height, width, 3).
+
+        Args:
+            time: from 0 to `end` [s].
+            speed: seconds of the run in a second of the film, to be shown; None in a picture that stands still.
+
+        Raises:
+            InputError: a time before or after the runs.
+        """
+        self._check(time)
+        width, height = self.size
+        frame = np.empty((height, width, 3), np.uint8)
+        frame[:] = rgb(PAPER)
+        for cell, renderer, readout in zip(self.cells, self._renderers, self._readouts, strict=True):
+            cell.of(frame)[:] = renderer.frame(readout.tick(time))
+        for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
+            Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
+        frame[height - self.panel.size[1] :] = self.panel.picture(time, speed)
+        return frame
+
+    def _check(self, time: float) -> None:
+        if not 0 <= finite("time", time, "s") <= self.end:
+            raise InputError(f"time = {time:g} s: must be from 0 s to the end of the run, {self.end:g} s")
+
+    def times(self, fps: float, speed: float) -> list[float]:
+        """Return the times of the run that a film shows [s]: speed / fps apart, the last one the end of the run."""
+        step = positive("speed of the film", speed) / positive("frames per second", fps, "1/s")
+        steps = int(np.ceil(self.end / step - 1e-9))
+        return [*(k * step for k in range(steps)), self.end]
+
+    def save(
+        self,
+        file: str | os.PathLike[str],
+        *,
+        fps: float = 25.0,
+        speed: float | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> int:
+        """Write the film and return its number of frames; on failure an earlier file stays as it is.
+
+        Args:
+            file: to write, .mp4 or .gif. A GIF counts time in hundredths of a second: it gets the nearest frames per
+                second that it can say, and shows the right times at these.
+            fps: frames per second.
+            speed: seconds of the run in a second of the film; by default 1, and more where the film would be longer
+                than a minute.
+            progress: called after each frame with the share that is done, 0 to 1.
+
+        Raises:
+            InputError: another suffix, no such folder, odd numbers of pixels of an MP4, or numbers that are not above
+                0.
+        """
+        target = Path(file)
+        rate = film_rate(target, fps)
+        playing = max(1.0, float(np.ceil(self.end / _LONGEST))) if speed is None else speed
+        times = self.times(rate, playing)
+
+        def samples() -> list[Image]:
+            return [self.frame(times[k * (len(times) - 1) // 2], playing) for k in range(3)]
+
+        with film_writer(target, rate, self.size, samples) as append:
+            for done, time in enumerate(times, 1):
+                append(self.frame(time, playing))
+                if progress is not None:
+                    progress(done / len(times))
+        return len(times)
+
+    def save_picture(self, file: str | os.PathLike[str], at: float | None = None) -> None:
+        """Write one frame as PNG.
+
+        Args:
+            file: to write.
+            at: time of the run, by default its end [s].
+
+        Raises:
+            InputError: another suffix, no such folder, or a time before or after the runs.
+        """
+        save_picture(Path(file), self.frame(self.end if at is None else at))
 
 
 def save_video(
     machine: Machine,
     run: Run,
-    file: Path,
+    file: str | os.PathLike[str],
     *,
     camera: str | None = None,
     size: tuple[int, int] = (800, 600),
     fps: float = 25.0,
     speed: float | None = None,
     bead: BeadSettings | None = None,
+    colour: str = "plain",
+    label: str = "",
     progress: Callable[[float], None] | None = None,
 ) -> int:
-    """Write an MP4 of a run and return its number of frames.
+    """Write a film of one run, MP4 or GIF, and return its number of frames: a `Film` of one take.
 
     Args:
         machine: the machine that ran.
         run: the record.
         file: to write.
         camera: name of a camera of the machine, as for `Renderer`.
-        size: width and height, even numbers [pixels].
+        size: width and height, even numbers of an MP4 [pixels].
         fps: frames per second.
         speed: seconds of the run in a second of video; by default 1, and more where the video would be longer than
             a minute.
         bead: how the glue lies.
+        colour: what the bead's colour tells, as for `Film`.
+        label: what the run is called, by default by its machine's name.
         progress: called after each frame with the share that is done, 0 to 1.
+
+    Raises:
+        InputError: as `Film` and `Film.save` do.
+        NoOpenGLError: no EGL and no OSMesa.
     """
-    import imageio.v2 as imageio
-
-    if any(value % 2 for value in size):
-        raise InputError(f"size of the video = {size[0]} x {size[1]}: must be even numbers of pixels")
-    if speed is None:
-        speed = max(1.0, float(np.ceil(run.time[-1] / _LONGEST_VIDEO)))
-    per_frame = positive("speed of the video", speed) / positive("frames per second", fps, "1/s")
-    ticks = list(_frame_ticks(run, per_frame))
-    with (
-        Renderer(machine, run, camera, size, bead) as renderer,
-        imageio.get_writer(file, fps=fps, codec="libx264", quality=8, macro_block_size=1) as writer,
-    ):
-        for done, tick in enumerate(ticks, 1):
-            writer.append_data(renderer.frame(tick))
-            if progress is not None:
-                progress(done / len(ticks))
-    return len(ticks)
-
-
-def _frame_ticks(run: Run, per_frame: float) -> Iterator[int]:
-    for k in range(round(float(run.time[-1]) / per_frame) + 1):
-        yield min(round(k * per_frame / run.period), len(run.time) - 1)
+    with Film([Take(machine, run, label, bead)], camera=camera, size=size, colour=colour) as film:
+        return film.save(file, fps=fps, speed=speed, progress=progress)

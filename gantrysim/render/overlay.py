@@ -1,0 +1,246 @@
+"""What stands below and above the pictures of a film: readout, error strip, scale of the bead's colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK
+from gantrysim.render.colours import Scale
+from gantrysim.render.lettering import MUTED, PAPER, font, rgb
+from gantrysim.render.readout import Readout
+from gantrysim.render.strip import Strip
+
+__all__ = ["Header", "Panel", "panel_height", "run_colours"]
+
+Picture = NDArray[np.uint8]
+
+_SHARE = 0.18  # of the frame's height, that the panel has
+_LEAST_HEIGHT = 66  # [pixels], for letters of 10
+_PANEL_LETTERS = 6.6  # height of the panel in sizes of its letters
+_HEADER_LETTERS = 2.9  # likewise of a header
+_HEADER_WIDTH = 34  # of a header, in sizes of letters with which all fits
+_LEAST_LETTERS = 10
+_LINE = 1.25  # of the size of the letters
+_WIDEST_READOUT = "contour error8888.8 mm/s"
+_RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
+_RULE = "#d5d9df"
+
+
+def panel_height(height: int) -> int:
+    """Return the height of the panel in a frame [pixels]."""
+    return max(round(_SHARE * height), _LEAST_HEIGHT)
+
+
+def run_colours(count: int) -> tuple[str, ...]:
+    """Return the colours of runs side by side; of one alone, that of the contour error in all plots."""
+    return (COLOURS["contour"],) if count == 1 else _RUN_COLOURS[:count]
+
+
+class Panel:
+    """The panel below: readout of one run, or time alone of several; their error strip; scale of the colours.
+
+    What stays from picture to picture is drawn once.
+
+    Args:
+        readouts: of the runs.
+        size: width and height of the panel [pixels].
+        title: of the one run.
+        scale: of the beads' colours, None where they are plain.
+
+    Attributes:
+        size: width and height [pixels].
+        font: of its letters.
+        strip: the error strip.
+        strip_left, strip_above: where it stands in the panel [pixels].
+    """
+
+    def __init__(
+        self, readouts: Sequence[Readout], size: tuple[int, int], title: str = "", scale: Scale | None = None
+    ) -> None:
+        self.size = width, height = size
+        self.font = font(int(height / _PANEL_LETTERS))
+        self._readouts = tuple(readouts)
+        self._margin = round(0.6 * self.font.size)
+        words = _WIDEST_READOUT if len(readouts) == 1 else "t 888.88 s"
+        self._right = round(self._margin + self.font.width(words) + self.font.size)
+        legend = self._legend(scale, height)
+        self.strip_left, self.strip_above = round(self._right + 0.8 * self.font.size), 1
+        room = width - self.strip_left - legend.shape[1], height - 1
+        self.strip = Strip(readouts, run_colours(len(readouts)), room, self.font)
+        self._title = title
+        self._block = self._labelled((self.strip_left, height))
+        self._base = np.empty((height, width, 3), np.uint8)
+        self._base[:] = rgb(PAPER)
+        self._base[:, width - legend.shape[1] :] = legend
+        self._base[0] = rgb(_RULE)
+
+    def picture(self, time: float, speed: float | None = None) -> Picture:
+        """Return the panel at a time of the run.
+
+        Args:
+            time: of the run [s].
+            speed: seconds of the run in a second of the film, None in a picture that stands still.
+
+        Returns:
+            (height, width, 3).
+        """
+        picture = self._base.copy()
+        picture[:, : self.strip_left] = self._read(time, speed)
+        picture[0] = rgb(_RULE)
+        strip = self._faulted(time, self.strip.picture(time))
+        picture[self.strip_above :, self.strip_left : self.strip_left + strip.shape[1]] = strip
+        return picture
+
+    def _labelled(self, size: tuple[int, int]) -> Image.Image:
+        """The block of the readout without its numbers."""
+        block = Image.new("RGB", size, PAPER)
+        draw = ImageDraw.Draw(block)
+        for row, name in enumerate(("", "t", "path speed", "contour error", "rms / max")):
+            if name and (row == 1 or len(self._readouts) == 1):
+                draw.text((self._margin, self._row(row)), name, rgb(MUTED), self.font.face, anchor="lm")
+        if len(self._readouts) == 1:
+            bold = font(self.font.size, True)
+            room = self._right - self._margin - self.font.width(" ×8.88")
+            draw.text((self._margin, self._row(0)), bold.shortened(self._title, room), rgb(INK), bold.face, anchor="lm")
+        return block
+
+    def _read(self, time: float, speed: float | None) -> Picture:
+        block = self._block.copy()
+        draw = ImageDraw.Draw(block)
+        lines = ["" if speed is None else f"×{speed:g}", f"{time:.2f} s"]
+        if len(self._readouts) == 1:
+            readout = self._readouts[0]
+            tick = readout.tick(time)
+            lines += [f"{readout.speed[tick]:.1f} mm/s", _error(readout, tick), _so_far(readout, tick)]
+        for row, text in enumerate(lines):
+            draw.text((self._right, self._row(row)), text, rgb(INK), self.font.face, anchor="rm")
+        return np.asarray(block)
+
+    def _row(self, row: int) -> float:
+        """Middle of a line of the readout."""
+        return (row + 0.5) * (self.size[1] - 0.6 * self.font.size) / 5 + 0.3 * self.font.size
+
+    def _faulted(self, time: float, strip: Picture) -> Picture:
+        """The strip with the faults that have ended runs until now, in words."""
+        colours = run_colours(len(self._readouts))
+        faults = [
+            (one.run.fault, "fault: " if len(colours) == 1 else "■ fault: ", colour)
+            for one, colour in zip(self._readouts, colours, strict=True)
+            if one.run.fault is not None and time >= one.time[-1] - 0.5 * one.run.period
+        ]
+        if not faults:
+            return strip
+        image = Image.fromarray(strip)
+        draw = ImageDraw.Draw(image)
+        left, room = self.strip.left, self.strip.right - self.strip.left
+        red = rgb(COLOURS["fault"])
+        small, lines = self.font, [("", "")]
+        for size in range(self.font.size, 5, -1):
+            small = font(size)
+            lines = [(line, colour) for fault, head, colour in faults for line in small.wrapped(f"{head}{fault}", room)]
+            if len(lines) * _LINE * size <= 0.7 * self.strip.size[1]:
+                break
+        high = round(len(lines) * _LINE * small.size)
+        widest = max(small.width(line) for line, _ in lines)
+        draw.rectangle((left, 0, left + round(widest) + 2, high), rgb(PAPER))
+        for row, (line, colour) in enumerate(lines):
+            place = (left, round(row * _LINE * small.size))
+            draw.text(place, line, red, small.face)
+            if line.startswith("■"):
+                draw.text(place, "■", rgb(colour), small.face)
+        return np.asarray(image)
+
+    def _legend(self, scale: Scale | None, height: int) -> Picture:
+        """The scale of the beads' colours, upright, with its numbers."""
+        letters = self.font
+        if scale is None:
+            return np.full((height, 0, 3), 255, np.uint8)
+        digits = max(0, 2 - int(np.floor(np.log10(max(scale.high - scale.low, 1e-9)))))
+        values = (scale.low, 0.5 * (scale.low + scale.high), scale.high)
+        below, above = ("≤ " if scale.below else ""), ("≥ " if scale.above else "")
+        texts = [f"{f'{value:.{digits}f}'}" for value in values]
+        texts = [below + texts[0], texts[1], above + texts[2]]
+        title = f"{scale.title} [{scale.unit}]"
+        bar = round(0.9 * letters.size)
+        width = round(max(letters.width(title), bar + 0.5 * letters.size + max(map(letters.width, texts))))
+        image = Image.new("RGB", (width + 2 * self._margin, height), PAPER)
+        draw = ImageDraw.Draw(image)
+        draw.text((self._margin, 1 + 0.08 * letters.size), title, rgb(INK), letters.face)
+        first, last = 1 + round(1.75 * letters.size), height - 1 - round(0.75 * letters.size)
+        table = scale.table[np.round(np.linspace(255, 0, last + 1 - first)).astype(int)]
+        for text, row in zip(texts, (last, 0.5 * (first + last), first), strict=True):
+            place = (self._margin + bar + 0.5 * letters.size, row)
+            draw.text(place, text, rgb(INK), letters.face, anchor="lm")
+        picture = np.array(image)
+        picture[first : last + 1, self._margin : self._margin + bar] = table[:, None]
+        return picture
+
+
+class Header:
+    """What stands above the picture of one of several runs: its label in its colour, and its readout.
+
+    Args:
+        readout: of the run.
+        label: of the run.
+        colour: of its curve.
+        width: of the header [pixels].
+        letters: size of those of the panel, the largest that these can have [pixels].
+
+    Attributes:
+        size: width and height [pixels].
+    """
+
+    def __init__(self, readout: Readout, label: str, colour: str, width: int, letters: int) -> None:
+        self._font = font(max(min(letters, int(width / _HEADER_WIDTH)), _LEAST_LETTERS))
+        self.size = width, height = width, round(_HEADER_LETTERS * self._font.size)
+        self._readout = readout
+        self._margin = round(0.6 * self._font.size)
+        bold = font(self._font.size, True)
+        self._base = Image.new("RGB", self.size, PAPER)
+        draw = ImageDraw.Draw(self._base)
+        end = self._font.width("over at 888.88 s") + self._font.size
+        text = bold.shortened(label, width - 2 * self._margin - end)
+        height = self.size[1]
+        draw.text((self._margin, 0.27 * height), text, rgb(colour), bold.face, anchor="lm")
+
+    def picture(self, time: float) -> Picture:
+        """Return the header at a time of the run [s], (height, width, 3)."""
+        image = self._base.copy()
+        draw = ImageDraw.Draw(image)
+        readout, letters = self._readout, self._font
+        width, height = self.size
+        tick = readout.tick(time)
+        over = time > readout.time[-1] + 0.5 * readout.run.period
+        if over or (readout.run.fault is not None and tick == len(readout.time) - 1):
+            word, colour = ("over", MUTED) if readout.run.fault is None else ("fault", COLOURS["fault"])
+            text = f"{word} at {readout.time[-1]:.2f} s"
+            draw.text((width - self._margin, 0.27 * height), text, rgb(colour), letters.face, anchor="rm")
+        column, row = float(self._margin), 0.73 * height
+        for name, text, widest in (
+            ("error", _error(readout, tick), "8888.8 µm"),
+            ("rms / max", _so_far(readout, tick), "8888 / 8888 µm"),
+            ("speed", f"{readout.speed[tick]:.1f} mm/s", "888.8 mm/s"),
+        ):
+            if column + letters.width(f"{name} {widest}") > width:
+                break
+            draw.text((column, row), name, rgb(MUTED), letters.face, anchor="lm")
+            column += letters.width(name + " " + widest)
+            draw.text((column, row), text, rgb(INK), letters.face, anchor="rm")
+            column += letters.size
+        return np.asarray(image)
+
+
+def _error(readout: Readout, tick: int) -> str:
+    error = readout.error[tick]
+    return f"{error:.1f} µm" if np.isfinite(error) else "off"
+
+
+def _so_far(readout: Readout, tick: int) -> str:
+    if not np.isfinite(readout.max[tick]):
+        return "–"
+    digits = 1 if readout.max[-1] < 100 else 0
+    return f"{readout.rms[tick]:.{digits}f} / {readout.max[tick]:.{digits}f} µm"
