@@ -4,7 +4,9 @@ python scripts/benchmark.py [--json] [--rounds 15]
 """
 
 import argparse
+import itertools
 import json
+import os
 import statistics
 import time
 from collections.abc import Callable
@@ -28,9 +30,12 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.job import builtin_jobs
 from gantrysim.metrics import Analysis
 from gantrysim.programs import build
+from gantrysim.render import Renderer
 
 SIDE_BY_SIDE = 64  # simulations or environments at once
 DECISIONS = 20  # in every environment, at a time
+PICTURE = (640, 480)
+FRAMES = 4  # at a time
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
 
 
@@ -174,6 +179,56 @@ def scalar_env(rounds: int) -> float:
     return ratio(pendulum, episodes("gantrysim/SpiralTuning-v0", frame_skip, NEAR, 200), rounds)
 
 
+def laid(seconds: tuple[float, float]) -> tuple[Renderer, Callable[[], None]]:
+    """A renderer of the run of Trio's spiral, and what draws one frame of it after the other, of a part of its time."""
+    job = Job.load("an225")
+    run = job.run()
+    renderer = Renderer(job.built_machine, run, "overview", PICTURE, job.bead)
+    first, last = (np.searchsorted(run.time, time % run.time[-1]) for time in seconds)
+    ticks = itertools.cycle(range(int(first), int(last), 1 + int(last - first) // FRAMES))
+    return renderer, lambda: frames(lambda: renderer.frame(next(ticks)))
+
+
+def frames(draw: Callable[[], object]) -> None:
+    for _ in range(FRAMES):
+        draw()
+
+
+def bare_frames(model: mujoco.MjModel) -> tuple[mujoco.Renderer, Callable[[], None]]:
+    """MuJoCo's own renderer, and what draws frames of a scene in which nothing moves."""
+    width, height = PICTURE
+    renderer = mujoco.Renderer(model, height, width)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    renderer.update_scene(data, "overview")
+    return renderer, lambda: frames(renderer.render)
+
+
+def frame_growth(rounds: int) -> float:
+    """a frame of the last second of Trio's spiral against one of the first second."""
+    (first, begin), (last, end) = laid((0, 1)), laid((-1, -1e-3))
+    with first, last:
+        return 1 / ratio(begin, end, rounds)
+
+
+def frame_cost(rounds: int) -> float:
+    """a frame, machine posed and bead laid, against MuJoCo's own render() of the same scene standing still."""
+    renderer, draw = laid((0, -1e-3))
+    with renderer:
+        renderer.frame(len(renderer.scene.run.time) - 1)
+        bare, still = bare_frames(renderer.model)
+        with bare:
+            return 1 / ratio(still, draw, rounds)
+
+
+def bead_cost(rounds: int) -> float:
+    """a frame with the whole bead of Trio's spiral against MuJoCo's own render() of the machine without a bead."""
+    renderer, draw = laid((-0.1, -1e-3))
+    bare, still = bare_frames(renderer.scene.machine.model)
+    with renderer, bare:
+        return 1 / ratio(still, draw, rounds)
+
+
 class Benchmark(NamedTuple):
     measure: Callable[[int], float]
     wanted: str
@@ -185,6 +240,9 @@ BENCHMARKS = {
     "batch": Benchmark(batch, "at least 0.90"),
     "vector_env": Benchmark(vector_env, "at least 0.80"),
     "scalar_env": Benchmark(scalar_env, "at least 5.00"),
+    "frame_growth": Benchmark(frame_growth, "at most 1.30"),
+    "frame_cost": Benchmark(frame_cost, "at most 1.50"),
+    "bead_cost": Benchmark(bead_cost, "at most 8.00"),
     "setpoints": Benchmark(setpoints, "at most 0.15"),
     "analysis": Benchmark(analysis, "at most 1.50"),
 }

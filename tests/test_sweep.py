@@ -165,7 +165,7 @@ def test_a_ring_knows_its_place_on_the_trace(run):
 
 def test_a_long_trace_gets_more_rings(run):
     long = dataclasses.replace(run, nozzle=run.nozzle * [20, 20, 1])
-    assert Sweep(run).strand.place.size == 1250
+    assert Sweep(run).strand.place.size == 800
     chord = np.linalg.norm(np.diff(long.nozzle, axis=0), axis=1).sum() / Sweep(long).strand.place.size
     assert 1.0 < chord <= 2.0
 

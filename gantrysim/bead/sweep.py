@@ -23,7 +23,7 @@ __all__ = ["Mesh", "Sweep"]
 Singles = NDArray[np.float32]
 
 _RING_DISTANCE = 2.0  # [mm]; a chord of it is 0.05 mm off a circle of 10 mm
-_RINGS = (1250, 8000)
+_RINGS = (800, 8000)
 _ANGLES = np.array([-4, -3, -2, -1, 0, 0, 0, 1, 2, 3, 4]) / 4  # of a section's vertices, of the contact angle
 _FLAT = np.array([-1, -1, -1, -1, -1, 0, 1, 1, 1, 1, 1])  # on which side of the flat they are
 _SIDES = 10  # facets of a section
