@@ -182,6 +182,15 @@ def test_a_number_of_rings_is_kept_whatever_is_drawn(run):
             assert np.isfinite(mesh.vertices).all()
 
 
+def test_a_mesh_depends_on_its_tick_alone(run):
+    """Not on the ticks that were drawn before."""
+    dots = on_and_off(run, [(k / 20, k / 20 + 0.02) for k in range(20)])
+    ticks = np.random.default_rng(1).permutation(np.linspace(0, len(run.time) - 1, 40).astype(int))
+    sweep = Sweep(dots)
+    for tick in (*ticks, *sorted(ticks)):
+        np.testing.assert_array_equal(sweep.mesh(tick).vertices, Sweep(dots).mesh(tick).vertices)
+
+
 def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
     dwell = 200
     nozzle = np.concatenate([np.repeat(run.nozzle[:1], dwell, axis=0), run.nozzle])

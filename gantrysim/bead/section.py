@@ -12,7 +12,7 @@ from gantrysim.controllers.path import Floats
 
 __all__ = ["Section"]
 
-_NODES = 24
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _BISECTIONS = 60
 
 
@@ -109,7 +109,6 @@ class Section:
 
     def half_body(self) -> Floats:
         """Volume of half the body that the section makes when it turns about its middle, as an end of a bead, (m,)."""
-        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        r = 0.25 * self.width[:, None] * (nodes + 1)
-        volume: Floats = np.pi * 0.25 * self.width * ((self.profile(r) * r) @ weights)
+        r = 0.25 * self.width[:, None] * (_NODES + 1)
+        volume: Floats = np.pi * 0.25 * self.width * ((self.profile(r) * r) @ _WEIGHTS)
         return volume

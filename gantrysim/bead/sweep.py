@@ -101,6 +101,7 @@ class Sweep:
             rings = int(np.clip(np.ceil(length / _RING_DISTANCE), *_RINGS)) + ends
         self.rings = rings
         self.strand = Strand(run, settings, stations=max(rings - ends, 2))
+        self._kept: tuple[int, list[Mesh]] = (0, [])
 
     def faces(self) -> NDArray[np.int32]:
         """Triangles of the mesh, (f, 3)."""
@@ -113,7 +114,17 @@ class Sweep:
         """Return the bead laid up to a tick."""
         laid, volume = float(self.strand.length[tick]), float(self.strand.volume[tick])
         begun = [ends for ends in self._stretches if self._from[ends[0]] <= laid and self._held[ends[0]] < volume]
-        return self._filled(_joined([self._stretch(*ends, laid, volume) for ends in begun] or [self._nothing]))
+        whole = sum(self._from[last + 1] <= laid and self._held[last + 1] <= volume for _, last in begun)
+        growing = [self._stretch(*ends, laid, volume) for ends in begun[whole:]]
+        return self._filled(_joined([*self._whole(whole), *growing] or [self._nothing]))
+
+    def _whole(self, count: int) -> list[Mesh]:
+        """Return the first stretches as one mesh, if there are any; it is kept until the next of them is whole."""
+        if count != self._kept[0]:
+            there, mesh = self._kept if self._kept[0] < count else (0, [])
+            added = [self._stretch(*ends, np.inf, np.inf) for ends in self._stretches[there:count]]
+            self._kept = count, [_joined([*mesh, *added])] if count else []
+        return self._kept[1]
 
     @property
     def _nothing(self) -> Mesh:
