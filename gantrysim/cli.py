@@ -19,6 +19,7 @@ from gantrysim.study.commands import study_app
 from gantrysim.tables import links_table, outcome_table
 from gantrysim.terminal import FAULT, INPUT_ERROR, say, share_bar, show, warn
 from gantrysim.tuning.commands import tune
+from gantrysim.view.commands import view
 
 __all__ = ["app", "main"]
 
@@ -30,6 +31,7 @@ app = typer.Typer(
 app.add_typer(study_app, name="study")
 app.command()(tune)
 app.command("render")(render_command)
+app.command()(view)
 
 
 @app.callback(invoke_without_command=True)

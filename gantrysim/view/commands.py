@@ -1,0 +1,127 @@
+"""The command `gantrysim view`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gantrysim.errors import InputError, positive
+from gantrysim.job import Job, builtin_jobs
+from gantrysim.run import Fault
+from gantrysim.terminal import FAULT, INTERRUPTED, interruptible, warn
+
+__all__ = ["view"]
+
+
+def view(
+    shown: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN_DIR|JOB",
+            help="Folder of a run, to be replayed; or a built-in job or a TOML file, to be run live.",
+            show_default=False,
+        ),
+    ],
+    camera: Annotated[
+        str | None,
+        typer.Option(help="overview, top, side or nozzle; by default overview, or all of a machine that has none."),
+    ] = None,
+    colour: Annotated[
+        str, typer.Option(help="What the bead's colour tells: plain, width, or error, the contour error.")
+    ] = "plain",
+    speed: Annotated[float, typer.Option(help="Seconds of the run in a second.")] = 1.0,
+    model: Annotated[
+        str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
+    ] = None,
+) -> None:
+    """Open MuJoCo's viewer on a saved run that plays, or on a job that runs live, with the bead growing.
+
+    A live run may be pushed: a double click chooses a body, Ctrl and a drag with the right button pushes it, with the
+    left one twists it.
+
+    Keys: Space pauses and goes on; Left and Right go a second back and forward in a saved run; Up and Down double and
+    halve the speed; Home or Backspace go to the start, and run a job anew; [ and ] change the camera, Esc frees it; F1
+    lists the viewer's own.
+
+    Exit status: 0 when the window is closed, 2 for bad input or where there is no display, 3 where a fault ended a live
+    run.
+    """
+    from gantrysim.view.display import check_display
+
+    positive("speed", speed)
+    folder = Path(shown).expanduser()
+    saved = _is_saved(shown, folder)
+    if saved and (model is not None or settings):
+        raise InputError(f"run {shown}: is replayed as it was; --model and --set are for a job that runs live")
+    check_display()
+    try:
+        with interruptible():
+            fault = (
+                _replay(folder, camera, colour, speed)
+                if saved
+                else _live(Job.load(shown, settings or (), model), camera, colour, speed)
+            )
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
+    if fault is not None:
+        warn(str(fault), "fault")
+        raise typer.Exit(FAULT)
+
+
+def _is_saved(shown: str, folder: Path) -> bool:
+    """Return whether a folder is meant, or a job."""
+    from gantrysim.report import RUN
+
+    return (folder / RUN).is_file() or (folder.is_dir() and shown not in builtin_jobs())
+
+
+def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None:
+    from gantrysim.render.scene import Scene
+    from gantrysim.saved import SavedRun
+    from gantrysim.view.player import Player
+    from gantrysim.view.source import Replay
+    from gantrysim.view.window import ViewerWindow
+
+    saved = SavedRun.load(folder)
+    if saved.changed:
+        warn(f"machine {saved.machine.name} has changed since it ran: what is shown of it is as it is now")
+    scene = Scene(saved.machine, saved.run, saved.job.bead, colour=colour)
+    window = ViewerWindow(scene, camera)
+    try:
+        Player(saved.job.name, scene, Replay(saved.run), window, speed=speed).play()
+    finally:
+        window.close()
+
+
+def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
+    from gantrysim.render.colours import scale_for
+    from gantrysim.render.scene import Scene
+    from gantrysim.simulation import Simulation
+    from gantrysim.view.player import Player
+    from gantrysim.view.push import Bodies
+    from gantrysim.view.source import Live
+    from gantrysim.view.window import ViewerWindow
+
+    machine = job.built_machine
+    simulation = Simulation.of(
+        machine,
+        job.built_servo,
+        job.setpoints,
+        physics_step=job.simulation.physics_step,
+        dispenser=job.dispenser,
+    )
+    # the bead needs as many rings as one laid without error, and the colours a scale that fits the run to come
+    scale = scale_for(colour, [job.follow() if colour == "plain" else job.run()], job.bead)
+    scene = Scene(machine, job.follow(), job.bead, colour=colour, scale=scale)
+    bodies = Bodies(scene.model, simulation.model)
+    window = ViewerWindow(scene, camera)
+    try:
+        return Player(job.name, scene, Live(simulation), window, bodies=bodies, speed=speed).play()
+    finally:
+        window.close()

@@ -1,0 +1,225 @@
+"""MuJoCo's viewer as a window that a player draws into."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+from gantrysim.controllers.path import Floats
+from gantrysim.render.scene import Scene
+from gantrysim.view.chart import Chart
+from gantrysim.view.display import NoDisplayError
+from gantrysim.view.panel import Panel
+
+__all__ = ["ViewerWindow", "Window", "WindowClosedError"]
+
+_POLL = 0.05  # how often one that waits looks whether the window is still there, and Ctrl-C may come [s]
+_PATIENCE = 1.0  # with an upload that may never be taken, and with the window's thread [s]
+_OPENING = 60.0  # the first frame may take long in software [s]
+
+_SMALL, _LARGE = mujoco.mjtFontScale.mjFONTSCALE_100.value, mujoco.mjtFontScale.mjFONTSCALE_150.value
+_CORNER = mujoco.mjtGridPos
+
+
+class WindowClosedError(Exception):
+    """The window is closed."""
+
+
+class Window(Protocol):
+    """What a player needs of a window; each of these raises WindowClosedError once it is closed."""
+
+    def keys(self) -> list[int]:
+        """Return the keys that were pressed since, by GLFW's numbers."""
+
+    def pose(self, change: Callable[[], None]) -> None:
+        """Have the scene changed while nobody draws it, and its bead sent to where it is drawn."""
+
+    def show(self, panel: Panel, chart: Chart) -> None:
+        """Show the scene, with texts and chart."""
+
+    def pushes(self) -> Floats:
+        """Return the forces and torques of the mouse on the bodies of the scene, (bodies, 6) [N, N·m]."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class ViewerWindow:
+    """MuJoCo's interactive viewer in its passive form: it draws in a thread of its own, what others pose.
+
+    Uploading a mesh blocks until the viewer's thread takes it, which it never does once the window is closed; and that
+    thread then waits for ever, all of Python with it, for those who wait for the upload. So uploads go through a
+    thread that may be left behind, and the viewer is freed only when nobody is inside it.
+
+    Args:
+        scene: to be shown.
+        camera: name of the camera, as `Scene.camera` has it.
+
+    Raises:
+        InputError: no such camera.
+        NoDisplayError: the viewer opens no window.
+    """
+
+    def __init__(self, scene: Scene, camera: str | None = None) -> None:
+        self._scene = scene
+        self._keys: deque[int] = deque()
+        self._guard = threading.Lock()  # held by who is inside the viewer
+        view = scene.camera(camera)
+        threads = set(threading.enumerate())
+        self._handle = self._launch()
+        self._threads = [thread for thread in threading.enumerate() if thread not in threads]
+        self._wanted, self._sent = threading.Semaphore(0), threading.Semaphore(0)
+        threading.Thread(target=self._upload, name="bead", daemon=True).start()
+        with self._inside() as handle, handle.lock():
+            # Esc frees the view: from where the fixed camera stands
+            handle.cam.lookat[:], handle.cam.distance, handle.cam.azimuth, handle.cam.elevation = _free(scene, view)
+            handle.cam.type, handle.cam.fixedcamid = view.type, view.fixedcamid
+
+    def keys(self) -> list[int]:
+        """Return the keys that were pressed since, by GLFW's numbers."""
+        with self._inside():
+            return [self._keys.popleft() for _ in range(len(self._keys))]
+
+    def pose(self, change: Callable[[], None]) -> None:
+        """Have the scene changed while nobody draws it, and its bead sent to where it is drawn; takes a picture long."""
+        with self._inside() as handle, handle.lock():
+            change()
+            if handle.user_scn is not None:
+                handle.user_scn.ngeom = 0
+                self._scene.decorate(handle.user_scn)
+        self._wanted.release()
+        while not self._sent.acquire(timeout=_POLL):
+            if not self._handle.is_running():
+                raise WindowClosedError
+
+    def show(self, panel: Panel, chart: Chart) -> None:
+        """Show the scene, with texts and chart."""
+        with self._inside() as handle:
+            texts = [
+                (_LARGE, _CORNER.mjGRID_TOPLEFT, *_columns(panel.figures)),
+                (_SMALL, _CORNER.mjGRID_BOTTOMLEFT, *_columns(panel.keys)),
+            ]
+            if panel.fault:
+                texts.append((_LARGE, _CORNER.mjGRID_TOPRIGHT, *_columns(panel.fault)))
+            handle.set_texts(texts)
+            area = handle.viewport
+            if area is not None:
+                width, height = round(0.42 * area.width), round(0.26 * area.height)
+                right = area.left + area.width
+                handle.set_figures((mujoco.MjrRect(right - width, area.bottom, width, height), chart.figure))
+            handle.sync()
+
+    def pushes(self) -> Floats:
+        """Return the forces and torques of the mouse on the bodies of the scene, (bodies, 6) [N, N·m]."""
+        with self._inside() as handle, handle.lock():
+            forces: Floats = np.array(self._scene.data.xfrc_applied)
+        return forces
+
+    def close(self) -> None:
+        """Close it and wait until its thread is done."""
+        if self._guard.acquire(timeout=_PATIENCE):
+            try:
+                self._handle.close()
+            finally:
+                self._guard.release()
+        for thread in self._threads:
+            thread.join(2 * _PATIENCE)
+
+    @contextmanager
+    def _inside(self) -> Iterator[Any]:
+        while not self._guard.acquire(timeout=_POLL):
+            if not self._handle.is_running():
+                raise WindowClosedError
+        try:
+            if not self._handle.is_running():
+                raise WindowClosedError
+            yield self._handle
+        finally:
+            self._guard.release()
+
+    def _upload(self) -> None:
+        while True:
+            self._wanted.acquire()
+            try:
+                with self._inside() as handle:
+                    handle.update_mesh(self._scene.mesh)
+            except WindowClosedError:
+                return
+            self._sent.release()
+
+    def _launch(self) -> Any:
+        """Open the viewer; its thread tells what goes wrong there only by an exception of its own."""
+        import mujoco.viewer as viewer
+
+        opened: list[Any] = []
+        failed: list[str] = []
+
+        def launch() -> None:
+            opened.append(
+                viewer.launch_passive(
+                    self._scene.model,
+                    self._scene.data,
+                    key_callback=self._keys.append,
+                    show_left_ui=False,
+                    show_right_ui=False,
+                )
+            )
+
+        def fail(error: threading.ExceptHookArgs) -> None:
+            failed.append(" ".join(str(error.exc_value).split()) or error.exc_type.__name__)
+
+        simulate, hook = viewer._Simulate, threading.excepthook
+        viewer._Simulate, threading.excepthook = _freed_when_left(simulate, self._guard), fail  # type: ignore[misc]
+        try:
+            thread = threading.Thread(target=launch, name="launch", daemon=True)
+            thread.start()
+            end = time.monotonic() + _OPENING
+            while thread.is_alive() and not failed and time.monotonic() < end:
+                thread.join(_POLL)
+        finally:
+            viewer._Simulate, threading.excepthook = simulate, hook  # type: ignore[misc]
+        if not opened:
+            raise NoDisplayError(failed[0] if failed else f"the viewer opened none in {_OPENING:g} s")
+        return opened[0]
+
+
+def _freed_when_left(simulate: Any, guard: threading.Lock) -> Any:
+    """Return MuJoCo's viewer, which is freed when nobody is inside it, or never."""
+
+    class Guarded(simulate):  # type: ignore[misc]
+        def destroy(self) -> None:
+            if guard.acquire(timeout=_PATIENCE):
+                try:
+                    super().destroy()
+                finally:
+                    guard.release()
+            else:
+                _left.append(self)
+
+    return Guarded
+
+
+_left: list[Any] = []  # viewers that an upload still waits in; the end of the process frees them
+
+
+def _columns(rows: tuple[tuple[str, str], ...]) -> tuple[str, str]:
+    return "\n".join(row[0] for row in rows), "\n".join(row[1] for row in rows)
+
+
+def _free(scene: Scene, view: mujoco.MjvCamera) -> tuple[Floats, float, float, float]:
+    """Return a free camera's look-at point [m], distance [m], azimuth and elevation [deg] that sees as another does."""
+    if view.type != mujoco.mjtCamera.mjCAMERA_FIXED:
+        return view.lookat.copy(), view.distance, view.azimuth, view.elevation
+    position = scene.data.cam_xpos[view.fixedcamid]
+    forward = -scene.data.cam_xmat[view.fixedcamid].reshape(3, 3)[:, 2]
+    distance = max(float(forward @ (scene.model.stat.center - position)), 0.1 * float(scene.model.stat.extent))
+    azimuth = float(np.degrees(np.arctan2(forward[1], forward[0])))
+    elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
+    return position + distance * forward, distance, azimuth, elevation
