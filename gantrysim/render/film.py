@@ -26,7 +26,7 @@ from gantrysim.run import Run
 __all__ = ["COUNTS", "Cell", "Film", "Take", "save_video"]
 
 _LONGEST = 60.0  # of a film whose speed is not asked for [s]
-_LEAST_SIZE = (160, 120)  # with letters that can be read
+_LEAST_HIGH = 40  # of the pictures [pixels]
 _SIZES = {1: (960, 720), 2: (1280, 640), 4: (1280, 960)}
 COUNTS = tuple(_SIZES)  # of runs that a film can show
 _GAP = 4  # between pictures side by side [pixels]
@@ -104,10 +104,7 @@ class Film:
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
         width, height = _SIZES[len(takes)] if size is None else size
-        self.size = (
-            whole("width of the film", width, _LEAST_SIZE[0]),
-            whole("height of the film", height, _LEAST_SIZE[1]),
-        )
+        self.size = width, height = whole("width of the film", width, 1), whole("height of the film", height, 1)
         self._readouts = [Readout(take.run) for take in takes]
         self.end = max(float(take.run.time[-1]) for take in takes)
         scale = scale_for(colour, [take.run for take in takes], takes[0].bead)
@@ -118,6 +115,9 @@ class Film:
         self.cells: tuple[Cell, ...] = (Cell(0, 0, width, height - panel),)
         if len(takes) > 1:
             self.cells = self._side_by_side(labels, height - panel)
+        lacking = (_LEAST_HIGH - self.cells[0].height) * -(-len(takes) // 2)
+        if lacking > 0:
+            raise InputError(f"height of the film = {height}: must be at least {height + lacking}, for the pictures")
         with ExitStack() as opened:
             self._renderers = [
                 opened.enter_context(
@@ -135,8 +135,6 @@ class Film:
         self._headers = [Header(*look, wide, self.panel.font.size) for look in looks]
         above = self._headers[0].size[1]
         high = (room - rows * above) // rows
-        if high < 1:
-            raise InputError(f"height of the film = {self.size[1]}: leaves no room for the pictures of {len(labels)}")
         places = [(column * (wide + _GAP), row * (above + high) + above) for row in range(rows) for column in range(2)]
         return tuple(Cell(left, top, wide, high) for left, top in places)
 

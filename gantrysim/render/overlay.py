@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from gantrysim.errors import InputError
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK
 from gantrysim.render.colours import Scale
 from gantrysim.render.lettering import MUTED, PAPER, font, rgb
@@ -24,7 +25,9 @@ _PANEL_LETTERS = 6.6  # height of the panel in sizes of its letters
 _HEADER_LETTERS = 2.9  # likewise of a header
 _HEADER_WIDTH = 34  # of a header, in sizes of letters with which all fits
 _LEAST_LETTERS = 10
+_LEAST_STRIP = 12.0  # width of the strip in sizes of the letters
 _LINE = 1.25  # of the size of the letters
+_MOST_FAULTS = 0.42  # of the panel's height, that the words of faults may take
 _WIDEST_READOUT = "contour error8888.8 mm/s"
 _RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
 _RULE = "#d5d9df"
@@ -56,6 +59,9 @@ class Panel:
         font: of its letters.
         strip: the error strip.
         strip_left, strip_above: where it stands in the panel [pixels].
+
+    Raises:
+        InputError: too narrow for readout and strip.
     """
 
     def __init__(
@@ -70,7 +76,14 @@ class Panel:
         legend = self._legend(scale, height)
         self.strip_left, self.strip_above = round(self._right + 0.8 * self.font.size), 1
         room = width - self.strip_left - legend.shape[1], height - 1
-        self.strip = Strip(readouts, run_colours(len(readouts)), room, self.font)
+        least = round(_LEAST_STRIP * self.font.size)
+        if room[0] < least:
+            raise InputError(
+                f"width of the film = {width}: must be at least {width - room[0] + least}, for readout and error strip"
+            )
+        self._faults = self._worded(room)
+        head = max((place + round(_LINE * letters) for _, _, place, letters in self._faults), default=0)
+        self.strip = Strip(readouts, run_colours(len(readouts)), room, self.font, head)
         self._title = title
         self._block = self._labelled((self.strip_left, height))
         self._base = np.empty((height, width, 3), np.uint8)
@@ -99,9 +112,9 @@ class Panel:
         """The block of the readout without its numbers."""
         block = Image.new("RGB", size, PAPER)
         draw = ImageDraw.Draw(block)
-        for row, name in enumerate(("", "t", "path speed", "contour error", "rms / max")):
-            if name and (row == 1 or len(self._readouts) == 1):
-                draw.text((self._margin, self._row(row)), name, rgb(MUTED), self.font.face, anchor="lm")
+        names = ("", "t", "path speed", "contour error", "rms / max") if len(self._readouts) == 1 else ("t",)
+        for row, name in enumerate(names):
+            draw.text((self._margin, self._row(row)), name, rgb(MUTED), self.font.face, anchor="lm")
         if len(self._readouts) == 1:
             bold = font(self.font.size, True)
             room = self._right - self._margin - self.font.width(" ×8.88")
@@ -111,11 +124,12 @@ class Panel:
     def _read(self, time: float, speed: float | None) -> Picture:
         block = self._block.copy()
         draw = ImageDraw.Draw(block)
-        lines = ["" if speed is None else f"×{speed:g}", f"{time:.2f} s"]
+        playing, now = "" if speed is None else f"×{speed:g}", f"{time:.2f} s"
+        lines = [now, playing]
         if len(self._readouts) == 1:
             readout = self._readouts[0]
             tick = readout.tick(time)
-            lines += [f"{readout.speed[tick]:.1f} mm/s", _error(readout, tick), _so_far(readout, tick)]
+            lines = [playing, now, f"{readout.speed[tick]:.1f} mm/s", _error(readout, tick), _so_far(readout, tick)]
         for row, text in enumerate(lines):
             draw.text((self._right, self._row(row)), text, rgb(INK), self.font.face, anchor="rm")
         return np.asarray(block)
@@ -124,34 +138,34 @@ class Panel:
         """Middle of a line of the readout."""
         return (row + 0.5) * (self.size[1] - 0.6 * self.font.size) / 5 + 0.3 * self.font.size
 
+    def _worded(self, room: tuple[int, int]) -> list[tuple[Readout, str, int, int]]:
+        """The faults in lines, with the run of each, its row and the size of its letters."""
+        head = "fault: " if len(self._readouts) == 1 else "■ fault: "
+        broken = [one for one in self._readouts if one.run.fault is not None]
+        for size in range(self.font.size, 0, -1):
+            lines = [
+                (one, line)
+                for one in broken
+                for line in font(size).wrapped(f"{head}{one.run.fault}", room[0] - 5.5 * self.font.size)
+            ]
+            if len(lines) * _LINE * size <= _MOST_FAULTS * room[1]:
+                break
+        return [(one, line, round(row * _LINE * size), size) for row, (one, line) in enumerate(lines)]
+
     def _faulted(self, time: float, strip: Picture) -> Picture:
         """The strip with the faults that have ended runs until now, in words."""
-        colours = run_colours(len(self._readouts))
-        faults = [
-            (one.run.fault, "fault: " if len(colours) == 1 else "■ fault: ", colour)
-            for one, colour in zip(self._readouts, colours, strict=True)
-            if one.run.fault is not None and time >= one.time[-1] - 0.5 * one.run.period
-        ]
-        if not faults:
+        there = [fault for fault in self._faults if fault[0].faulted(time)]
+        if not there:
             return strip
         image = Image.fromarray(strip)
         draw = ImageDraw.Draw(image)
-        left, room = self.strip.left, self.strip.right - self.strip.left
-        red = rgb(COLOURS["fault"])
-        small, lines = self.font, [("", "")]
-        for size in range(self.font.size, 5, -1):
-            small = font(size)
-            lines = [(line, colour) for fault, head, colour in faults for line in small.wrapped(f"{head}{fault}", room)]
-            if len(lines) * _LINE * size <= 0.7 * self.strip.size[1]:
-                break
-        high = round(len(lines) * _LINE * small.size)
-        widest = max(small.width(line) for line, _ in lines)
-        draw.rectangle((left, 0, left + round(widest) + 2, high), rgb(PAPER))
-        for row, (line, colour) in enumerate(lines):
-            place = (left, round(row * _LINE * small.size))
-            draw.text(place, line, red, small.face)
+        left, right = self.strip.left, self.strip.right
+        draw.rectangle((left, 0, right, self.strip.above - 1), rgb(PAPER))
+        colours = run_colours(len(self._readouts))
+        for one, line, row, size in there:
+            draw.text((left, row), line, rgb(COLOURS["fault"]), font(size).face)
             if line.startswith("■"):
-                draw.text(place, "■", rgb(colour), small.face)
+                draw.text((left, row), "■", rgb(colours[self._readouts.index(one)]), font(size).face)
         return np.asarray(image)
 
     def _legend(self, scale: Scale | None, height: int) -> Picture:
@@ -159,7 +173,7 @@ class Panel:
         letters = self.font
         if scale is None:
             return np.full((height, 0, 3), 255, np.uint8)
-        digits = max(0, 2 - int(np.floor(np.log10(max(scale.high - scale.low, 1e-9)))))
+        digits = max(0, 1 - int(np.floor(np.log10(max(scale.high - scale.low, 1e-9)))))
         values = (scale.low, 0.5 * (scale.low + scale.high), scale.high)
         below, above = ("≤ " if scale.below else ""), ("≥ " if scale.above else "")
         texts = [f"{f'{value:.{digits}f}'}" for value in values]
@@ -214,9 +228,8 @@ class Header:
         readout, letters = self._readout, self._font
         width, height = self.size
         tick = readout.tick(time)
-        over = time > readout.time[-1] + 0.5 * readout.run.period
-        if over or (readout.run.fault is not None and tick == len(readout.time) - 1):
-            word, colour = ("over", MUTED) if readout.run.fault is None else ("fault", COLOURS["fault"])
+        if readout.over(time) or readout.faulted(time):
+            word, colour = ("fault", COLOURS["fault"]) if readout.faulted(time) else ("over", MUTED)
             text = f"{word} at {readout.time[-1]:.2f} s"
             draw.text((width - self._margin, 0.27 * height), text, rgb(colour), letters.face, anchor="rm")
         column, row = float(self._margin), 0.73 * height
@@ -228,9 +241,8 @@ class Header:
             if column + letters.width(f"{name} {widest}") > width:
                 break
             draw.text((column, row), name, rgb(MUTED), letters.face, anchor="lm")
-            column += letters.width(name + " " + widest)
-            draw.text((column, row), text, rgb(INK), letters.face, anchor="rm")
-            column += letters.size
+            draw.text((column + letters.width(f"{name} "), row), text, rgb(INK), letters.face, anchor="lm")
+            column += letters.width(f"{name} {widest}") + letters.size
         return np.asarray(image)
 
 

@@ -65,3 +65,11 @@ class Readout:
     def tick(self, time: float) -> int:
         """Return the tick at a time [s]; that of the end after the end."""
         return int(np.clip(round(time / self.run.period), 0, len(self.run.time) - 1))
+
+    def over(self, time: float) -> bool:
+        """Whether the run has ended before a time [s]."""
+        return time > float(self.time[-1]) + 0.5 * self.run.period
+
+    def faulted(self, time: float) -> bool:
+        """Whether a fault has ended the run by a time [s]."""
+        return self.run.fault is not None and self.tick(time) == len(self.time) - 1

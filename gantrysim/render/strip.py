@@ -17,7 +17,7 @@ __all__ = ["Strip", "ticks_of"]
 
 Picture = NDArray[np.uint8]
 
-_GREY = COLOURS["requested"]
+_GREY, _FAULT = COLOURS["requested"], COLOURS["fault"]
 _HEADROOM = 1.06  # of the error axis over the largest error
 _LEAST = 1e-3  # largest error that is shown as one [µm]
 _FAINT = 0.28  # of the time to come, against the past
@@ -25,16 +25,13 @@ _OFF = 0.22  # of the shade where the dispenser is off
 _GRID = 0.30
 
 
-def ticks_of(top: float, most: int) -> Floats:
-    """Return round ticks from 0 up to `top`, at most `most` steps of 1, 2 or 5 times a power of ten."""
-    step = 10.0 ** np.floor(np.log10(top / max(most, 1)))
-    while True:
-        for factor in (1, 2, 5):
-            if top / (factor * step) <= max(most, 1):
-                size = factor * step
-                ticks: Floats = size * np.arange(np.floor(top / size * (1 + 1e-9)) + 1)
-                return ticks
-        step *= 10
+def ticks_of(top: float, most: float) -> Floats:
+    """Return ticks from 0 up to `top` in steps of 1, 2 or 5 times a power of ten, the shortest not below top / most."""
+    least = top / most
+    decade = 10.0 ** np.floor(np.log10(least))
+    step = next(factor * decade for factor in (1, 2, 5, 10) if factor * decade >= least * (1 - 1e-9))
+    ticks: Floats = step * np.arange(np.floor(top / step * (1 + 1e-9)) + 1)
+    return ticks
 
 
 class Strip:
@@ -49,6 +46,7 @@ class Strip:
         colours: of their curves, one each.
         size: width and height of the strip [pixels].
         font: of its letters.
+        head: height above the curves, by default that of the title [pixels].
 
     Attributes:
         size: width and height [pixels].
@@ -60,19 +58,26 @@ class Strip:
         error_ticks: [µm].
     """
 
-    def __init__(self, readouts: Sequence[Readout], colours: Sequence[str], size: tuple[int, int], font: Font) -> None:
+    def __init__(
+        self,
+        readouts: Sequence[Readout],
+        colours: Sequence[str],
+        size: tuple[int, int],
+        font: Font,
+        head: int = 0,
+    ) -> None:
         self.size = width, height = size
         self._readouts, self._font = tuple(readouts), font
         self._colours = [np.array(rgb(colour)) for colour in colours]
         self.end = max(float(max(one.time[-1], one.run.period)) for one in readouts)
         largest = max((float(one.max[-1]) for one in readouts if np.isfinite(one.max[-1])), default=0.0)
         self.top = _HEADROOM * largest if largest > _LEAST else 1.0
-        self.above = round(1.3 * font.size)
+        self.above = max(round(1.3 * font.size), head)
         self.bottom = height - round(1.35 * font.size)
-        self.error_ticks = ticks_of(self.top, int((self.bottom - self.above) / (1.5 * font.size)))
+        self.error_ticks = ticks_of(self.top, (self.bottom - self.above) / (1.15 * font.size))
         self.left = round(max(font.width(f"{tick:g}") for tick in self.error_ticks) + 0.5 * font.size)
         self.right = width - 1 - round(1.8 * font.size)
-        self.time_ticks = ticks_of(self.end, int((self.right - self.left) / (4.5 * font.size)))
+        self.time_ticks = ticks_of(self.end, (self.right - self.left) / (4.5 * font.size))
         self._to_come, self._past = self._drawn()
 
     def column(self, time: float) -> float:
@@ -93,7 +98,10 @@ class Strip:
         picture[self.above : self.bottom + 1, first : first + thick] = rgb(INK)
         for readout, colour in zip(self._readouts, self._colours, strict=True):
             error = readout.error[readout.tick(time)]
-            if np.isfinite(error) and time <= readout.time[-1] + 0.5 * readout.run.period:
+            if readout.faulted(time):
+                ended = round(self.column(readout.time[-1]))
+                _spot(picture, ended, self.row(np.nan_to_num(error)), 0.24 * self._font.size, np.array(rgb(_FAULT)))
+            elif np.isfinite(error) and not readout.over(time):
                 _spot(picture, cursor, self.row(error), 0.24 * self._font.size, colour)
         return picture
 
@@ -108,13 +116,22 @@ class Strip:
         for tick in self.error_ticks:
             line = area[round(self.row(tick)) - self.above]
             line += (1.0 if tick == 0 else _GRID) * (np.array(rgb(_GREY)) - line)
-        to_come, past = base.copy(), base.copy()
         width = max(1.3, 0.13 * self._font.size)
-        for readout, colour in zip(self._readouts, self._colours, strict=True):
-            for picture, share, thick in ((to_come, _FAINT, width / 1.3), (past, 1.0, width)):
-                drawn = picture[self.above : self.bottom + 1, self.left : self.right + 1]
-                drawn += share * self._coverage(readout, thick)[..., None] * (colour - drawn)
-        return tuple(np.round(picture).astype(np.uint8) for picture in (to_come, past))  # type: ignore[return-value]
+        return self._with_curves(base, width / 1.3, _FAINT), self._with_curves(base, width, 1.0)
+
+    def _with_curves(self, base: Floats, thick: float, share: float) -> Picture:
+        """A picture with the curves on it; where they lie on each other they show by turns, as dashes."""
+        picture = base.copy()
+        area = picture[self.above : self.bottom + 1, self.left : self.right + 1]
+        covered = [self._coverage(readout, thick)[..., None] for readout in self._readouts]
+        turn = np.arange(area.shape[1]) // round(0.7 * self._font.size) % len(covered)
+        for last in range(len(covered)):
+            part = area[:, turn == last]
+            for k in range(len(covered)):
+                run = (last + 1 + k) % len(covered)
+                part += share * covered[run][:, turn == last] * (self._colours[run] - part)
+            area[:, turn == last] = part
+        return np.round(picture).astype(np.uint8)
 
     def _coverage(self, readout: Readout, thick: float) -> Floats:
         """Share of every pixel that a curve covers: in each column from its smallest to its largest error there."""
