@@ -2,6 +2,8 @@
 
 import ctypes.util
 import dataclasses
+import os
+import subprocess
 import sys
 
 import imageio.v2 as imageio
@@ -220,3 +222,31 @@ def test_the_gap_is_measured_down_the_work_however_the_machine_stands(xy, rigid)
     content = content.replace("<worldbody>", '<worldbody><body name="bench" pos="0.3 -0.2 0.5" euler="20 -30 70">')
     source.write_text(content.replace("</worldbody>", "</body></worldbody>"))
     assert Machine(source).gap == pytest.approx(1.3, abs=1e-6)
+
+
+PICTURE = """
+import sys
+from gantrysim import Dispenser, Machine, Servo, simulate
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.render import Renderer
+
+machine = Machine("xy")
+setpoints = MoveSpiral(40, 1, 10, 100).setpoints(1e-3)
+run = simulate(machine, Servo.derive(machine.axes), setpoints, dispenser=Dispenser(flow=100.0))
+with Renderer(machine, run, "overview", (160, 120)) as renderer:
+    sys.stdout.buffer.write(renderer.frame(len(run.time) - 1).tobytes())
+"""
+
+
+@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="OSMesa is not installed")
+def test_osmesa_takes_the_place_of_an_egl_that_is_there_but_does_not_work():
+    def picture(**environment):
+        clean = {name: value for name, value in os.environ.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
+        done = subprocess.run(
+            [sys.executable, "-c", PICTURE], env={**clean, **environment}, capture_output=True, check=True
+        )
+        return np.frombuffer(done.stdout, np.uint8).reshape(120, 160, 3).astype(int)
+
+    broken = picture(MUJOCO_EGL_DEVICE_ID="999")
+    assert broken.std() > 20
+    assert np.abs(broken - picture(MUJOCO_GL="osmesa")).max() == 0

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+import subprocess
+import sys
+from functools import cache
 from typing import Any
 
 from gantrysim.errors import GantryError
@@ -13,6 +16,7 @@ __all__ = ["NoOpenGLError", "offscreen"]
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
 _OFF = ("off", "false", "0", "disable", "disabled")
+_TRIAL = "from mujoco.egl import GLContext; GLContext(8, 8).make_current()"
 
 
 class NoOpenGLError(GantryError, RuntimeError):
@@ -32,12 +36,16 @@ def offscreen(width: int, height: int) -> Any:
     asked = os.environ.get("MUJOCO_GL", "").lower()
     if asked in _OFF:
         raise NoOpenGLError(f"MUJOCO_GL is {asked}")
+    wanted = [asked] if asked in _LIBRARIES else list(_LIBRARIES)
+    found = [name for name in wanted if ctypes.util.find_library(_LIBRARIES[name]) is not None]
     failures = ""
-    for backend in [asked] if asked in _LIBRARIES else _LIBRARIES:
-        if ctypes.util.find_library(_LIBRARIES[backend]) is None:
-            continue
+    # a process that has tried EGL in vain has its functions and cannot load OSMesa's any more
+    if len(found) == 2 and (failure := _egl_failure()):
+        failures += f" (egl: {failure})"
+        found.remove("egl")
+    for name in found:
         try:
-            if backend == "egl":
+            if name == "egl":
                 from mujoco.egl import GLContext
             else:
                 from mujoco.osmesa import GLContext
@@ -45,5 +53,12 @@ def offscreen(width: int, height: int) -> Any:
             context.make_current()
             return context
         except (ImportError, RuntimeError, AttributeError) as error:
-            failures += f" ({backend}: {' '.join(str(error).split())})"
+            failures += f" ({name}: {' '.join(str(error).split())})"
     raise NoOpenGLError(f"no OpenGL that needs no display{failures}: install Debian package {_PACKAGES}")
+
+
+@cache
+def _egl_failure() -> str:
+    """Return why a process of its own cannot open a context by EGL; nothing where it can."""
+    done = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True)
+    return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]
