@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import mujoco
@@ -14,6 +15,7 @@ __all__ = ["POINTS", "Chart", "ceiling", "lines", "thinned"]
 
 POINTS = 1000  # that a line of MuJoCo's holds
 _LINES = 99  # the last is the mark of the present
+_STEPS = 6  # of the axis of time, at most
 _INK = (0.99, 0.63, 0.15)
 _MARK = (0.9, 0.9, 0.9)
 
@@ -32,7 +34,7 @@ def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, 
     bins = points // 2
     edges = np.arange(bins + 1) * n // bins
     kept = []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in itertools.pairwise(edges.tolist()):
         part = value[begin:end]
         kept += sorted({begin + int(part.argmin()), begin + int(part.argmax())})
     return time[kept], value[kept]
@@ -82,7 +84,7 @@ class Chart:
         figure.xlabel = "time [s]"
         figure.flg_extend = 0
         figure.flg_legend = 0
-        figure.gridsize[:] = (5, 3)
+        figure.gridsize[:] = (2, 3)
         figure.figurergba[:] = (0.08, 0.09, 0.11, 0.75)
         figure.panergba[:] = (0.0, 0.0, 0.0, 0.35)
         figure.gridrgb[:] = (0.35, 0.35, 0.35)
@@ -101,9 +103,13 @@ class Chart:
         figure = self.figure
         drawn = lines(time, error)
         largest = float(np.nanmax(error)) if np.isfinite(error).any() else 0.0
-        top, right = ceiling(largest), max(until, float(time[-1]), 1e-3)
-        figure.range[0], figure.range[1] = (0, right), (0, top)
-        figure.xformat = "%.1f" if right < 10 else "%.0f"
+        right = max(until, float(time[-1]), 1e-3)
+        step = ceiling(right / _STEPS)
+        steps = math.ceil(right / step - 1e-9)
+        top = ceiling(largest)
+        figure.range[0], figure.range[1] = (0, steps * step), (0, top)
+        figure.gridsize[0] = steps + 1
+        figure.xformat = "%.0f" if step >= 1 else "%.2g"
         figure.yformat = "%.0f" if top >= 5 else "%.2g"
         figure.linepnt[:] = 0
         for number, (t, value) in enumerate(drawn):

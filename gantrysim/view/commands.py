@@ -62,11 +62,10 @@ def view(
     check_display()
     try:
         with interruptible():
-            fault = (
+            if saved:
                 _replay(folder, camera, colour, speed)
-                if saved
-                else _live(Job.load(shown, settings or (), model), camera, colour, speed)
-            )
+                return
+            fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
     if fault is not None:
@@ -104,7 +103,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     from gantrysim.render.scene import Scene
     from gantrysim.simulation import Simulation
     from gantrysim.view.player import Player
-    from gantrysim.view.push import Bodies
+    from gantrysim.view.push import STIFFNESS, Bodies
     from gantrysim.view.source import Live
     from gantrysim.view.window import ViewerWindow
 
@@ -119,6 +118,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     # the bead needs as many rings as one laid without error, and the colours a scale that fits the run to come
     scale = scale_for(colour, [job.follow() if colour == "plain" else job.run()], job.bead)
     scene = Scene(machine, job.follow(), job.bead, colour=colour, scale=scale)
+    scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)
     window = ViewerWindow(scene, camera)
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-__all__ = ["ACTIONS", "LEGEND", "VIEWER", "Action", "legend"]
+__all__ = ["ACTIONS", "LEGEND", "MORE", "VIEWER", "Action", "legend"]
 
 
 class Action(Enum):
@@ -52,6 +52,8 @@ VIEWER = (
     Line("Ctrl + left drag", "", "twist it"),
     Line("F1", "the viewer's own keys", "the viewer's own keys"),
 )
+
+MORE = ("Space", "pause, and what the keys do")
 
 
 def legend(*, live: bool) -> list[tuple[str, str]]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gantrysim.render.colours import Scale
 from gantrysim.run import Fault
-from gantrysim.view.keys import legend
+from gantrysim.view.keys import MORE, legend
 
 __all__ = ["Panel", "plain", "told"]
 
@@ -46,6 +47,8 @@ def told(
     over: bool = False,
     live: bool = False,
     push: float = 0.0,
+    scale: Scale | None = None,
+    keys: bool = True,
     fault: Fault | None = None,
 ) -> Panel:
     """Return the texts of a moment.
@@ -62,6 +65,8 @@ def told(
         over: whether there is no more to come.
         live: whether it is simulated now.
         push: force of the mouse on the machine [N].
+        scale: of the bead's colours, None where it is plain.
+        keys: whether to say what all the keys do.
         fault: why the run ended early.
     """
     state = "over" if over else "pause" if paused else ""
@@ -74,14 +79,16 @@ def told(
         ("speed", f"{factor:g} x" + (f", reaches {pace:.2g} x" if behind else "")),
     ]
     if push > 0:
-        figures.append(("push", f"{push:.3g} N"))
+        figures.append(("push", f"{push:.0f} N" if push >= 10 else f"{push:.1f} N"))
+    if scale is not None:
+        figures.append(("colours", plain(f"{scale.title} {scale.low:g} to {scale.high:g} {scale.unit}")))
     if state:
         figures.append(("", state))
     broken = textwrap.wrap(plain(str(fault)), _WIDTH) if fault is not None else []
     return Panel(
         tuple(figures),
-        tuple(legend(live=live)),
-        tuple(("fault" if first else "", line) for first, line in zip([True, *[False] * len(broken)], broken)),
+        tuple(legend(live=live) if keys else [MORE]),
+        tuple(("" if number else "fault", line) for number, line in enumerate(broken)),
     )
 
 

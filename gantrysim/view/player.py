@@ -22,6 +22,7 @@ __all__ = ["Player"]
 
 _PERIOD = 1 / 60  # of pictures, at best [s]
 _JUMP = 1.0  # of the arrow keys [s]
+_LEGEND = 10.0  # for which all keys are told at the beginning; later only while it stands [s]
 
 
 class Player:
@@ -61,7 +62,8 @@ class Player:
         self._readout = Readout(source.run)
         # a live run may wait at gates, and last longer than is known
         end = np.inf if source.live else source.until
-        self.clock = Clock(speed, end, since=timer())
+        self._begun = timer()
+        self.clock = Clock(speed, end, since=self._begun)
 
     def play(self) -> Fault | None:
         """Play until the window is closed, and return the fault that ended a live run."""
@@ -81,7 +83,7 @@ class Player:
         Raises:
             WindowClosedError: the window is closed.
         """
-        for key in self._window.keys():
+        for key in self._window.pressed():
             if key in ACTIONS:
                 self._do(ACTIONS[key])
         self._push_on()
@@ -98,7 +100,7 @@ class Player:
         if self._shown is None or self._shown != (run, tick):
             self._window.pose(lambda: self._pose(run, tick))
             self._shown = (run, tick)
-        self._say(run, tick)
+        self._say(run, tick, now)
 
     def _do(self, action: Action) -> None:
         now, live = self._timer(), self._source.live
@@ -127,7 +129,7 @@ class Player:
             self._scene.show(run)
         self._scene.pose(tick)
 
-    def _say(self, run: Run, tick: int) -> None:
+    def _say(self, run: Run, tick: int, now: float) -> None:
         if run is not self._readout.run:
             self._readout = Readout(run)
         source, readout, clock = self._source, self._readout, self.clock
@@ -144,6 +146,8 @@ class Player:
             over=source.over,
             live=source.live,
             push=self._push,
+            scale=self._scene.scale,
+            keys=clock.stands or source.over or now - self._begun < _LEGEND,
             fault=source.fault,
         )
         self._window.show(panel, self._chart)

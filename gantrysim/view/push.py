@@ -8,7 +8,9 @@ import numpy as np
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import InputError
 
-__all__ = ["Bodies"]
+__all__ = ["STIFFNESS", "Bodies"]
+
+STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's own 100 moves free bodies, and no servo [N/(m·kg)]
 
 
 class Bodies:

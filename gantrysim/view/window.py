@@ -11,8 +11,10 @@ from typing import Any, Protocol
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats
+from gantrysim.render.colours import Scale
 from gantrysim.render.scene import Scene
 from gantrysim.view.chart import Chart
 from gantrysim.view.display import NoDisplayError
@@ -22,6 +24,7 @@ __all__ = ["ViewerWindow", "Window", "WindowClosedError"]
 
 _POLL = 0.05  # how often one that waits looks whether the window is still there, and Ctrl-C may come [s]
 _PATIENCE = 1.0  # with an upload that may never be taken, and with the window's thread [s]
+_BAR = 12  # height of the colours' bar [pixels]
 _OPENING = 60.0  # the first frame may take long in software [s]
 
 _SMALL, _LARGE = mujoco.mjtFontScale.mjFONTSCALE_100.value, mujoco.mjtFontScale.mjFONTSCALE_150.value
@@ -35,7 +38,7 @@ class WindowClosedError(Exception):
 class Window(Protocol):
     """What a player needs of a window; each of these raises WindowClosedError once it is closed."""
 
-    def keys(self) -> list[int]:
+    def pressed(self) -> list[int]:
         """Return the keys that were pressed since, by GLFW's numbers."""
 
     def pose(self, change: Callable[[], None]) -> None:
@@ -82,13 +85,16 @@ class ViewerWindow:
             handle.cam.lookat[:], handle.cam.distance, handle.cam.azimuth, handle.cam.elevation = _free(scene, view)
             handle.cam.type, handle.cam.fixedcamid = view.type, view.fixedcamid
 
-    def keys(self) -> list[int]:
+    def pressed(self) -> list[int]:
         """Return the keys that were pressed since, by GLFW's numbers."""
         with self._inside():
             return [self._keys.popleft() for _ in range(len(self._keys))]
 
     def pose(self, change: Callable[[], None]) -> None:
-        """Have the scene changed while nobody draws it, and its bead sent to where it is drawn; takes a picture long."""
+        """Have the scene changed while nobody draws it, and its bead sent to where it is drawn.
+
+        It takes as long as a picture.
+        """
         with self._inside() as handle, handle.lock():
             change()
             if handle.user_scn is not None:
@@ -114,6 +120,9 @@ class ViewerWindow:
                 width, height = round(0.42 * area.width), round(0.26 * area.height)
                 right = area.left + area.width
                 handle.set_figures((mujoco.MjrRect(right - width, area.bottom, width, height), chart.figure))
+                if self._scene.scale is not None:
+                    bar = _colour_bar(self._scene.scale, width)
+                    handle.set_images((mujoco.MjrRect(right - width, area.bottom + height, *bar.shape[1::-1]), bar))
             handle.sync()
 
     def pushes(self) -> Floats:
@@ -176,7 +185,7 @@ class ViewerWindow:
             failed.append(" ".join(str(error.exc_value).split()) or error.exc_type.__name__)
 
         simulate, hook = viewer._Simulate, threading.excepthook
-        viewer._Simulate, threading.excepthook = _freed_when_left(simulate, self._guard), fail  # type: ignore[misc]
+        viewer._Simulate, threading.excepthook = _freed_when_left(simulate, self._guard), fail
         try:
             thread = threading.Thread(target=launch, name="launch", daemon=True)
             thread.start()
@@ -184,7 +193,7 @@ class ViewerWindow:
             while thread.is_alive() and not failed and time.monotonic() < end:
                 thread.join(_POLL)
         finally:
-            viewer._Simulate, threading.excepthook = simulate, hook  # type: ignore[misc]
+            viewer._Simulate, threading.excepthook = simulate, hook
         if not opened:
             raise NoDisplayError(failed[0] if failed else f"the viewer opened none in {_OPENING:g} s")
         return opened[0]
@@ -211,6 +220,12 @@ _left: list[Any] = []  # viewers that an upload still waits in; the end of the p
 
 def _columns(rows: tuple[tuple[str, str], ...]) -> tuple[str, str]:
     return "\n".join(row[0] for row in rows), "\n".join(row[1] for row in rows)
+
+
+def _colour_bar(scale: Scale, width: int) -> NDArray[np.uint8]:
+    """Return the colours from low to high, (height, width, 3)."""
+    row = scale.table[np.arange(width) * len(scale.table) // width]
+    return np.repeat(row[None], _BAR, axis=0)
 
 
 def _free(scene: Scene, view: mujoco.MjvCamera) -> tuple[Floats, float, float, float]:
