@@ -134,9 +134,9 @@ class Panel:
             draw.text((self._right, self._row(row)), text, rgb(INK), self.font.face, anchor="rm")
         return np.asarray(block)
 
-    def _row(self, row: int) -> float:
+    def _row(self, row: int) -> int:
         """Middle of a line of the readout."""
-        return (row + 0.5) * (self.size[1] - 0.6 * self.font.size) / 5 + 0.3 * self.font.size
+        return round((row + 0.5) * (self.size[1] - 0.6 * self.font.size) / 5 + 0.3 * self.font.size)
 
     def _worded(self, room: tuple[int, int]) -> list[tuple[Readout, str, int, int]]:
         """The faults in lines, with the run of each, its row and the size of its letters."""
@@ -183,11 +183,11 @@ class Panel:
         width = round(max(letters.width(title), bar + 0.5 * letters.size + max(map(letters.width, texts))))
         image = Image.new("RGB", (width + 2 * self._margin, height), PAPER)
         draw = ImageDraw.Draw(image)
-        draw.text((self._margin, 1 + 0.08 * letters.size), title, rgb(INK), letters.face)
+        draw.text((self._margin, 1 + round(0.08 * letters.size)), title, rgb(INK), letters.face)
         first, last = 1 + round(1.75 * letters.size), height - 1 - round(0.75 * letters.size)
         table = scale.table[np.round(np.linspace(255, 0, last + 1 - first)).astype(int)]
         for text, row in zip(texts, (last, 0.5 * (first + last), first), strict=True):
-            place = (self._margin + bar + 0.5 * letters.size, row)
+            place = (round(self._margin + bar + 0.5 * letters.size), round(row))
             draw.text(place, text, rgb(INK), letters.face, anchor="lm")
         picture = np.array(image)
         picture[first : last + 1, self._margin : self._margin + bar] = table[:, None]
@@ -219,7 +219,7 @@ class Header:
         end = self._font.width("over at 888.88 s") + self._font.size
         text = bold.shortened(label, width - 2 * self._margin - end)
         height = self.size[1]
-        draw.text((self._margin, 0.27 * height), text, rgb(colour), bold.face, anchor="lm")
+        draw.text((self._margin, round(0.27 * height)), text, rgb(colour), bold.face, anchor="lm")
 
     def picture(self, time: float) -> Picture:
         """Return the header at a time of the run [s], (height, width, 3)."""
@@ -231,8 +231,8 @@ class Header:
         if readout.over(time) or readout.faulted(time):
             word, colour = ("fault", COLOURS["fault"]) if readout.faulted(time) else ("over", MUTED)
             text = f"{word} at {readout.time[-1]:.2f} s"
-            draw.text((width - self._margin, 0.27 * height), text, rgb(colour), letters.face, anchor="rm")
-        column, row = float(self._margin), 0.73 * height
+            draw.text((width - self._margin, round(0.27 * height)), text, rgb(colour), letters.face, anchor="rm")
+        column, row = float(self._margin), round(0.73 * height)
         for name, text, widest in (
             ("error", _error(readout, tick), "8888.8 µm"),
             ("rms / max", _so_far(readout, tick), "8888 / 8888 µm"),
@@ -240,8 +240,8 @@ class Header:
         ):
             if column + letters.width(f"{name} {widest}") > width:
                 break
-            draw.text((column, row), name, rgb(MUTED), letters.face, anchor="lm")
-            draw.text((column + letters.width(f"{name} "), row), text, rgb(INK), letters.face, anchor="lm")
+            draw.text((round(column), row), name, rgb(MUTED), letters.face, anchor="lm")
+            draw.text((round(column + letters.width(f"{name} ")), row), text, rgb(INK), letters.face, anchor="lm")
             column += letters.width(f"{name} {widest}") + letters.size
         return np.asarray(image)
 

@@ -161,23 +161,25 @@ class Strip:
     def _write(self, draw: ImageDraw.ImageDraw) -> None:
         """Title, axes' numbers, and what the shade is."""
         font = self._font
-        draw.text((self.left, 0.08 * font.size), "contour error [µm]", rgb(INK), font.face)
+        draw.text((self.left, round(0.08 * font.size)), "contour error [µm]", rgb(INK), font.face)
         shade, side = "dispenser off", 0.8 * font.size
         if self._off().any():
-            start = self.right - font.width(shade)
+            start = round(self.right - font.width(shade))
             if start - 1.6 * side > self.left + font.width("contour error [µm]") + font.size:
-                draw.text((start, 0.08 * font.size), shade, rgb(MUTED), font.face)
+                draw.text((start, round(0.08 * font.size)), shade, rgb(MUTED), font.face)
                 colour = tuple(round(p + 2 * _OFF * (g - p)) for p, g in zip(rgb(PAPER), rgb(_GREY), strict=True))
                 box = (start - 1.4 * side, 0.28 * font.size, start - 0.4 * side, 0.28 * font.size + side)
                 draw.rectangle([round(corner) for corner in box], colour)
         for tick in self.error_ticks:
-            draw.text((self.left - 0.35 * font.size, self.row(tick)), f"{tick:g}", rgb(MUTED), font.face, anchor="rm")
+            place = (round(self.left - 0.35 * font.size), round(self.row(tick)))
+            draw.text(place, f"{tick:g}", rgb(MUTED), font.face, anchor="rm")
+        below = self.bottom + round(0.25 * font.size)
         for tick in self.time_ticks:
             column = round(self.column(tick))
-            draw.line((column, self.bottom + 1, column, self.bottom + 0.2 * font.size), rgb(_GREY))
-            draw.text((column, self.bottom + 0.25 * font.size), f"{tick:g}", rgb(MUTED), font.face, anchor="ma")
+            draw.line((column, self.bottom + 1, column, below - 1), rgb(_GREY))
+            draw.text((column, below), f"{tick:g}", rgb(MUTED), font.face, anchor="ma")
         last = self.column(self.time_ticks[-1]) + font.width(f"{self.time_ticks[-1]:g}") / 2
-        draw.text((last + 0.3 * font.size, self.bottom + 0.25 * font.size), "s", rgb(MUTED), font.face, anchor="la")
+        draw.text((round(last + 0.3 * font.size), below), "s", rgb(MUTED), font.face, anchor="la")
 
 
 def _spot(picture: Picture, column: int, row: float, radius: float, colour: Floats) -> None:

@@ -1,0 +1,54 @@
+"""Saved runs, and what is to be read off pictures, as several test files need them."""
+
+import dataclasses
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from PIL import Image, ImageDraw
+
+from gantrysim import Job
+from gantrysim.budget import Budget
+from gantrysim.metrics import Analysis
+from gantrysim.render.lettering import PAPER, font, rgb
+from gantrysim.report import write_run
+
+SMALL = ("diameter=40", "turns=1", "thickness=5")  # 1.5 s of motion
+
+
+def small_job(*settings):
+    return Job.load("an225", (*SMALL, *settings))
+
+
+def saved(folder, job, run=None):
+    """Write the folder of a run, as the command does, and return it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_run(folder, job, job.built_machine, Budget(Analysis(job.run() if run is None else run)))
+    return folder
+
+
+def cut(run, ticks):
+    """The first ticks of a run."""
+    rows = {
+        field.name: getattr(run, field.name)[:ticks]
+        for field in dataclasses.fields(run)
+        if isinstance(getattr(run, field.name), np.ndarray)
+    }
+    return dataclasses.replace(run, **rows)
+
+
+def shows(picture, text, size, colour, bold=False):
+    """Whether a text stands in a picture, to the last bit, wherever it is."""
+    face = font(size, bold).face
+    paper = Image.new("RGB", (round(face.getlength(text)) + 20, 2 * size + 20), PAPER)
+    ImageDraw.Draw(paper).text((10, size + 10), text, rgb(colour), face, anchor="lm")
+    letters = np.asarray(paper)
+    rows, columns = (np.flatnonzero((letters != rgb(PAPER)).any(axis=2).any(axis=axis)) for axis in (1, 0))
+    letters = letters[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    height, width = letters.shape[:2]
+    if height > picture.shape[0] or width > picture.shape[1]:
+        return False
+    # where the first of its darkest pixels may be, then all of it
+    windows = sliding_window_view(picture, (height, width, 3))[:, :, 0]
+    row, column = np.unravel_index(letters.sum(axis=2).argmin(), (height, width))
+    places = np.argwhere((windows[:, :, row, column] == letters[row, column]).all(axis=2))
+    return any(np.array_equal(windows[r, c], letters) for r, c in places)

@@ -1,0 +1,373 @@
+"""Readout, error strip and panel: what they say and draw is what the record says."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gantrysim import Fault, InputError
+from gantrysim.metrics import Analysis, path_speed
+from gantrysim.plots.style import COLOURS, INK
+from gantrysim.render.colours import scale_for
+from gantrysim.render.lettering import MUTED, PAPER, font, rgb
+from gantrysim.render.overlay import Header, Panel, panel_height, run_colours
+from gantrysim.render.readout import Readout
+from gantrysim.render.strip import Strip, ticks_of
+
+from films import cut, shows, small_job
+
+LETTERS = 16
+SIZE = (600, 120)
+FRAME = (960, 720)
+PIXEL = 1.0  # within which a curve lies where it should
+GREY = COLOURS["requested"]
+FAULT = Fault("following error", "x", 1.25, 5.02, 5.0, "mm", "the group stops with its greatest deceleration")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return small_job().run()
+
+
+@pytest.fixture(scope="module")
+def readout(run):
+    return Readout(run)
+
+
+@pytest.fixture(scope="module")
+def strip(readout):
+    return Strip([readout], [INK], SIZE, font(LETTERS))
+
+
+@pytest.fixture(scope="module")
+def panel(readout):
+    return Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small")
+
+
+def test_the_readout_ends_with_the_figures_of_the_run(run, readout):
+    figures = Analysis(run).figures
+    assert readout.rms[-1] == pytest.approx(1e3 * figures.contour.rms, rel=1e-12)
+    assert readout.max[-1] == pytest.approx(1e3 * figures.contour.max, rel=1e-12)
+    np.testing.assert_array_equal(readout.time, run.time)
+    np.testing.assert_array_equal(readout.speed, path_speed(run))
+    np.testing.assert_array_equal(np.isnan(readout.error), ~run.dispense)
+
+
+def test_what_it_says_at_a_tick_is_of_the_run_until_then(run, readout):
+    for share in (0.2, 0.5, 0.75):
+        tick = int(share * len(run.time))
+        until = Analysis(cut(run, tick + 1)).nozzle.distance
+        assert readout.error[tick] == pytest.approx(1e3 * until[-1], rel=1e-9)
+        assert readout.rms[tick] == pytest.approx(1e3 * np.sqrt(np.mean(until**2)), rel=1e-9)
+        assert readout.max[tick] == pytest.approx(1e3 * until.max(), rel=1e-9)
+    late = np.arange(len(run.time)) > np.flatnonzero(run.dispense)[-1]
+    assert np.ptp(readout.rms[late]) == np.ptp(readout.max[late]) == 0
+
+
+def test_before_the_dispenser_is_on_there_is_no_error(run):
+    off = dataclasses.replace(run, dispense=np.zeros(len(run.time), bool))
+    for values in (Readout(off).error, Readout(off).rms, Readout(off).max):
+        assert np.isnan(values).all()
+    later = Readout(dataclasses.replace(run, dispense=run.dispense & (run.time > 0.5)))
+    assert np.isnan(later.rms[later.time <= 0.5]).all()
+    assert np.isfinite(later.rms[later.time > 0.5]).all()
+
+
+def test_ticks_of_the_readout(run, readout):
+    assert readout.tick(0.0) == 0
+    assert readout.tick(0.3004) == 300
+    assert readout.tick(1e3) == len(run.time) - 1
+    assert not readout.over(run.time[-1])
+    assert readout.over(run.time[-1] + 1e-3)
+    assert not readout.faulted(run.time[-1])
+    broken = Readout(dataclasses.replace(run, fault=FAULT))
+    assert broken.faulted(run.time[-1])
+    assert not broken.faulted(run.time[-2])
+
+
+@given(st.floats(1e-3, 1e6), st.floats(1.0, 20.0))
+def test_ticks_are_round_and_as_close_as_may_be(top, most):
+    ticks = ticks_of(top, most)
+    assert ticks[0] == 0
+    assert ticks[-1] <= top * (1 + 1e-6)
+    assert len(ticks) == 1 or np.allclose(np.diff(ticks), ticks[1])
+    decades = 10.0 ** np.arange(-6, 9)
+    allowed = sorted(factor * decade for factor in (1, 2, 5) for decade in decades)
+    step = next(step for step in allowed if step >= top / most * (1 - 1e-9))
+    assert len(ticks) == int(top / step * (1 + 1e-9)) + 1
+    if len(ticks) > 1:
+        assert ticks[1] == pytest.approx(step, rel=1e-9)
+
+
+def test_an_error_axis_always_has_a_number_to_read():
+    for top in np.geomspace(0.01, 1e5, 200):
+        assert len(ticks_of(top, 2.5)) >= 2
+
+
+def rows_like(column, colour, tolerance=2):
+    return np.flatnonzero(np.abs(column.astype(int) - rgb(colour)).max(axis=1) <= tolerance)
+
+
+def scales(strip, picture):
+    """Time and error at columns and rows, by the marks at the ticks of the drawn axes alone."""
+    base = rows_like(picture[:, strip.right - 8], GREY)
+    zero = base[base > SIZE[1] // 2][0]
+    marks = np.flatnonzero(np.abs(picture[zero + 2].astype(int) - rgb(GREY)).max(axis=1) <= 2)
+    assert len(marks) == len(strip.time_ticks)
+    faint = np.array(rgb(PAPER)) + 0.3 * (np.array(rgb(GREY)) - rgb(PAPER))
+    empty = picture[:, marks[0] + 1 :].astype(int)
+    lines = np.flatnonzero((np.abs(empty[:zero] - np.round(faint)).max(axis=2) <= 2).mean(axis=1) > 0.4)
+    assert len(lines) == len(strip.error_ticks) - 1
+    per_row = strip.error_ticks[-1] / (zero - lines[0])
+    per_column = strip.time_ticks[-1] / (marks[-1] - marks[0])
+    return (lambda column: (column - marks[0]) * per_column), (lambda row: (zero - row) * per_row), per_column, per_row
+
+
+def test_the_curve_is_where_the_readout_says(strip, readout):
+    picture = strip.picture(strip.end)
+    time_at, error_at, per_column, per_row = scales(strip, picture)
+    period = readout.run.period
+    checked = 0
+    for column in range(strip.left + 2, strip.right - 4):
+        began, ended = time_at(column - 0.5) - per_column, time_at(column + 0.5) + per_column
+        there = readout.error[max(int(began / period), 0) : int(ended / period) + 2]
+        drawn = picture[:, column].astype(int)
+        weight = np.clip((230 - drawn.mean(axis=1)) / (230 - np.mean(rgb(INK))), 0, 1)
+        weight[: strip.above] = weight[strip.bottom - 1 :] = 0  # title and axis
+        if np.isnan(there).all():
+            assert weight.max() < 0.4  # shade and grid, no curve
+            continue
+        if np.isnan(there).any() or np.nanmin(there) < 3 * per_row or not weight.any():
+            continue
+        rows = np.flatnonzero(weight > 0.6)
+        assert rows.size
+        assert error_at(rows[0]) <= np.nanmax(there) + (PIXEL + 1) * per_row
+        assert error_at(rows[-1]) >= np.nanmin(there) - (PIXEL + 1) * per_row
+        middle = error_at(np.average(rows, weights=weight[rows]))
+        assert np.nanmin(there) - PIXEL * per_row <= middle <= np.nanmax(there) + PIXEL * per_row
+        checked += 1
+    assert checked > 300
+
+
+def test_a_spike_of_one_tick_is_seen_in_full(run, strip):
+    spiked = Readout(run)
+    error = spiked.error.copy()
+    error[700] = 1.5 * np.nanmax(error)
+    spiked.__dict__["error"] = error
+    drawn = Strip([spiked], [INK], SIZE, font(LETTERS))
+    picture = drawn.picture(drawn.end)
+    time_at, error_at, per_column, per_row = scales(drawn, picture)
+    dark = (picture.astype(int).mean(axis=2) < 90)[: drawn.bottom]
+    dark[: drawn.above] = dark[:, drawn.right - 2 :] = False
+    row, column = np.argwhere(dark)[0]
+    assert abs(time_at(column) - 0.7) <= per_column
+    assert abs(error_at(row) - error[700]) <= 1.5 * per_row
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.6, 1.0])
+def test_the_cursor_stands_at_the_time(strip, share):
+    time = share * strip.end
+    picture = strip.picture(time)
+    time_at, _, per_column, _ = scales(strip, strip.picture(strip.end))
+    plot = picture[strip.above : strip.bottom]
+    columns = np.flatnonzero((np.abs(plot.astype(int) - rgb(INK)).max(axis=2) <= 2).mean(axis=0) > 0.9)
+    assert 1 <= len(columns) <= 3
+    assert abs(time_at(columns.mean()) - time) <= 1.5 * per_column
+
+
+def test_the_past_is_bold_and_the_time_to_come_faint(strip, readout):
+    half = strip.picture(0.5 * strip.end)
+    whole, none = strip.picture(strip.end), strip.picture(0.0)
+    cursor = round(strip.column(0.5 * strip.end))
+    reach = LETTERS // 2
+    np.testing.assert_array_equal(half[:, : cursor - reach], whole[:, : cursor - reach])
+    np.testing.assert_array_equal(
+        half[:, cursor + reach : strip.right - reach], none[:, cursor + reach : strip.right - reach]
+    )
+    middle = slice(cursor + reach, round(strip.column(0.85 * strip.end)))
+    darkest = [picture[strip.above : strip.bottom - 3, middle].mean(axis=2).min(axis=0) for picture in (none, whole)]
+    assert darkest[0].min() > 150
+    assert np.median(darkest[1]) < 70
+    assert np.median(darkest[0]) < 225  # yet it is there
+
+
+def test_the_time_without_glue_is_shaded(strip, run):
+    picture = strip.picture(0.0)
+    time_at, _, per_column, _ = scales(strip, strip.picture(strip.end))
+    row = strip.above + 1  # above the curve's largest value
+    shaded = np.flatnonzero(picture[row].mean(axis=1) < 240)
+    shaded = shaded[(shaded > strip.left + 4) & (shaded <= strip.right)]
+    ended = run.time[run.dispense][-1]
+    assert ended < run.time[-1] - 0.1
+    assert shaded[-1] == strip.right
+    assert abs(time_at(shaded[0]) - ended) <= 1.5 * per_column
+    assert np.all(np.diff(shaded) == 1)
+    assert shows(picture, "dispenser off", LETTERS, MUTED)
+    always = dataclasses.replace(run, dispense=np.ones(len(run.time), bool))
+    on = Strip([Readout(always)], [INK], SIZE, font(LETTERS)).picture(0.0)
+    assert not shows(on, "dispenser off", LETTERS, MUTED)
+    assert (on[row, strip.left + 4 :].mean(axis=1) > 250).mean() > 0.95
+
+
+def test_a_run_without_error_or_of_one_tick_has_its_strip(run):
+    dry = dataclasses.replace(run, dispense=np.zeros(len(run.time), bool))
+    for one in (dry, cut(run, 1), cut(dry, 1)):
+        drawn = Strip([Readout(one)], [INK], SIZE, font(LETTERS))
+        assert drawn.top > 0
+        assert drawn.picture(one.time[-1]).shape == (SIZE[1], SIZE[0], 3)
+
+
+def test_curves_of_several_runs_have_their_colours_and_one_scale(run):
+    slower = cut(run, 900)
+    colours = run_colours(2)
+    drawn = Strip([Readout(run), Readout(slower)], colours, SIZE, font(LETTERS))
+    picture = drawn.picture(drawn.end)
+    seen = [(np.abs(picture.astype(int) - rgb(colour)).max(axis=2) <= 8) for colour in colours]
+    columns = [np.flatnonzero(mask[drawn.above : drawn.bottom].any(axis=0)) for mask in seen]
+    border = drawn.column(slower.time[-1])
+    assert columns[1].max() <= border + 1
+    assert columns[0].max() > border + 50
+    # where they lie on each other both are seen, by turns
+    before = [((drawn.left + 20 < c) & (c < border - 5)).sum() for c in columns]
+    assert min(before) > 0.3 * max(before)
+    assert drawn.end == run.time[-1]
+
+
+@pytest.mark.parametrize("time", [0.7004, 1.1])
+def test_the_panel_says_the_numbers_of_the_tick(panel, readout, time):
+    picture = panel.picture(time, 4.0)
+    tick = round(time / 1e-3)
+    letters = panel.font.size
+    right = (f"{time:.2f} s", f"{readout.speed[tick]:.1f} mm/s", f"{readout.error[tick]:.1f} µm", "×4")
+    for text in (*right, f"{readout.rms[tick]:.0f} / {readout.max[tick]:.0f} µm"):
+        assert shows(picture, text, letters, INK), text
+    assert shows(picture, "small", letters, INK, bold=True)
+    for wrong in (f"{time + 0.01:.2f} s", f"{readout.error[tick] + 0.1:.1f} µm", "×2", "off"):
+        assert not shows(picture, wrong, letters, INK), wrong
+    assert not shows(panel.picture(time), "×4", letters, INK)
+    np.testing.assert_array_equal(picture, panel.picture(time, 4.0))
+
+
+def test_only_what_changes_is_drawn_anew(panel):
+    first, second = panel.picture(0.700, 4.0), panel.picture(0.705, 4.0)
+    changed = np.argwhere((first != second).any(axis=2))
+    block = changed[changed[:, 1] < panel.strip_left]
+    strip = changed[changed[:, 1] >= panel.strip_left]
+    assert len(block)
+    cursor = panel.strip_left + panel.strip.column(0.7025)
+    assert np.abs(strip[:, 1] - cursor).max() < panel.font.size
+
+
+def test_while_the_dispenser_is_off_there_is_no_error_to_read(panel, run):
+    assert shows(panel.picture(run.time[-1]), "off", panel.font.size, INK)
+    assert shows(panel.picture(run.time[-1]), f"{run.time[-1]:.2f} s", panel.font.size, INK)
+
+
+def test_a_long_title_is_cut_and_stays_in_its_place(readout):
+    size = (FRAME[0], panel_height(FRAME[1]))
+    long = Panel([readout], size, "a name that is longer than the readout is wide").picture(0.5, 4.0)
+    short = Panel([readout], size, "a").picture(0.5, 4.0)
+    changed = np.argwhere((long != short).any(axis=2))
+    letters = int(size[1] / 6.6)
+    assert changed[:, 0].max() < 2 * letters
+    assert shows(long, "×4", letters, INK)
+
+
+def test_a_fault_is_told_in_red_when_it_happens_and_off_the_curve(run):
+    broken = dataclasses.replace(run, fault=FAULT)
+    for frame in (FRAME, (480, 360)):
+        panel = Panel([Readout(broken)], (frame[0], panel_height(frame[1])), "small")
+        red = [
+            (np.abs(panel.picture(time).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 40)
+            for time in (run.time[-1], run.time[-2], 0.5)
+        ]
+        assert red[0].sum() > 200
+        assert not red[1].any()
+        assert not red[2].any()
+        words = red[0][:, : panel.strip_left + panel.strip.right - panel.font.size]
+        assert np.argwhere(words)[:, 0].max() < panel.strip_above + panel.strip.above
+        assert words[:, : panel.strip_left].sum() == 0
+
+
+def test_the_words_of_a_fault_are_all_there(run):
+    short = dataclasses.replace(FAULT, reaction="")
+    panel = Panel([Readout(dataclasses.replace(run, fault=short))], (1920, panel_height(1080)), "small")
+    picture = panel.picture(run.time[-1])
+    text = "fault: following error on axis x at t = 1.2500 s: 5.02 mm, limit 5 mm"
+    assert shows(picture, text, panel.font.size, COLOURS["fault"])
+    four = Panel([Readout(dataclasses.replace(run, fault=FAULT))] * 4, (1280, panel_height(960)))
+    assert four.strip.bottom - four.strip.above > 1.5 * four.font.size
+
+
+def test_the_legend_shows_the_scale(run, readout):
+    scale = scale_for("error", [run])
+    panel = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small", scale)
+    picture = panel.picture(0.5)
+    assert shows(picture, "contour error [µm]", panel.font.size, INK)
+    legend = picture[:, panel.strip_left + panel.strip.size[0] :]
+    assert shows(legend, f"{0.5 * (scale.low + scale.high):.0f}", panel.font.size, INK)
+    assert shows(legend, f"{'≥ ' if scale.above else ''}{scale.high:.0f}", panel.font.size, INK)
+    bar = legend[:, round(0.6 * panel.font.size) + 2]
+    place = [np.abs(scale.table.astype(int) - colour).max(axis=1) for colour in bar.astype(int)]
+    rows = np.array([k for k, away in enumerate(place) if away.min() == 0])
+    shade = np.array([place[k].argmin() for k in rows])
+    assert len(rows) > 3 * panel.font.size
+    assert shade[0] >= 253  # some shades are equal
+    assert shade[-1] <= 2
+    assert np.all(np.diff(shade) < 0)
+    plain = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small")
+    assert plain.strip.size[0] > panel.strip.size[0]
+
+
+def test_a_header_has_label_and_readout_and_says_when_its_run_is_over(run, readout):
+    colour = run_colours(2)[1]
+    header = Header(readout, "T = 1 s", colour, 640, 18)
+    picture = header.picture(0.7)
+    assert picture.shape == (*header.size[::-1], 3)
+    letters = 18
+    assert shows(picture, "T = 1 s", letters, colour, bold=True)
+    for text in (f"{readout.error[700]:.1f} µm", f"{readout.speed[700]:.1f} mm/s"):
+        assert shows(picture, text, letters, INK)
+    assert shows(picture, f"{readout.rms[700]:.0f} / {readout.max[700]:.0f} µm", letters, INK)
+    said = f"over at {run.time[-1]:.2f} s"
+    assert not shows(header.picture(run.time[-1]), said, letters, MUTED)
+    assert shows(header.picture(run.time[-1] + 1), said, letters, MUTED)
+    broken = Header(Readout(dataclasses.replace(run, fault=FAULT)), "T = 1 s", colour, 640, 18)
+    assert shows(broken.picture(run.time[-1]), f"fault at {run.time[-1]:.2f} s", letters, COLOURS["fault"])
+    assert not shows(broken.picture(run.time[-2]), f"fault at {run.time[-1]:.2f} s", letters, COLOURS["fault"])
+
+
+def test_a_narrow_header_leaves_out_what_does_not_fit(readout):
+    picture = Header(readout, "a label that is far too long for it", INK, 160, 18).picture(0.7)
+    margin = 6
+    assert (picture[:, -margin:] == rgb(PAPER)).all()
+    assert shows(picture, f"{readout.error[700]:.1f} µm", 10, INK)
+    assert not shows(picture, f"{readout.speed[700]:.1f} mm/s", 10, INK)
+
+
+def test_letters_scale_with_the_frame_and_stay_legible():
+    sizes = [int(panel_height(height) / 6.6) for height in (120, 360, 480, 720, 1080)]
+    assert sizes == sorted(sizes)
+    assert sizes[0] >= 10
+    assert sizes[-1] > 25
+    assert panel_height(720) == pytest.approx(0.18 * 720, abs=1)
+
+
+def test_a_panel_too_narrow_is_refused(readout):
+    with pytest.raises(InputError, match=r"width of the film = 200: must be at least \d+, for readout and error strip"):
+        Panel([readout], (200, 66), "small")
+
+
+def test_a_face_wraps_and_shortens():
+    face = font(12)
+    text = "following error on axis x at t = 1.2500 s"
+    lines = face.wrapped(text, 100)
+    assert " ".join(lines) == text
+    assert max(map(face.width, lines)) <= 100
+    assert face.shortened("abc", 100) == "abc"
+    cut_off = face.shortened(text, 100)
+    assert cut_off.endswith("…")
+    assert 80 < face.width(cut_off) <= 100
+    assert len({face.width(digit) for digit in "0123456789"}) == 1  # figures keep their places
