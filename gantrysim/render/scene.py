@@ -12,12 +12,15 @@ from gantrysim.errors import unknown
 from gantrysim.machine import WORK, Machine
 from gantrysim.render.colours import Scale, scale_for, values_along
 from gantrysim.render.drop import drop_at
+from gantrysim.render.workpiece import workpiece
 from gantrysim.run import Run
 
 __all__ = ["Scene"]
 
 _BEAD = "gantrysim bead"
+_PIECE = "gantrysim work piece"
 _GLUE = (0.98, 0.58, 0.10, 1.0)
+_TURNED = (0.45, 0.47, 0.50, 1.0)
 # A coloured bead mostly glows, for its colours are held against a scale: of a texture's colour so much is lit, and the
 # rest its own light. The machines' lights add up to about 1.1.
 _LIT = 0.3
@@ -25,7 +28,7 @@ _GLOW = (1 - 1.1 * _LIT) / _LIT
 
 
 class Scene:
-    """A model of the machine with a bead on its work, and its data.
+    """A model of the machine with a bead on its work, under one that climbs a body that carries it, and its data.
 
     Args:
         machine: the machine that ran.
@@ -147,6 +150,7 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         conaffinity=0,
         group=0,
     )
+    _add_piece(spec, sweep)
     model = spec.compile()
     geom = model.geom(_BEAD).id
     # the compiler has moved the mesh to its own inertial frame; the drawn vertices lie in the work's
@@ -159,6 +163,27 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         float(machine.model.stat.extent), 2e-3 * float(np.ptp(sweep.strand.run.nozzle, axis=0).max())
     )
     return model
+
+
+def _add_piece(spec: mujoco.MjSpec, sweep: Sweep) -> None:
+    """Put a body under a bead that climbs."""
+    piece = workpiece(sweep.strand.run, sweep.strand.settings)
+    if piece is None:
+        return
+    mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    mesh.uservert = piece.vertices.ravel().astype(np.float32)
+    mesh.userface = piece.faces.ravel()
+    spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
+    spec.body(WORK).add_geom(
+        name=_PIECE,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=_PIECE,
+        material=_PIECE,
+        mass=0,
+        contype=0,
+        conaffinity=0,
+        group=2,
+    )
 
 
 def _in_texture(shares: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,246 @@
+"""The body that carries the bead of a path that climbs.
+
+Its top is a ledge along the dispensed part of the requested path: level across it, as the bead's base is, and below it
+by the gap. From the ledge of one turn a face leads to that of the next. Glue is laid from above, so where the path
+passes above itself the ledge is the lower one's, and nothing stands in the needle's way: the upper bead spans what is
+below it, or, where most of a path lies above itself as on a helix, leans on a thin wall beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.bead import BeadSettings
+from gantrysim.bead.strand import Strand
+from gantrysim.controllers.path import Floats
+from gantrysim.metrics import Analysis
+from gantrysim.run import Run
+
+__all__ = ["WorkPiece", "workpiece"]
+
+Triangles = NDArray[np.int32]
+
+_STEP = 1.5  # of the samples along the path [mm]
+_NEEDLE = 0.5  # its radius, and some air [mm]
+_FLAT = 0.05  # a path that climbs no higher than this lies on the work itself [mm]
+_FILM = 0.02  # a body that is no thicker than this is not drawn [mm]
+_LEVEL = 0.05  # cosine of the climb, below which the path has no direction in plan view
+_SHARE = 0.45  # of the distance to what passes beside it, that a ledge takes
+_BEND = 0.8  # of the radius of curvature, likewise
+_ASIDE = 6.0  # half widths along the path, within which it is still the same turn
+_MOSTLY = 0.5  # share of the path that lies above itself, from which it leans on a wall
+_WALL = 2.0  # thickness [mm]
+_BESIDE = 0.95  # of the distance to its own turn, at which a wall keeps from every other
+_CAP = np.radians([-90, -60, -30, 0, 30, 60, 90])  # corners of a ledge's round end
+
+
+class WorkPiece(NamedTuple):
+    """A body on the work, open below, where it stands on it.
+
+    Attributes:
+        vertices: in the work frame, (v, 3) [m].
+        faces: triangles, counter-clockwise from outside, (f, 3).
+    """
+
+    vertices: Floats
+    faces: Triangles
+
+
+def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
+    """Return the body that carries the bead of a run, or None where the path does not climb.
+
+    Args:
+        run: the run; only its dispensed part counts.
+        bead: how the glue lies.
+    """
+    if not run.dispense.any():
+        return None
+    strand = Strand(run, bead)
+    width = float(strand.nominal_section.width[0]) if strand.nominal > 0 else 0.0
+    track = _track(run, Analysis(run), strand.gap)
+    if width <= 0 or track is None or track.point[:, 2].max() < _FLAT - strand.gap:
+        return None
+    floor = -run.gap
+    clear = 0.5 * width + _NEEDLE
+    above, below = _stacked(track, clear, width)
+    ledge = track.only(~above)
+    parts = [_solid(ledge, _reach(ledge, width), floor)]
+    if above.mean() > _MOSTLY:
+        parts += _walls(track, ~below, clear, floor)
+    kept = [part for part in parts if len(part.faces)]
+    if not kept:
+        return None
+    starts = np.cumsum([0, *(len(part.vertices) for part in kept[:-1])])
+    return WorkPiece(
+        1e-3 * np.concatenate([part.vertices for part in kept]),
+        np.concatenate([part.faces + start for part, start in zip(kept, starts, strict=True)]).astype(np.int32),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Track:
+    """Samples of the dispensed path, lowered by the gap.
+
+    Attributes:
+        s: arc length, (k,) [mm].
+        point: (k, 3) [mm].
+        along: direction in plan view, (k, 2).
+        turning: of it, (k,) [1/mm].
+        stretch: number of the stretch that the sample belongs to, ascending, (k,).
+    """
+
+    s: Floats
+    point: Floats
+    along: Floats
+    turning: Floats
+    stretch: NDArray[np.intp]
+
+    @property
+    def left(self) -> Floats:
+        """Left normals in plan view, (k, 2)."""
+        return np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
+
+    def only(self, kept: NDArray[np.bool_]) -> _Track:
+        """Return the samples that are kept; what lies on either side of a gap are stretches of their own."""
+        parts = np.cumsum(np.diff(kept.astype(np.int8), prepend=0) == 1)
+        _, stretch = np.unique(np.stack([self.stretch, parts])[:, kept], axis=1, return_inverse=True)
+        return _Track(self.s[kept], self.point[kept], self.along[kept], self.turning[kept], stretch.ravel())
+
+
+def _track(run: Run, analysis: Analysis, gap: float) -> _Track | None:
+    """Sample the requested path wherever the program dispenses."""
+    foot, ticks = analysis.commanded.s, analysis.ticks
+    found = []
+    for part in np.split(foot, np.flatnonzero(np.diff(ticks) > 1) + 1):
+        first, last = float(part.min()), float(part.max())
+        found.append(np.linspace(first, last, max(int(np.ceil((last - first) / _STEP)), 1) + 1))
+    s = np.concatenate(found)
+    stretch = np.repeat(np.arange(len(found)), [len(part) for part in found])
+    local = run.requested.local(s)
+    tangent = local.tangent[:, :2]
+    level = np.linalg.norm(tangent, axis=1)
+    seen = level > _LEVEL
+    if seen.sum() < 2:
+        return None
+    along = tangent[seen] / level[seen, None]
+    place = local.position[seen] - [0.0, 0.0, gap]
+    return _Track(s[seen], place, along, local.turning[seen] / level[seen], stretch[seen])
+
+
+def _pairs(track: _Track, reach: float, width: float) -> tuple[NDArray[np.intp], Floats]:
+    """Pairs of samples of different turns that lie within reach of one another in plan view, (p, 2), and how far."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(track.point[:, :2]).query_pairs(reach, output_type="ndarray")
+    other = np.abs(np.diff(track.s[pairs], axis=1)[:, 0]) > _ASIDE * width
+    pairs = pairs[other]
+    return pairs, np.linalg.norm(np.diff(track.point[pairs][..., :2], axis=1)[:, 0], axis=1)
+
+
+def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell which samples have another turn below them, and which have one above, (k,) each."""
+    pairs, _ = _pairs(track, clear, width)
+    rise = np.diff(track.point[pairs, 2], axis=1)[:, 0]
+    pairs, rise = pairs[np.abs(rise) > _FLAT], rise[np.abs(rise) > _FLAT]
+    upper = np.where(rise > 0, pairs[:, 1], pairs[:, 0])
+    lower = np.where(rise > 0, pairs[:, 0], pairs[:, 1])
+    above, below = np.zeros((2, len(track.s)), bool)
+    above[upper], below[lower] = True, True
+    return above, below
+
+
+def _reach(track: _Track, width: float) -> Floats:
+    """Return the half widths of the ledge, (k,) [mm]: of the bead's width, unless there is no room for that."""
+    reach: Floats = np.full(len(track.s), width)
+    pairs, apart = _pairs(track, width / _SHARE, width)
+    for end in range(2):
+        np.minimum.at(reach, pairs[:, end], _SHARE * apart)
+    bend: Floats = _BEND / np.maximum(np.abs(track.turning), 1e-9)
+    return np.minimum(reach, bend)
+
+
+def _solid(track: _Track, reach: Floats, floor: float) -> WorkPiece:
+    """Triangulate the ledges in plan view, with what lies between them, and draw the rim down to the floor."""
+    from scipy.spatial import Delaunay, QhullError
+
+    aside = reach[:, None] * track.left
+    ends = np.flatnonzero(np.diff(track.stretch, prepend=-1) > 0)
+    tips = np.concatenate([ends, np.append(ends[1:], len(track.s)) - 1])
+    ahead = np.repeat([-1.0, 1.0], len(ends))[:, None, None] * np.cos(_CAP)[:, None] * track.along[tips][:, None]
+    caps = track.point[tips, None, :2] + reach[tips, None, None] * (
+        ahead + np.sin(_CAP)[:, None] * track.left[tips][:, None]
+    )
+    plan = np.concatenate([track.point[:, :2], track.point[:, :2] + aside, track.point[:, :2] - aside, *caps])
+    height = np.concatenate([np.tile(track.point[:, 2], 3), np.repeat(track.point[tips, 2], len(_CAP))])
+    height = np.maximum(height, floor)
+    nothing = WorkPiece(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    try:
+        faces = Delaunay(plan).simplices
+    except QhullError:  # all in one line
+        return nothing
+    a, b, c = np.moveaxis(plan[faces], 1, 0)
+    double = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = np.where((double > 0)[:, None], faces, faces[:, ::-1])
+    faces = faces[(np.abs(double) > 1e-9) & (height[faces].max(axis=1) > floor + _FILM)]
+    top = np.column_stack([plan, height])
+    rim = _rim(faces)
+    foot = np.column_stack([plan, np.full(len(plan), floor)])
+    skirt = _band(rim[:, 0] + len(top), rim[:, 1] + len(top), rim[:, 0] + 2 * len(top), rim[:, 1] + 2 * len(top))
+    # the skirt has vertices of its own, so that the edge stays sharp
+    return WorkPiece(np.concatenate([top, top, foot]), np.concatenate([faces, skirt]).astype(np.int32))
+
+
+def _rim(faces: Triangles) -> Triangles:
+    """Return the edges that only one triangle has, in its sense, (e, 2)."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, where, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
+    rim: Triangles = edges[where[count == 1]]
+    return rim
+
+
+def _band(a: NDArray[np.integer], b: NDArray[np.integer], c: NDArray[np.integer], d: NDArray[np.integer]) -> Triangles:
+    """Triangles of quadrilaterals whose upper edges run from a to b and lower ones from c to d, seen from outside."""
+    return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)]).astype(np.int32)
+
+
+def _walls(track: _Track, top: NDArray[np.bool_], clear: float, floor: float) -> list[WorkPiece]:
+    """Return walls as high as the uppermost turn, on the side to which it turns, clear of bead and needle."""
+    from scipy.spatial import cKDTree
+
+    side = np.where(track.turning < 0, -1.0, 1.0)
+    near, far = (track.point[:, :2] + (offset * side)[:, None] * track.left for offset in (clear, clear + _WALL))
+    apart, _ = cKDTree(track.point[:, :2]).query(near)
+    # where it bends more sharply the wall would fold
+    kept = top & (apart > _BESIDE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
+    upper, side, near, far = track.only(kept), side[kept], near[kept], far[kept]
+    walls = []
+    for number in np.unique(upper.stretch):
+        at = np.flatnonzero(upper.stretch == number)
+        if len(at) < 2:
+            continue
+        high = upper.point[at, 2:]
+        low = np.full_like(high, floor)
+        corners = [np.hstack(pair) for pair in ((near[at], high), (near[at], low), (far[at], low), (far[at], high))]
+        walls.append(_box(corners if side[at[0]] > 0 else corners[::-1]))
+    return walls
+
+
+def _box(corners: list[Floats]) -> WorkPiece:
+    """Return the bar whose section has the corners, each given along the bar, (m, 3), anticlockwise from its end."""
+    m = len(corners[0])
+    vertices, faces = [], []
+    for k in range(4):
+        start, i = 2 * k * m, np.arange(m - 1)
+        vertices += [corners[k], corners[(k + 1) % 4]]
+        faces.append(_band(start + i, start + i + 1, start + m + i, start + m + i + 1))
+    start = 8 * m
+    for end, order in ((0, (0, 3, 2, 1)), (-1, (0, 1, 2, 3))):
+        vertices.append(np.stack([corner[end] for corner in corners]))
+        p, q, r, t = (start + k for k in order)
+        faces.append(np.array([[p, q, r], [p, r, t]], np.int32))
+        start += 4
+    return WorkPiece(np.concatenate(vertices), np.concatenate(faces))
