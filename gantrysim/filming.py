@@ -81,21 +81,27 @@ def render(
         raise InputError(f"number of labels = {len(label)}: must be {len(folders)}, one for each run")
     wanted = None if size is None else size_of(size)
     target = _target(folders, out, at)
-    runs = [SavedRun.load(folder) for folder in folders]
-    for run in runs:
-        if run.changed:
-            warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
-    names = label or labels_of(runs)
-    takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
     try:
-        with interruptible(), Film(takes, camera=camera, size=wanted, colour=colour) as film:
-            if target.suffix.lower() not in FILMS:
-                film.save_picture(target, at)
-                said = "picture"
-            else:
-                with share_bar("render") as advance:
-                    frames = film.save(target, fps=fps, speed=speed, progress=advance)
-                said = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
+        with interruptible() as go_on:
+            runs = [SavedRun.load(folder) for folder in folders]
+            for run in runs:
+                if run.changed:
+                    warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
+            names = label or labels_of(runs)
+            takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
+            with Film(takes, camera=camera, size=wanted, colour=colour) as film:
+                if target.suffix.lower() not in FILMS:
+                    film.save_picture(target, at)
+                    said = "picture"
+                else:
+                    with share_bar("render") as advance:
+
+                        def each(share: float) -> None:
+                            go_on()
+                            advance(share)
+
+                        frames = film.save(target, fps=fps, speed=speed, progress=each)
+                    said = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
     except KeyboardInterrupt:
         warn("interrupted: nothing is written")
         raise typer.Exit(INTERRUPTED) from None

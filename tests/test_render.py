@@ -131,7 +131,7 @@ def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
         frames = [np.asarray(frame) for frame in reader]
         rate = reader.get_meta_data()["fps"]
     assert rate == 5.0
-    assert len(frames) == count == round(run.time[-1] * 5) + 1
+    assert len(frames) == count == int(np.ceil(run.time[-1] * 5)) + 1
     assert len(seen) == count
     assert seen[-1] == 1.0
     assert all(frame.shape == (240, 320, 3) and frame.mean() > 30 for frame in frames)
@@ -194,15 +194,6 @@ def test_the_camera_is_overview_or_else_one_that_sees_everything(xy, run, rigid)
     with Renderer(machine, other, size=(2000, 1500)) as renderer:  # larger than the model's own buffer
         assert renderer.view.type == mujoco.mjtCamera.mjCAMERA_FREE
         assert renderer.frame(len(other.time) - 1).std() > 3
-
-
-def test_a_long_run_is_shown_faster(xy, run, tmp_path):
-    slow = dataclasses.replace(run, time=run.time * 30, period=run.period * 30)  # 133 s
-    count = save_video(xy, slow, tmp_path / "video.mp4", size=(160, 120), fps=1.0)
-    assert count == round(slow.time[-1] / 3) + 1
-    assert (
-        save_video(xy, run, tmp_path / "video.mp4", size=(160, 120), fps=2.0, speed=4.0) == round(run.time[-1] / 2) + 1
-    )
 
 
 def test_mujoco_gl_off_means_no_video(xy, run, monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -96,20 +96,24 @@ def film_writer(
             options = {"codec": "gif", "quality": None, "pix_fmt_out": "pal8"}
             mapped = f"movie={_in_a_filter(palette)}[palette];[0:v][palette]paletteuse=dither=none"
             options["output_params"] = ["-lavfi", mapped, "-loop", "0"]
-        with closing(
-            write_frames(partial, size, fps=fps, macro_block_size=1, ffmpeg_log_level="error", **options)
-        ) as writer:
-            writer.send(None)  # starts the encoder
+        writer = write_frames(partial, size, fps=fps, macro_block_size=1, ffmpeg_log_level="error", **options)
+        writer.send(None)  # starts the encoder
 
-            def append(frame: Picture) -> None:
-                nonlocal frames
-                try:
-                    writer.send(np.ascontiguousarray(frame))
-                except OSError:
-                    raise InputError(f"file {file}: cannot be written: {_STOPPED}") from None
-                frames += 1
+        def append(frame: Picture) -> None:
+            nonlocal frames
+            try:
+                writer.send(np.ascontiguousarray(frame))
+            except OSError:
+                raise InputError(f"file {file}: cannot be written: {_STOPPED}") from None
+            frames += 1
 
+        try:
             yield append
+        except BaseException:
+            with suppress(KeyboardInterrupt):  # at which the encoder is killed; closed, it would end the film first
+                writer.throw(KeyboardInterrupt())
+            raise
+        writer.close()
         # what the encoder could not write at the end, it does not tell
         if count_frames_and_secs(partial)[0] != frames:
             raise InputError(f"file {file}: cannot be written: {_STOPPED}")
