@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -10,7 +14,7 @@ import typer
 from gantrysim.errors import InputError, positive
 from gantrysim.job import Job, builtin_jobs
 from gantrysim.run import Fault
-from gantrysim.terminal import FAULT, INTERRUPTED, interruptible, warn
+from gantrysim.terminal import FAULT, INTERRUPTED, warn
 
 __all__ = ["view"]
 
@@ -60,11 +64,11 @@ def view(
     if saved and (model is not None or settings):
         raise InputError(f"run {shown}: is replayed as it was; --model and --set are for a job that runs live")
     check_display()
+    fault = None
     try:
-        with interruptible():
-            if saved:
-                _replay(folder, camera, colour, speed)
-                return
+        if saved:
+            _replay(folder, camera, colour, speed)
+        else:
             fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
@@ -91,11 +95,12 @@ def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None
     if saved.changed:
         warn(f"machine {saved.machine.name} has changed since it ran: what is shown of it is as it is now")
     scene = Scene(saved.machine, saved.run, saved.job.bead, colour=colour)
-    window = ViewerWindow(scene, camera)
-    try:
-        Player(saved.job.name, scene, Replay(saved.run), window, speed=speed).play()
-    finally:
-        window.close()
+    with _undisturbed() as stopped:
+        window = ViewerWindow(scene, camera)
+        try:
+            Player(saved.job.name, scene, Replay(saved.run), window, speed=speed).play(stopped)
+        finally:
+            window.close()
 
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
@@ -120,8 +125,32 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     scene = Scene(machine, job.follow(), job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)
-    window = ViewerWindow(scene, camera)
+    with _undisturbed() as stopped:
+        window = ViewerWindow(scene, camera)
+        try:
+            player = Player(job.name, scene, Live(simulation), window, bodies=bodies, speed=speed)
+            return player.play(stopped)
+        finally:
+            window.close()
+
+
+@contextmanager
+def _undisturbed() -> Iterator[Callable[[], bool]]:
+    """Hold Ctrl-C and a polite kill back until the block's end; what is given tells whether one came.
+
+    An exception in the midst of opening or closing a window would leave its thread to draw what is freed.
+    """
+    came = False
+
+    def remember(_number: int, _frame: FrameType | None) -> None:
+        nonlocal came
+        came = True
+
+    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        return Player(job.name, scene, Live(simulation), window, bodies=bodies, speed=speed).play()
+        yield lambda: came
     finally:
-        window.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt

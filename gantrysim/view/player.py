@@ -65,17 +65,22 @@ class Player:
         self._begun = timer()
         self.clock = Clock(speed, end, since=self._begun)
 
-    def play(self) -> Fault | None:
-        """Play until the window is closed, and return the fault that ended a live run."""
+    def play(self, stopped: Callable[[], bool] = lambda: False) -> Fault | None:
+        """Play until the window is closed, and return the fault that ended a live run.
+
+        Args:
+            stopped: asked before every picture, whether to end without that.
+        """
         try:
-            while True:
+            while not stopped():
                 begun = self._timer()
                 self.picture()
                 left = _PERIOD - (self._timer() - begun)
                 if left > 0:
                     self._rest(left)
         except WindowClosedError:
-            return self._source.fault if self._source.live else None
+            pass
+        return self._source.fault if self._source.live else None
 
     def picture(self) -> None:
         """Show one picture: of now.

@@ -1,0 +1,281 @@
+"""The viewer's window: where there is no display, and under Xvfb where that is installed."""
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from gantrysim.errors import GantryError
+from gantrysim.job import Job
+from gantrysim.view.commands import view
+from gantrysim.view.display import NoDisplayError, check_display
+from gantrysim.view.window import _freed_when_left
+
+PATIENCE = 90.0  # with a first picture in software, or with the end of a process [s]
+HINT = "; `gantrysim render RUN_DIR` makes a video"
+BEAD = 60  # pixels of its colour, that prove a bead
+
+SHORT = """
+name = "short"
+machine = "xy"
+[program]
+controller = "trio.MoveSpiral"
+diameter = 80.0
+turns = 1
+thickness = 10.0
+speed = 200.0
+[dispenser]
+flow = 800.0
+"""
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """The folder of a run, and its job's file."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "job.toml").write_text(SHORT)
+    Job.load(folder / "job.toml").run().save(folder / "run.npz")
+    return folder
+
+
+@pytest.fixture
+def no_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_no_display():
+    with pytest.raises(NoDisplayError) as error:
+        check_display("linux", {"HOME": "/"})
+    reason = "neither DISPLAY nor WAYLAND_DISPLAY is set"
+    assert str(error.value) == f"no display to open a window on: {reason}{HINT}"
+    assert isinstance(error.value, GantryError)
+
+
+def test_macos_wants_its_own_interpreter():
+    with pytest.raises(NoDisplayError) as error:
+        check_display("darwin", {})
+    reason = "on macOS MuJoCo's viewer needs its own interpreter, mjpython -m gantrysim view"
+    assert str(error.value) == f"no display to open a window on: {reason}{HINT}"
+
+
+def command(*arguments, **environment):
+    here = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    # warnings as errors would say whatever GLFW warns of
+    return subprocess.Popen(
+        [sys.executable, "-m", "gantrysim", "view", *map(str, arguments)],
+        env=here | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks for X11")
+@pytest.mark.parametrize(
+    ("environment", "reason"),
+    [
+        ({}, "neither DISPLAY nor WAYLAND_DISPLAY is set"),
+        ({"DISPLAY": ":4242"}, "X11: Failed to open display :4242"),
+    ],
+)
+def test_command_without_a_display_is_one_line(environment, reason):
+    process = command("an225", **environment)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2
+    assert out == ""
+    assert err == f"error: no display to open a window on: {reason}{HINT}\n"
+
+
+def test_nothing_is_simulated_without_a_display(saved, no_display, monkeypatch, gantrysim_command):
+    monkeypatch.setattr(Job, "load", lambda *_: pytest.fail("a job was loaded"))
+    monkeypatch.setattr("gantrysim.saved.SavedRun.load", lambda *_: pytest.fail("a run was loaded"))
+    for shown in ("an225", saved):
+        status, out, err = gantrysim_command("view", shown)
+        assert (status, out) == (2, "")
+        assert err.count("\n") == 1
+        assert "gantrysim render" in err
+
+
+@pytest.mark.parametrize("setting", [["--set", "speed=50"], ["--model", "xy"]])
+def test_a_saved_run_is_replayed_as_it_was(saved, gantrysim_command, setting):
+    status, _, err = gantrysim_command("view", saved, *setting)
+    assert status == 2
+    said = "is replayed as it was; --model and --set are for a job that runs live"
+    assert " ".join(err.split()) == f"error: run {saved}: {said}"
+
+
+def test_speed_of_nothing(gantrysim_command):
+    assert gantrysim_command("view", "an225", "--speed", "0")[::2] == (2, "error: speed = 0: must be greater than 0\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["no-such-job"], "unknown job 'no-such-job'"),
+        (["an225", "--camera", "behind"], "unknown camera 'behind'"),
+        (["an225", "--colour", "red"], "unknown colour 'red'"),
+        (["{folder}"], "holds no run"),
+    ],
+)
+def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantrysim_command):
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.view.window.ViewerWindow._launch", lambda _: pytest.fail("a window was opened"))
+    status, _, err = gantrysim_command("view", *[text.format(folder=tmp_path) for text in arguments])
+    assert status == 2
+    assert said in err
+
+
+def test_a_folder_with_the_name_of_a_job_is_the_run_that_it_holds(saved, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.view.commands._replay", lambda *_: seen.append("replay"))
+    monkeypatch.setattr("gantrysim.view.commands._live", lambda *_: seen.append("live"))
+    (tmp_path / "an225").mkdir()
+    view("an225")
+    shutil.copy(saved / "run.npz", tmp_path / "an225")
+    view("an225")
+    assert seen == ["live", "replay"]
+
+
+def test_importing_the_command_imports_no_viewer():
+    code = "import sys, gantrysim.cli, gantrysim.view.commands; print('mujoco.viewer' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_viewer_is_freed_when_nobody_is_inside_and_left_alone_when_somebody_stays(monkeypatch):
+    monkeypatch.setattr("gantrysim.view.window._PATIENCE", 0.1)
+    left = []
+    monkeypatch.setattr("gantrysim.view.window._left", left)
+    freed = []
+
+    class Simulate:
+        def destroy(self):
+            freed.append(self)
+
+    guard = threading.Lock()
+    viewer = _freed_when_left(Simulate, guard)()
+    with guard:
+        viewer.destroy()
+    assert (freed, left) == ([], [viewer])
+    viewer.destroy()
+    assert freed == [viewer]
+    assert not guard.locked()
+
+
+@pytest.fixture(scope="module")
+def display(tmp_path_factory):
+    """A display of its own by Xvfb; else the one there is."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("asks for X11")
+    if shutil.which("Xvfb") is None:
+        if not os.environ.get("DISPLAY"):
+            pytest.skip("neither Xvfb nor a display")
+        yield os.environ["DISPLAY"]
+        return
+    read, write = os.pipe()
+    screen = ["-screen", "0", "1280x960x24", "-displayfd", str(write)]
+    server = subprocess.Popen(["Xvfb", *screen], pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as number:
+        name = f":{number.readline().strip()}"
+    yield name
+    server.terminate()
+    server.wait(PATIENCE)
+
+
+def grabbed(display):
+    from PIL import ImageGrab
+
+    return np.asarray(ImageGrab.grab(xdisplay=display).convert("RGB")).astype(int)
+
+
+def glue(picture):
+    """Number of pixels as orange as the glue."""
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return int(np.count_nonzero((red > 140) & (green > 0.35 * red) & (green < 0.75 * red) & (blue < 0.35 * red)))
+
+
+def until(process, condition):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+class _Message(ctypes.Structure):
+    """XClientMessageEvent."""
+
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("serial", ctypes.c_ulong),
+        ("send_event", ctypes.c_int),
+        ("display", ctypes.c_void_p),
+        ("window", ctypes.c_ulong),
+        ("message_type", ctypes.c_ulong),
+        ("format", ctypes.c_int),
+        ("data", ctypes.c_long * 5),
+        ("rest", ctypes.c_long * 24),
+    )
+
+
+def ask_to_close(display):
+    """Ask every window to close, as a window manager does."""
+    x11 = ctypes.CDLL("libX11.so.6")
+    x11.XOpenDisplay.restype, x11.XInternAtom.restype, x11.XDefaultRootWindow.restype = (
+        ctypes.c_void_p,
+        ctypes.c_ulong,
+        ctypes.c_ulong,
+    )
+    server = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
+    root, children = ctypes.c_ulong(), ctypes.POINTER(ctypes.c_ulong)()
+    count = ctypes.c_uint()
+    other = ctypes.c_ulong()
+    x11.XQueryTree(
+        server,
+        ctypes.c_ulong(x11.XDefaultRootWindow(server)),
+        *map(ctypes.byref, (root, other, children, count)),
+    )
+    protocols, delete = (x11.XInternAtom(server, name, 0) for name in (b"WM_PROTOCOLS", b"WM_DELETE_WINDOW"))
+    for window in children[: count.value]:
+        message = _Message(type=33, window=window, message_type=protocols, format=32)
+        message.data[0] = delete
+        x11.XSendEvent(server, ctypes.c_ulong(window), 0, ctypes.c_long(0), ctypes.byref(message))
+    x11.XCloseDisplay(server)
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_window_shows_the_bead_grow_and_closes(display, saved, live):
+    process = command(saved / "job.toml" if live else saved, "--speed", "0.25", DISPLAY=display)
+    try:
+        until(process, lambda: grabbed(display).any())
+        until(process, lambda: glue(grabbed(display)) > 0)
+        before = glue(grabbed(display))
+        until(process, lambda: glue(grabbed(display)) > before + BEAD)
+        ask_to_close(display)
+        _, err = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (0, "")
+
+
+def test_interrupt_closes_the_window(display, saved):
+    process = command(saved, DISPLAY=display)
+    try:
+        until(process, lambda: glue(grabbed(display)) > 0)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (130, "")
+    assert not grabbed(display).any()
