@@ -131,7 +131,7 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
 
 
 def partial_name(name: str) -> str:
-    """Return the name under which this process writes a file that is to be called `name`, hidden until it is whole."""
+    """Return the name under which this process writes what is to be called `name`, hidden until it is whole."""
     return f"{_PARTIAL}{os.getpid()}-{name}"
 
 
@@ -140,10 +140,7 @@ def _clear_away(folder: Path) -> None:
     for left in folder.glob(f"{_PARTIAL}*"):
         owner = left.name.removeprefix(_PARTIAL).partition("-")[0]
         if owner.isdigit() and not _alive(int(owner)):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                left.unlink(missing_ok=True)
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _alive(process: int) -> bool:

@@ -203,18 +203,25 @@ def test_an_interrupted_film_leaves_the_earlier_one_and_nothing_else(alone, tmp_
     assert list(tmp_path.iterdir()) == [tmp_path / name]
 
 
-@pytest.mark.parametrize("script", ["exit 1", 'head -c 200000 | "$REAL" "$@"'])
-def test_an_encoder_that_fails_leaves_no_half_film(alone, tmp_path, monkeypatch, script):
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        ("exit 1", "the encoder stopped"),
+        ("cat > $0.all; echo 'No space left' >&2; exit 28", "No space left"),
+        ('head -c 400000 | "$REAL" "$@"; echo "Killed" >&2; exit 9', "Killed"),
+    ],
+)
+def test_an_encoder_that_fails_leaves_no_half_film(alone, tmp_path, monkeypatch, script, said):
     import imageio_ffmpeg
 
     monkeypatch.setenv("REAL", imageio_ffmpeg.get_ffmpeg_exe())
     encoder = tmp_path / "encoder"
     encoder.write_text(f"#!/bin/sh\n{script}\n")
     encoder.chmod(0o755)
-    monkeypatch.setattr("imageio_ffmpeg._io.get_ffmpeg_exe", lambda: str(encoder))
-    with pytest.raises(InputError, match=r"a.mp4: cannot be written: the encoder stopped"):
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(encoder))
+    with pytest.raises(InputError, match=f"a.mp4: cannot be written: {said}$"):
         alone.save(tmp_path / "a.mp4", fps=5)
-    assert list(tmp_path.iterdir()) == [encoder]
+    assert [item.name for item in tmp_path.iterdir() if not item.name.startswith("encoder")] == []
 
 
 def test_bad_films_are_refused(xy, run, alone, tmp_path):
@@ -264,10 +271,10 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
 
 
 def test_a_read_only_folder_is_named(alone, tmp_path, monkeypatch):
-    def refuse(self, *_, **__):
+    def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("pathlib.Path.touch", refuse)
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
     for save, name in ((alone.save, "a.mp4"), (alone.save_picture, "a.png")):
         with pytest.raises(InputError, match=f"{name}: cannot be written: Permission denied"):
             save(tmp_path / name)

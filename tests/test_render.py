@@ -126,7 +126,7 @@ def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
 
 def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
     seen = []
-    count = save_video(xy, run, tmp_path / "video.mp4", size=(320, 240), fps=5.0, progress=seen.append)
+    count = save_video(xy, run, tmp_path / "video.mp4", size=(480, 360), fps=5.0, progress=seen.append)
     with imageio.get_reader(tmp_path / "video.mp4") as reader:
         frames = [np.asarray(frame) for frame in reader]
         rate = reader.get_meta_data()["fps"]
@@ -134,7 +134,7 @@ def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
     assert len(frames) == count == int(np.ceil(run.time[-1] * 5)) + 1
     assert len(seen) == count
     assert seen[-1] == 1.0
-    assert all(frame.shape == (240, 320, 3) and frame.mean() > 30 for frame in frames)
+    assert all(frame.shape == (360, 480, 3) and frame.mean() > 30 for frame in frames)
     orange = [((f[..., 0] > 150) & (f[..., 2] < 90)).sum() for f in map(np.asarray, frames)]
     assert orange[-1] > orange[len(orange) // 2] > orange[0]
 

@@ -214,10 +214,11 @@ def _heed_interrupts():
 def test_what_a_killed_process_has_left_is_cleared_away_by_a_later_run(gantrysim_command, folder):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    left = folder / "slow" / f".partial-{gone.pid}-render.mp4"
-    of_another = folder / "slow" / f".partial-{os.getppid()}-render.mp4"
-    for file in (left, of_another):
-        file.write_bytes(b"half")
+    left = folder / "slow" / f".partial-{gone.pid}-xyz"
+    of_another = folder / "slow" / f".partial-{os.getppid()}-xyz"
+    for place in (left, of_another):
+        place.mkdir()
+        (place / "render.mp4").write_bytes(b"half")
     small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
     gantrysim_command("run", "an225", *small, "--out", folder / "slow", "--no-video", "--no-report")
     assert not left.exists()

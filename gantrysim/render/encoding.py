@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import re
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +27,15 @@ PICTURES = (".png",)
 
 _HUNDREDTHS = 100.0  # of a second, in which a GIF says how long each of its frames stays
 _SHORTEST, _LONGEST = 2, 65535  # of these, that players keep to, and that it can say
-_QUALITY = 8  # of 10
 # What is not labelled is taken by some players for the colours of old television, by others for those of new; with its
 # index in front, a film plays while it is still loaded.
 _MP4_OPTIONS = (
     "-vf scale=out_color_matrix=bt709:out_range=tv,"
-    "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709 -movflags +faststart"
+    "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709 "
+    "-c:v libx264 -crf 10 -pix_fmt yuv420p -movflags +faststart"
 )
-_STOPPED = "the encoder stopped"  # which has said why by itself
+_GIF_OPTIONS = "-lavfi paletteuse=dither=none -c:v gif -loop 0"
+_FINEST_RATE = 1_000_000  # of frames per second as a fraction, its denominator
 
 
 def suffix_of(file: Path, known: Sequence[str]) -> str:
@@ -79,44 +81,39 @@ def film_writer(
     Raises:
         InputError: a file that cannot be written, or an odd size of an MP4.
     """
-    from imageio_ffmpeg import count_frames_and_secs, write_frames
+    from imageio_ffmpeg import get_ffmpeg_exe
 
     suffix = suffix_of(file, FILMS)
     width, height = size
     if suffix == _MP4 and (width % 2 or height % 2):
         raise InputError(f"size of the video = {width} x {height}: must be even numbers of pixels")
-    frames = 0
-    with _partial(file) as partial, tempfile.TemporaryDirectory() as scratch:
-        options: dict[str, Any]
-        if suffix == _MP4:
-            options = {"codec": "libx264", "quality": _QUALITY, "output_params": _MP4_OPTIONS.split()}
-        else:
-            palette = Path(scratch) / "palette.png"
+    with _partial(file) as partial:
+        rate = Fraction(fps).limit_denominator(_FINEST_RATE)
+        frames = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
+        options = _MP4_OPTIONS.split()
+        if suffix == _GIF:
+            palette = partial.with_name("palette.png")
             _palette(samples()).save(palette)
-            options = {"codec": "gif", "quality": None, "pix_fmt_out": "pal8"}
-            mapped = f"movie={_in_a_filter(palette)}[palette];[0:v][palette]paletteuse=dither=none"
-            options["output_params"] = ["-lavfi", mapped, "-loop", "0"]
-        writer = write_frames(partial, size, fps=fps, macro_block_size=1, ffmpeg_log_level="error", **options)
-        writer.send(None)  # starts the encoder
-
-        def append(frame: Picture) -> None:
-            nonlocal frames
+            options = ["-i", str(palette), *_GIF_OPTIONS.split()]
+        command = [get_ffmpeg_exe(), "-y", "-v", "error", *frames, *options, str(partial)]
+        with partial.with_name("said").open("w+") as said:
+            # in a session of its own, so that a Ctrl-C reaches this process alone
+            encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said, start_new_session=True)
+            whole = False
             try:
-                writer.send(np.ascontiguousarray(frame))
-            except OSError:
-                raise InputError(f"file {file}: cannot be written: {_STOPPED}") from None
-            frames += 1
-
-        try:
-            yield append
-        except BaseException:
-            with suppress(KeyboardInterrupt):  # at which the encoder is killed; closed, it would end the film first
-                writer.throw(KeyboardInterrupt())
-            raise
-        writer.close()
-        # what the encoder could not write at the end, it does not tell
-        if count_frames_and_secs(partial)[0] != frames:
-            raise InputError(f"file {file}: cannot be written: {_STOPPED}")
+                yield lambda frame: _send(encoder, frame)
+                encoder.communicate()
+                whole = encoder.returncode == 0
+            except _StoppedError:
+                pass
+            finally:
+                if encoder.poll() is None:
+                    encoder.kill()
+                encoder.communicate()
+            if not whole:
+                said.seek(0)
+                why = said.read().strip().splitlines() or ["the encoder stopped"]
+                raise InputError(f"file {file}: cannot be written: {why[-1]}")
 
 
 def save_picture(file: Path, picture: Picture) -> None:
@@ -132,25 +129,34 @@ def save_picture(file: Path, picture: Picture) -> None:
         imageio.imwrite(partial, picture)
 
 
+class _StoppedError(Exception):
+    """The encoder takes no more."""
+
+
+def _send(encoder: subprocess.Popen[bytes], frame: Picture) -> None:
+    assert encoder.stdin is not None
+    try:
+        encoder.stdin.write(np.ascontiguousarray(frame).data)
+    except BrokenPipeError:
+        raise _StoppedError from None
+
+
 @contextmanager
 def _partial(file: Path) -> Iterator[Path]:
-    """Give a hidden file beside a file, that takes its place on success and is gone otherwise."""
+    """Give a file in a hidden folder beside a file, that takes its place on success and is gone otherwise.
+
+    With the folder goes the place in which a child that starts late, or dies late, could still write.
+    """
     target = file.absolute()
-    partial = target.with_name(partial_name(target.name))
     try:
-        try:
-            partial.touch()
-        except OSError as error:
-            raise InputError(f"file {file}: cannot be written: {error.strerror}") from None
-        yield partial
-        partial.replace(target)
+        scratch = Path(tempfile.mkdtemp(prefix=partial_name(""), dir=target.parent))
+    except OSError as error:
+        raise InputError(f"file {file}: cannot be written: {error.strerror}") from None
+    try:
+        yield scratch / target.name
+        (scratch / target.name).replace(target)
     finally:
-        partial.unlink(missing_ok=True)
-
-
-def _in_a_filter(file: Path) -> str:
-    """A file's name as FFmpeg's graphs of filters take it: escaped as a value, and once more as part of the graph."""
-    return re.sub(r"([\\'\[\],;])", r"\\\1", re.sub(r"([\\':])", r"\\\1", str(file)))
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _palette(samples: Sequence[Picture]) -> Image.Image:
