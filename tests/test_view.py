@@ -209,6 +209,8 @@ def test_chart_holds_the_curve_and_the_present():
     assert figure.linedata[1, :4] == pytest.approx([2.999, 0, 2.999, 100])
     assert figure.range.tolist() == [[0, 12], [0, 100]]
     assert figure.gridsize[0] == 7
+    chart.draw(time, 1e-9 * error, until=2.999)
+    assert figure.range.tolist() == [[0, 3], [0, 1]]
     chart.draw(time[:2], error[:2], until=0.0)
     assert figure.linepnt[0] == 2
     assert figure.linepnt[1:].sum() == 0

@@ -15,6 +15,7 @@ __all__ = ["POINTS", "Chart", "ceiling", "lines", "thinned"]
 
 POINTS = 1000  # that a line of MuJoCo's holds
 _LINES = 99  # the last is the mark of the present
+_LEAST = 1.0  # that the axis of the error holds [µm]
 _STEPS = 6  # of the axis of time, at most
 _INK = (0.99, 0.63, 0.15)
 _MARK = (0.9, 0.9, 0.9)
@@ -106,7 +107,7 @@ class Chart:
         right = max(until, float(time[-1]), 1e-3)
         step = ceiling(right / _STEPS)
         steps = math.ceil(right / step - 1e-9)
-        top = ceiling(largest)
+        top = ceiling(max(largest, _LEAST))
         figure.range[0], figure.range[1] = (0, steps * step), (0, top)
         figure.gridsize[0] = steps + 1
         figure.xformat = "%.0f" if step >= 1 else "%.2g"

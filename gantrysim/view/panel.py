@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.render.colours import Scale
 from gantrysim.run import Fault
 from gantrysim.view.keys import MORE, legend
 
@@ -47,7 +46,6 @@ def told(
     over: bool = False,
     live: bool = False,
     push: float = 0.0,
-    scale: Scale | None = None,
     keys: bool = True,
     fault: Fault | None = None,
 ) -> Panel:
@@ -65,7 +63,6 @@ def told(
         over: whether there is no more to come.
         live: whether it is simulated now.
         push: force of the mouse on the machine [N].
-        scale: of the bead's colours, None where it is plain.
         keys: whether to say what all the keys do.
         fault: why the run ended early.
     """
@@ -80,8 +77,6 @@ def told(
     ]
     if push > 0:
         figures.append(("push", f"{push:.0f} N" if push >= 10 else f"{push:.1f} N"))
-    if scale is not None:
-        figures.append(("colours", plain(f"{scale.title} {scale.low:g} to {scale.high:g} {scale.unit}")))
     if state:
         figures.append(("", state))
     broken = textwrap.wrap(plain(str(fault)), _WIDTH) if fault is not None else []

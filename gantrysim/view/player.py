@@ -151,7 +151,6 @@ class Player:
             over=source.over,
             live=source.live,
             push=self._push,
-            scale=self._scene.scale,
             keys=clock.stands or source.over or now - self._begun < _LEGEND,
             fault=source.fault,
         )

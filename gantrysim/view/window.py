@@ -6,16 +6,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from gantrysim.controllers.path import Floats
-from gantrysim.render.colours import Scale
 from gantrysim.render.scene import Scene
+from gantrysim.view.bar import colour_bar
 from gantrysim.view.chart import Chart
 from gantrysim.view.display import NoDisplayError
 from gantrysim.view.panel import Panel
@@ -23,9 +22,9 @@ from gantrysim.view.panel import Panel
 __all__ = ["ViewerWindow", "Window", "WindowClosedError"]
 
 _POLL = 0.05  # how often one that waits looks whether the window is still there, and Ctrl-C may come [s]
-_PATIENCE = 1.0  # with an upload that may never be taken, and with the window's thread [s]
-_BAR = 12  # height of the colours' bar [pixels]
-_OPENING = 60.0  # the first frame may take long in software [s]
+_LEAVING = 0.3  # that who is inside has to leave a viewer that draws no more [s]
+_NEAR = 0.1  # of the machine's size, what a view turns about at least
+_PICTURE = 60.0  # for the first one, which may take long in software, and for the last [s]
 
 _SMALL, _LARGE = mujoco.mjtFontScale.mjFONTSCALE_100.value, mujoco.mjtFontScale.mjFONTSCALE_150.value
 _CORNER = mujoco.mjtGridPos
@@ -121,7 +120,7 @@ class ViewerWindow:
                 right = area.left + area.width
                 handle.set_figures((mujoco.MjrRect(right - width, area.bottom, width, height), chart.figure))
                 if self._scene.scale is not None:
-                    bar = _colour_bar(self._scene.scale, width)
+                    bar = colour_bar(self._scene.scale, width)
                     handle.set_images((mujoco.MjrRect(right - width, area.bottom + height, *bar.shape[1::-1]), bar))
             handle.sync()
 
@@ -133,13 +132,10 @@ class ViewerWindow:
 
     def close(self) -> None:
         """Close it and wait until its thread is done."""
-        if self._guard.acquire(timeout=_PATIENCE):
-            try:
-                self._handle.close()
-            finally:
-                self._guard.release()
+        with suppress(WindowClosedError), self._inside() as handle:
+            handle.close()
         for thread in self._threads:
-            thread.join(2 * _PATIENCE)
+            thread.join(_PICTURE)
 
     @contextmanager
     def _inside(self) -> Iterator[Any]:
@@ -189,13 +185,13 @@ class ViewerWindow:
         try:
             thread = threading.Thread(target=launch, name="launch", daemon=True)
             thread.start()
-            end = time.monotonic() + _OPENING
+            end = time.monotonic() + _PICTURE
             while thread.is_alive() and not failed and time.monotonic() < end:
                 thread.join(_POLL)
         finally:
             viewer._Simulate, threading.excepthook = simulate, hook
         if not opened:
-            raise NoDisplayError(failed[0] if failed else f"the viewer opened none in {_OPENING:g} s")
+            raise NoDisplayError(failed[0] if failed else f"the viewer opened none in {_PICTURE:g} s")
         return opened[0]
 
 
@@ -204,7 +200,7 @@ def _freed_when_left(simulate: Any, guard: threading.Lock) -> Any:
 
     class Guarded(simulate):  # type: ignore[misc]
         def destroy(self) -> None:
-            if guard.acquire(timeout=_PATIENCE):
+            if guard.acquire(timeout=_LEAVING):
                 try:
                     super().destroy()
                 finally:
@@ -222,19 +218,17 @@ def _columns(rows: tuple[tuple[str, str], ...]) -> tuple[str, str]:
     return "\n".join(row[0] for row in rows), "\n".join(row[1] for row in rows)
 
 
-def _colour_bar(scale: Scale, width: int) -> NDArray[np.uint8]:
-    """Return the colours from low to high, (height, width, 3)."""
-    row = scale.table[np.arange(width) * len(scale.table) // width]
-    return np.repeat(row[None], _BAR, axis=0)
-
-
 def _free(scene: Scene, view: mujoco.MjvCamera) -> tuple[Floats, float, float, float]:
     """Return a free camera's look-at point [m], distance [m], azimuth and elevation [deg] that sees as another does."""
     if view.type != mujoco.mjtCamera.mjCAMERA_FIXED:
         return view.lookat.copy(), view.distance, view.azimuth, view.elevation
     position = scene.data.cam_xpos[view.fixedcamid]
     forward = -scene.data.cam_xmat[view.fixedcamid].reshape(3, 3)[:, 2]
-    distance = max(float(forward @ (scene.model.stat.center - position)), 0.1 * float(scene.model.stat.extent))
+    reach = max(float(forward @ (scene.model.stat.center - position)), _NEAR * float(scene.model.stat.extent))
+    # as large as there, although a free camera has another angle of view
+    angles = np.radians([scene.model.cam_fovy[view.fixedcamid], scene.model.vis.global_.fovy])
+    fixed, free = np.tan(0.5 * angles)
+    distance = float(fixed / free) * reach
     azimuth = float(np.degrees(np.arctan2(forward[1], forward[0])))
     elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
-    return position + distance * forward, distance, azimuth, elevation
+    return position + reach * forward, distance, azimuth, elevation
