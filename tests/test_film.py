@@ -21,7 +21,8 @@ from films import cut, shows, small_job
 SIZE = (300, 200)
 PAIR = (480, 240)
 CODED = 6.0  # mean difference of a picture that was coded and decoded again, of 255
-PALETTE = 8.0  # and of one in 256 colours
+PALETTE = 2.0  # and of one in 256 colours
+FURTHEST = 40  # of a pixel of it, in its worst channel
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +120,15 @@ def test_a_gif_says_hundredths_and_shows_the_right_times_at_them(alone, run, tmp
     assert len(frames) == count == int(np.ceil(run.time[-1] / (speed * 1e-3 * duration) - 1e-9)) + 1
     for k in (0, 2, count - 1):
         assert apart(frames[k], alone.frame(min(k * speed * 1e-3 * duration, alone.end), speed)) < PALETTE
+
+
+def test_a_gif_keeps_the_few_pixels_of_a_colour_of_their_own(xy, run, tmp_path):
+    with Film([Take(xy, run)], size=(420, 200), colour="width") as coloured:
+        coloured.save(tmp_path / "a.gif", fps=2)
+        frames, _, _ = of_gif(tmp_path / "a.gif")
+        away = np.abs(frames[2].astype(int) - coloured.frame(1.0, 1.0)).max(axis=2)
+    assert away.max() <= FURTHEST
+    assert away.mean() < PALETTE
 
 
 def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):

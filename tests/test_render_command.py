@@ -90,7 +90,7 @@ def test_options_reach_the_film(gantrysim_command, folder):
         assert gif.info["duration"] == 30
         gif.seek(count - 1)
         shown = np.asarray(gif.convert("RGB"), float)
-        assert np.abs(shown - film.frame(film.end, 4.0)).mean() < 8
+        assert np.abs(shown - film.frame(film.end, 4.0)).mean() < 2
     assert printed.endswith(f"{count} frames, {0.03 * count:.1f} s\n")
 
 
