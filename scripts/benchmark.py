@@ -6,7 +6,6 @@ python scripts/benchmark.py [--json] [--rounds 15]
 import argparse
 import itertools
 import json
-import os
 import statistics
 import time
 from collections.abc import Callable
@@ -30,11 +29,11 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.job import builtin_jobs
 from gantrysim.metrics import Analysis
 from gantrysim.programs import build
-from gantrysim.render import Renderer
+from gantrysim.render import Film, Take
 
 SIDE_BY_SIDE = 64  # simulations or environments at once
 DECISIONS = 20  # in every environment, at a time
-PICTURE = (640, 480)
+FILM = (640, 585)  # a picture of 640 x 480 and the panel
 FRAMES = 4  # at a time
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
 
@@ -179,14 +178,12 @@ def scalar_env(rounds: int) -> float:
     return ratio(pendulum, episodes("gantrysim/SpiralTuning-v0", frame_skip, NEAR, 200), rounds)
 
 
-def laid(seconds: tuple[float, float]) -> tuple[Renderer, Callable[[], None]]:
-    """A renderer of the run of Trio's spiral, and what draws one frame of it after the other, of a part of its time."""
+def filmed(begin: float, end: float) -> tuple[Film, Callable[[], None]]:
+    """A film of Trio's spiral, and what draws frames of it at times between two shares of the run, panel and all."""
     job = Job.load("an225")
-    run = job.run()
-    renderer = Renderer(job.built_machine, run, "overview", PICTURE, job.bead)
-    first, last = (np.searchsorted(run.time, time % run.time[-1]) for time in seconds)
-    ticks = itertools.cycle(range(int(first), int(last), 1 + int(last - first) // FRAMES))
-    return renderer, lambda: frames(lambda: renderer.frame(next(ticks)))
+    film = Film([Take(job.built_machine, job.run(), bead=job.bead)], camera="overview", size=FILM)
+    times = itertools.cycle(np.linspace(begin, end, FRAMES) * film.end)
+    return film, lambda: frames(lambda: film.frame(next(times)))
 
 
 def frames(draw: Callable[[], object]) -> None:
@@ -194,10 +191,10 @@ def frames(draw: Callable[[], object]) -> None:
         draw()
 
 
-def bare_frames(model: mujoco.MjModel) -> tuple[mujoco.Renderer, Callable[[], None]]:
-    """MuJoCo's own renderer, and what draws frames of a scene in which nothing moves."""
-    width, height = PICTURE
-    renderer = mujoco.Renderer(model, height, width)
+def standing_still(film: Film, model: mujoco.MjModel) -> tuple[mujoco.Renderer, Callable[[], None]]:
+    """MuJoCo's own renderer with pictures of the film's size, and what draws a scene in which nothing moves."""
+    (cell,) = film.cells
+    renderer = mujoco.Renderer(model, cell.height, cell.width)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     renderer.update_scene(data, "overview")
@@ -205,27 +202,27 @@ def bare_frames(model: mujoco.MjModel) -> tuple[mujoco.Renderer, Callable[[], No
 
 
 def frame_growth(rounds: int) -> float:
-    """a frame of the last second of Trio's spiral against one of the first second."""
-    (first, begin), (last, end) = laid((0, 1)), laid((-1, -1e-3))
+    """a film's frame in the last second of Trio's spiral against one in the first second."""
+    (first, begin), (last, end) = filmed(0.0, 0.1), filmed(0.9, 1.0)
     with first, last:
         return 1 / ratio(begin, end, rounds)
 
 
 def frame_cost(rounds: int) -> float:
-    """a frame, machine posed and bead laid, against MuJoCo's own render() of the same scene standing still."""
-    renderer, draw = laid((0, -1e-3))
-    with renderer:
-        renderer.frame(len(renderer.scene.run.time) - 1)
-        bare, still = bare_frames(renderer.model)
+    """a film's frame, machine posed, bead and panel, against MuJoCo's own render() of the same scene standing still."""
+    film, draw = filmed(0.0, 1.0)
+    with film:
+        film.frame(film.end)
+        bare, still = standing_still(film, film.models[0])
         with bare:
             return 1 / ratio(still, draw, rounds)
 
 
 def bead_cost(rounds: int) -> float:
-    """a frame with the whole bead of Trio's spiral against MuJoCo's own render() of the machine without a bead."""
-    renderer, draw = laid((-0.1, -1e-3))
-    bare, still = bare_frames(renderer.scene.machine.model)
-    with renderer, bare:
+    """a film's frame with the whole bead of Trio's spiral against MuJoCo's own render() of the machine without one."""
+    film, draw = filmed(0.99, 1.0)
+    bare, still = standing_still(film, Machine("xy").model)
+    with film, bare:
         return 1 / ratio(still, draw, rounds)
 
 

@@ -37,7 +37,8 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)^ *```", README, flags=re.DOTALL | re.MULTILINE)
 
 
-def test_the_python_loop_runs_and_prints_the_budget_of_the_table(capsys):
+def test_the_python_loop_runs_and_prints_the_budget_of_the_table(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names = {}
     for block in blocks("python"):  # the second goes on from the first
         exec(compile(textwrap.dedent(block), "README.md", "exec"), names)

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import mujoco
 import numpy as np
 
 from gantrysim.bead import BeadSettings
@@ -149,6 +150,11 @@ class Film:
     def close(self) -> None:
         """Free the OpenGL contexts."""
         self._opened.close()
+
+    @property
+    def models(self) -> tuple[mujoco.MjModel, ...]:
+        """The machines with their beads."""
+        return tuple(renderer.model for renderer in self._renderers)
 
     def frame(self, time: float, speed: float | None = None) -> Image:
         """Return the frame at a time of the run, (height, width, 3).
