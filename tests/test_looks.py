@@ -7,8 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim import Machine
+from gantrysim import Machine, perfect_follower
+from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine import builtin_models
+from gantrysim.render import Renderer
 from gantrysim.render.opengl import offscreen
 
 CAMERAS = ("overview", "top", "nozzle", "side")
@@ -220,3 +223,31 @@ def test_a_machines_digest_is_free_of_its_looks(rigid):
         content.replace("<sensor>", through).replace('pos="0 0 3"', 'pos="0 0 3" resolution="9 9"')
     )
     assert Machine(machine.source).physics.ncam == 1
+
+
+@pytest.mark.parametrize("name", builtin_models())
+def test_from_near_the_shadows_are_sharp_and_follow_the_tip(name):
+    machine = Machine(name)
+    low, high = np.array([axis.travel for axis in machine.axes]).T
+    reach = np.minimum(0.25 * (high - low), [0.1 * axis.speed_limit for axis in machine.axes])
+    way = 0.5 * (low + high) + np.linspace(-1, 1, 400)[:, None] * reach
+    setpoints = Setpoints(1e-3, machine.axis_names, way, np.ones(len(way), bool), ArcChain((0, 0), 0, [0], [10]))
+    run = perfect_follower(machine, setpoints)
+    for camera in ("overview", "nozzle"):
+        with Renderer(machine, run, camera, (160, 120)) as renderer:
+            model, data = renderer.model, renderer.data
+            light = model.light("key").id
+            spread = model.vis.map.shadowscale * model.light_cutoff[light]
+            for tick in (0, 399):
+                renderer.frame(tick)
+                tip = data.site("nozzle").xpos - data.light_xpos[light]
+                aside = np.degrees(np.linalg.norm(np.cross(tip, data.light_xdir[light])) / np.linalg.norm(tip))
+                if camera == "nozzle":
+                    assert aside < 1e-4
+                else:
+                    assert 0.2 < aside < spread
+            wide = machine.model.vis.map.shadowscale * machine.model.light_cutoff[light]
+            # 0.11 m round the tip, and then less than 0.2 mm for a pixel of the map
+            radius = np.linalg.norm(tip) * np.tan(np.radians(spread))
+            assert radius == pytest.approx(0.11, rel=0.1) if camera == "nozzle" else spread == wide
+            assert camera != "nozzle" or 2 * radius / model.vis.quality.shadowsize < 2e-4

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gantrysim.bead import BeadSettings
 from gantrysim.errors import whole
 from gantrysim.machine import Machine
+from gantrysim.render.closeup import CloseUp
 from gantrysim.render.colours import Scale
 from gantrysim.render.opengl import offscreen
 from gantrysim.render.scene import Scene
@@ -71,6 +72,7 @@ class Renderer:
             for fields, name in ((model, "cam_fovy"), (model.vis.global_, "fovy")):
                 half = np.tan(0.5 * np.radians(getattr(fields, name))) * _FRAMED * height / width
                 setattr(fields, name, 2 * np.degrees(np.arctan(half)))
+        self._closeup = CloseUp(model, self.scene.data, self.view)
         self._gl = offscreen(width, height)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
@@ -114,6 +116,7 @@ class Renderer:
         """Return the picture at a tick, (height, width, 3)."""
         scene = self.scene
         scene.pose(tick)
+        self._closeup.aim()
         self._gl.make_current()
         mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
