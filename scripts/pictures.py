@@ -1,16 +1,18 @@
 """Draw the README's pictures anew into pictures/: every job on its machine, plots of a run, of a study, of a tuning."""
 
+import itertools
 import shutil
 import tempfile
 from pathlib import Path
 
-import imageio.v2 as imageio
+import numpy as np
+from PIL import Image
 
 from gantrysim import Bead, Job
 from gantrysim.job import builtin_jobs
 from gantrysim.metrics import Analysis
 from gantrysim.plots import save_plots
-from gantrysim.render import Renderer
+from gantrysim.render import Film, Renderer, Take
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.study import run_study
 from gantrysim.tuning import TuningStudy
@@ -18,15 +20,68 @@ from gantrysim.tuning import TuningStudy
 FOLDER = Path(__file__).parent.parent / "pictures"
 PLOTTED, TUNED = "an225", "fanuc-spiral"
 PLOTS = ("budget", "plan", "spacing", "bead")
-SIZE, SMALL = (960, 720), (640, 480)
+SIZE, SMALL, FILMED = (960, 720), (640, 480), (1280, 960)
 SHARE = 0.74  # of the run, at which the machine is shown
+# What shows each job's bead best: camera, share of the run, and whether as a film's frame with the error as colour.
+DETAILS = {
+    "an225": ("nozzle", 0.74, False),
+    "an225-3d": ("nozzle", 0.74, False),
+    "fanuc-conical": ("nozzle", 0.25, False),
+    "fanuc-spiral": ("top", 0.87, True),
+    "softmc-arc": ("top", 0.7, True),
+    "softmc-helical": ("nozzle", 0.27, False),
+    "stage-outline": ("nozzle", 0.74, False),
+}
+FINER = 3  # times as many pixels drawn, and averaged, so that edges of shadows are soft, too
+SMOOTH = Image.Resampling.LANCZOS
+MARGIN = 0.03  # round the machine, as a share of the picture
+COLOURS = 256  # of a picture's palette
+
+
+def save(image: Image.Image, name: str) -> None:
+    """The large one as it is, others with a palette: one half for what there is most of, the other for rare colours."""
+    if image.size == SIZE:
+        image.save(FOLDER / f"{name}.png", optimize=True)
+        return
+    shades = np.unique(np.asarray(image).reshape(-1, 3) // 8 * 8, axis=0)
+    halves = [each.quantize(COLOURS // 2).getpalette() for each in (image, Image.fromarray(shades[None]))]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for half in halves for value in half[: 3 * COLOURS // 2]])
+    image.quantize(palette=palette, dither=Image.Dither.NONE).save(FOLDER / f"{name}.png", optimize=True)
+
+
+def machine_box(renderer: Renderer) -> tuple[float, ...]:
+    """The least part of the picture, of its own shape, that holds the machine: left, top, right, bottom [pixels]."""
+    model, data, camera = renderer.model, renderer.data, renderer.view.fixedcamid
+    drawn = (model.geom_rbound > 0) & (model.geom_group == 2)  # no floor, no bead
+    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+    corners = model.geom_aabb[drawn, None, :3] + signs * model.geom_aabb[drawn, None, 3:]
+    world = np.einsum("gij,gcj->gci", data.geom_xmat[drawn].reshape(-1, 3, 3), corners) + data.geom_xpos[drawn, None]
+    seen = (world.reshape(-1, 3) - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
+    size = np.array(renderer.size)
+    focal = 0.5 * size[1] / np.tan(0.5 * np.radians(model.cam_fovy[camera]))
+    places = 0.5 * size + focal * seen[:, :2] * [1, -1] / -seen[:, 2:]
+    low, high = places.min(axis=0) - MARGIN * size, places.max(axis=0) + MARGIN * size
+    box = size * min(1.0, ((high - low) / size).max())
+    corner = np.clip(0.5 * (low + high - box), 0, size - box)
+    return (*corner, *(corner + box))
+
 
 FOLDER.mkdir(exist_ok=True)
 for name in builtin_jobs():
     job = Job.load(name)
-    run = job.run()
-    with Renderer(job.built_machine, run, "overview", SIZE if name == PLOTTED else SMALL, job.bead) as renderer:
-        imageio.imwrite(FOLDER / f"{name}.png", renderer.frame(int(SHARE * len(run.time))))
+    run, machine, size = job.run(), job.built_machine, SIZE if name == PLOTTED else SMALL
+    with Renderer(machine, run, "overview", (FINER * size[0], FINER * size[1]), job.bead) as renderer:
+        picture = Image.fromarray(renderer.frame(int(SHARE * len(run.time))))
+        save(picture.resize(size, SMOOTH, machine_box(renderer)), name)
+    camera, share, filmed = DETAILS[name]
+    if filmed:
+        with Film([Take(machine, run, name, job.bead)], camera=camera, size=FILMED, colour="error") as film:
+            picture = Image.fromarray(film.frame(share * film.end))
+    else:
+        with Renderer(machine, run, camera, (FINER * SMALL[0], FINER * SMALL[1]), job.bead) as renderer:
+            picture = Image.fromarray(renderer.frame(int(share * len(run.time))))
+    save(picture.resize(SMALL, SMOOTH), f"{name}-detail")
     if name == PLOTTED:
         with tempfile.TemporaryDirectory() as scratch:
             analysis = Analysis(run)
@@ -34,10 +89,10 @@ for name in builtin_jobs():
                 if plot.stem in PLOTS:
                     shutil.copy(plot, FOLDER / f"{name}-{plot.name}")
 
-for study, plot, picture in (
+for study, plot, picture_name in (
     (LoopStudy(Job.load(PLOTTED)), "loop_period", "study-loop"),
     (TuningStudy(Job.load(TUNED)), "path", "tuned"),
 ):
     with tempfile.TemporaryDirectory() as scratch:
         run_study(study, Path(scratch))
-        shutil.copy(Path(scratch) / "plots" / f"{plot}.png", FOLDER / f"{picture}.png")
+        shutil.copy(Path(scratch) / "plots" / f"{plot}.png", FOLDER / f"{picture_name}.png")
