@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from gantrysim import Fault, InputError
 from gantrysim.metrics import Analysis, path_speed
 from gantrysim.plots.style import COLOURS, INK
-from gantrysim.render.colours import scale_for
+from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.lettering import MUTED, PAPER, font, rgb
 from gantrysim.render.overlay import Header, Panel, panel_height, run_colours
 from gantrysim.render.readout import Readout
@@ -319,6 +319,37 @@ def test_the_legend_shows_the_scale(run, readout):
     assert np.all(np.diff(shade) < 0)
     plain = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small")
     assert plain.strip.size[0] > panel.strip.size[0]
+
+
+@pytest.mark.parametrize(("below", "above"), [(False, True), (True, False), (False, False)])
+def test_the_legend_says_each_number_beside_its_colour(readout, below, above):
+    table = np.stack([np.arange(256)] * 3, axis=1).astype(np.uint8)
+    scale = Scale("width of the bead", "mm", 3.2, 4.4, below, above, table)
+    panel = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small", scale)
+    legend = panel.picture(0.5)[:, panel.strip_left + panel.strip.size[0] :]
+    letters = panel.font.size
+    upper, lower = legend[letters : len(legend) // 2], legend[len(legend) // 2 + letters // 2 :]
+    for part, text, other in (
+        (upper, "≥ 4.4" if above else "4.4", "≤ 3.2" if below else "3.2"),
+        (lower, "≤ 3.2" if below else "3.2", "≥ 4.4" if above else "4.4"),
+    ):
+        assert shows(part, text, letters, INK)
+        assert not shows(part, other, letters, INK)
+    assert shows(legend, "3.8", letters, INK)
+    assert shows(legend, "≥", letters, INK) is above
+    assert shows(legend, "≤", letters, INK) is below
+
+
+def test_the_end_of_a_curve_that_a_fault_has_cut_off_is_marked(run):
+    broken = Readout(dataclasses.replace(cut(run, 900), fault=FAULT))
+    drawn = Strip([Readout(run), broken], run_colours(2), SIZE, font(LETTERS))
+    for time, there in ((0.8, False), (0.9, True), (1.2, True)):
+        red = np.abs(drawn.picture(time).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 3
+        assert red.any() == there
+        if there:
+            row, column = np.argwhere(red).mean(axis=0)
+            assert abs(column - drawn.column(0.899)) < 1
+            assert abs(row - drawn.row(broken.error[-1])) < 1
 
 
 def test_a_header_has_label_and_readout_and_says_when_its_run_is_over(run, readout):
