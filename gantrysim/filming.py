@@ -20,7 +20,7 @@ def render(
     folders: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN_DIR...", help="Folder of a run; two or four are shown side by side.", show_default=False
+            metavar="RUN_DIR", help="Folder of a run; two or four are shown side by side.", show_default=False
         ),
     ],
     camera: Annotated[

@@ -161,7 +161,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(gantrysim_command, folder,
         ),
         ((slow, "--at", "20"), "time = 20 s: must be from 0 s to the end of the run, 1.444 s"),
         ((slow, "--fps", "many"), "Invalid value for '--fps'"),
-        ((), "Missing argument 'RUN_DIR...'"),
+        ((), "Missing argument 'RUN_DIR'"),
     ):
         status, printed, errors = gantrysim_command("render", *arguments)
         assert (status, printed) == (2, ""), arguments
