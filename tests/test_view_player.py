@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from gantrysim import simulate
+from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError
 from gantrysim.metrics import Analysis
 from gantrysim.render.scene import Scene
@@ -13,11 +15,14 @@ from gantrysim.view.push import Bodies
 from gantrysim.view.source import Live, Replay
 from gantrysim.view.window import WindowClosedError
 
-from runs import PERIOD, plain, ramp
+from runs import PERIOD, plain
 
 SPACE, RIGHT, LEFT, DOWN, UP, BACKSPACE, HOME = 32, 262, 263, 264, 265, 259, 268
 FRAME = 0.0625  # [s], exact in binary
 EVER = 1e9  # [s]
+
+# a circle of 20 mm, at full speed from its first tick
+CIRCLE = Setpoints.along(ArcChain((20.0, 0.0), 0.5 * np.pi, [0.05], [42 * np.pi]), 100.0, PERIOD)
 
 
 class Paper:
@@ -42,6 +47,9 @@ class Paper:
         rows["fault"] = " ".join(row[1] for row in panel.fault)
         rows["keys"] = len(panel.keys)
         rows["qpos"] = self.scene.data.qpos.copy()
+        rows["run"] = self.scene.run
+        points = chart.figure.linepnt[0]
+        rows["peak"] = float(chart.figure.linedata[0, 1 : 2 * points : 2].max())
         rows["mark"] = float(chart.figure.linedata[np.flatnonzero(chart.figure.linepnt)[-1], 0])
         self.shown.append(rows)
 
@@ -82,8 +90,8 @@ def made(tmp_path_factory):
     file = tmp_path_factory.mktemp("rigid") / "rigid.xml"
     file.write_text(RIGID.format(**RIGID_DEFAULTS))
     machine = Machine(file)
-    servo = plain(machine)
-    run = simulate(machine, servo, ramp(100.0))
+    servo = plain(machine, feedforward=0.0)  # so that the circle shrinks
+    run = simulate(machine, servo, CIRCLE)
     return machine, servo, run, Scene(machine, run)
 
 
@@ -91,7 +99,7 @@ def replayed(made, speed=1.0, **paper):
     _, _, run, scene = made
     wall, source = Wall(), Replay(run)
     window = Paper(scene, **paper)
-    player = Player("ramp", scene, source, window, speed=speed, timer=wall, rest=wall.rest)
+    player = Player("circle", scene, source, window, speed=speed, timer=wall, rest=wall.rest)
     assert player.play() is None
     return window
 
@@ -99,11 +107,11 @@ def replayed(made, speed=1.0, **paper):
 def live(made, speed=1.0, servo=None, source=None, **paper):
     machine, standard, _, scene = made
     wall = Wall()
-    simulation = Simulation.of(machine, servo or standard, ramp(100.0))
+    simulation = Simulation.of(machine, servo or standard, CIRCLE)
     source = source(simulation, wall) if source else Live(simulation, patience=EVER, timer=wall)
     window = Paper(scene, **paper)
     bodies = Bodies(scene.model, simulation.model)
-    player = Player("ramp", scene, source, window, bodies=bodies, speed=speed, timer=wall, rest=wall.rest)
+    player = Player("circle", scene, source, window, bodies=bodies, speed=speed, timer=wall, rest=wall.rest)
     return window, source, player.play()
 
 
@@ -133,7 +141,9 @@ def test_replay_says_the_figures_of_the_record(made):
         tick = int(k * FRAME / PERIOD + 1e-6)
         assert window.shown[k]["contour error"] == (f"{error[tick]:.1f} um" if tick in error else "dispenser off")
         assert window.shown[k]["path speed"] == f"{speed[tick]:.1f} mm/s"
-    assert set(window.column("replay")) == {"ramp"}
+        assert window.shown[k]["peak"] == pytest.approx(max(error[j] for j in range(tick + 1)), rel=1e-5)
+    assert len(set(window.column("contour error"))) > 10
+    assert set(window.column("replay")) == {"circle"}
 
 
 def test_space_stands_and_goes_on(made):
@@ -156,10 +166,17 @@ def test_arrows_go_back_and_forward_and_home_to_the_start(made):
 
 
 def test_arrows_double_and_halve_the_speed(made):
-    window = replayed(made, pictures=12, keys={4: [UP], 6: [DOWN, DOWN], 10: [SPACE, UP, UP]})
-    steps = np.diff(window.times)
-    assert steps == pytest.approx(FRAME * np.array([1, 1, 1, 1, 2, 2, 0.5, 0.5, 0.5, 0.5, 0]), abs=0.0101)
-    assert window.column("speed") == ["1 x"] * 4 + ["2 x"] * 2 + ["0.5 x"] * 4 + ["2 x"] * 2
+    keys = {4: [UP], 6: [DOWN, DOWN], 10: [SPACE, UP, UP], 20: [DOWN, DOWN, DOWN, SPACE], 40: [UP]}
+    window = replayed(made, pictures=42, keys=keys)
+    factors = [1] * 4 + [2] * 2 + [0.5] * 4 + [0] * 10 + [0.25] * 20 + [0.5]
+    assert np.diff(window.times) == pytest.approx(FRAME * np.array(factors), abs=0.0101)
+    said = ["1 x"] * 4 + ["2 x"] * 2 + ["0.5 x"] * 4 + ["2 x"] * 10 + ["0.25 x"] * 20 + ["0.5 x"] * 2
+    assert window.column("speed") == said
+
+
+def test_home_draws_what_the_viewer_may_have_reset(made):
+    assert replayed(made, pictures=6, keys={0: [SPACE]}).posed == 1
+    assert replayed(made, pictures=6, keys={0: [SPACE], 3: [BACKSPACE]}).posed == 2
 
 
 def test_other_keys_are_the_viewers(made):
@@ -172,6 +189,8 @@ def test_keys_are_told_at_the_beginning_and_while_it_stands(made):
     assert many > 4
     assert one == 1
     assert window.column("keys") == [many] * 160 + [one] * 4 + [many] * 4 + [one] * 2
+    over = replayed(made, pictures=170)
+    assert set(over.column("keys")) == {many}
 
 
 def test_live_run_keeps_time_with_the_wall(made):
@@ -183,8 +202,10 @@ def test_live_run_keeps_time_with_the_wall(made):
         tick = min(int(k * FRAME / PERIOD + 1e-6), len(run.time) - 1)
         assert np.array_equal(rows["qpos"], machine.to_qpos(run.encoder[tick]))
     assert np.array_equal(source.run.nozzle, run.nozzle)
+    lengths = [len(run.time) for run in window.column("run")]
+    assert lengths == [min(int(k * FRAME / PERIOD + 1e-6) + 1, len(run.time)) for k in range(40)]
     assert window.shown[-1]["state"] == "over"
-    assert set(window.column("live")) == {"ramp"}
+    assert set(window.column("live")) == {"circle"}
 
 
 def test_live_run_stands_goes_on_and_begins_anew_but_does_not_go_back(made):
@@ -215,6 +236,31 @@ def test_live_run_that_cannot_keep_up_says_how_fast_it_is(made):
     assert not source.over
 
 
+def test_live_run_does_not_catch_up_with_what_it_has_missed(made):
+    class Hesitant(Live):
+        calls = 0
+
+        def go(self, moment):
+            self.calls += 1
+            super().go(min(moment, self.tick * PERIOD + 0.01) if 5 <= self.calls < 10 else moment)
+
+    window, _, _ = live(made, source=lambda simulation, wall: Hesitant(simulation, patience=EVER), pictures=15)
+    steps = [FRAME] * 3 + [0.01] * 5 + [FRAME] * 6
+    assert np.diff(window.times) == pytest.approx(steps, abs=0.0101)
+
+
+def test_live_run_goes_on_after_the_end_that_was_foreseen(made):
+    def short(simulation, wall):
+        source = Live(simulation, patience=EVER, timer=wall)
+        source.until = 0.5
+        return source
+
+    window, source, _ = live(made, source=short, pictures=40)
+    assert source.over
+    assert window.shown[4]["time"].endswith("of 0.50 s")
+    assert window.times[-1] > 1.0
+
+
 def test_a_fault_ends_a_live_run_and_is_shown_and_returned(made):
     machine = made[0]
     servo = plain(machine, following_error_limit=0.02, feedforward=0.0)
@@ -228,11 +274,11 @@ def test_a_fault_ends_a_live_run_and_is_shown_and_returned(made):
 
 def test_a_replayed_fault_is_shown_at_its_end_alone(made):
     machine, _, _, _ = made
-    run = simulate(machine, plain(machine, following_error_limit=0.02, feedforward=0.0), ramp(100.0))
+    run = simulate(machine, plain(machine, following_error_limit=0.02, feedforward=0.0), CIRCLE)
     assert run.fault is not None
     scene, wall = Scene(machine, run), Wall()
     window = Paper(scene, pictures=int(run.time[-1] / FRAME) + 3)
-    assert Player("ramp", scene, Replay(run), window, timer=wall, rest=wall.rest).play() is None
+    assert Player("circle", scene, Replay(run), window, timer=wall, rest=wall.rest).play() is None
     said = window.column("fault")
     assert len(run.time) > 1
     assert said[0] == ""
@@ -242,7 +288,7 @@ def test_a_replayed_fault_is_shown_at_its_end_alone(made):
 def test_the_mouse_pushes_the_machine_that_is_stepped(made):
     _machine, _, run, scene = made
     wrench = np.zeros((scene.model.nbody, 6))
-    wrench[scene.model.body("carriage").id, :3] = (0.0, 30.0, 40.0)
+    wrench[scene.model.body("carriage").id] = (0.0, 30.0, 40.0, 7.0, 8.0, 9.0)  # its guides hold the torque
     window, source, _ = live(made, pictures=12, pushes=dict.fromkeys(range(4, 7), wrench))
     assert [row is not None for row in window.column("push")] == [4 <= k < 7 for k in range(12)]
     assert window.shown[5]["push"] == "50 N"
@@ -262,7 +308,7 @@ def test_a_replay_asks_for_no_push(made):
 def test_speed_of_nothing(made):
     _, _, run, scene = made
     with pytest.raises(InputError, match=r"^speed = 0: must be greater than 0$"):
-        Player("ramp", scene, Replay(run), Paper(scene), speed=0.0)
+        Player("circle", scene, Replay(run), Paper(scene), speed=0.0)
 
 
 def test_it_rests_until_the_next_picture_is_due(made):
@@ -275,5 +321,5 @@ def test_it_rests_until_the_next_picture_is_due(made):
             wall.now += 0.01 if len(self.shown) < 3 else 0.1
 
     window = Busy(scene, pictures=6)
-    Player("ramp", scene, Replay(run), window, timer=wall, rest=wall.rest).play()
+    Player("circle", scene, Replay(run), window, timer=wall, rest=wall.rest).play()
     assert wall.rests == pytest.approx([1 / 60 - 0.01] * 2)

@@ -151,6 +151,9 @@ def test_replay_is_at_the_last_tick_before_the_moment(rigid):
         replay.go(moment)
         assert replay.tick == tick
     assert replay.over
+    for tick in range(n):
+        replay.go(tick * PERIOD)
+        assert replay.tick == tick
     replay.go(EVER)
     assert replay.tick == n - 1
     replay.restart()

@@ -12,14 +12,13 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from views import write_run
 
 from gantrysim.errors import GantryError
-from gantrysim.job import Job
 from gantrysim.render.colours import scale_for
 from gantrysim.render.scene import Scene
 from gantrysim.saved import SavedRun
 from gantrysim.view.bar import HEIGHT, colour_bar
-from gantrysim.view.commands import view
 from gantrysim.view.display import NoDisplayError, check_display
 from gantrysim.view.window import _free, _freed_when_left
 
@@ -28,33 +27,10 @@ HINT = "; `gantrysim render RUN_DIR` makes a video"
 VIEW = 1e-5  # relative, and of a direction, in single precision
 BEAD = 60  # pixels of its colour, that prove a bead
 
-SHORT = """
-name = "short"
-machine = "xy"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 80.0
-turns = 1
-thickness = 10.0
-speed = 200.0
-[dispenser]
-flow = 800.0
-"""
-
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    """The folder of a run, and its job's file."""
-    folder = tmp_path_factory.mktemp("run")
-    (folder / "job.toml").write_text(SHORT)
-    Job.load(folder / "job.toml").run().save(folder / "run.npz")
-    return folder
-
-
-@pytest.fixture
-def no_display(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
+    return write_run(tmp_path_factory.mktemp("run"))
 
 
 def test_no_display():
@@ -63,6 +39,14 @@ def test_no_display():
     reason = "neither DISPLAY nor WAYLAND_DISPLAY is set"
     assert str(error.value) == f"no display to open a window on: {reason}{HINT}"
     assert isinstance(error.value, GantryError)
+
+
+def test_wayland_is_a_display_where_glfw_opens_a_window(monkeypatch):
+    monkeypatch.setattr("gantrysim.view.display._opens_window", lambda: True)
+    check_display("linux", {"WAYLAND_DISPLAY": "wayland-0"})
+    monkeypatch.setattr("gantrysim.view.display._opens_window", lambda: False)
+    with pytest.raises(NoDisplayError, match=r"^no display to open a window on: GLFW has none; "):
+        check_display("linux", {"WAYLAND_DISPLAY": "wayland-0"})
 
 
 def test_macos_wants_its_own_interpreter():
@@ -100,64 +84,6 @@ def test_command_without_a_display_is_one_line(environment, reason):
     assert err == f"error: no display to open a window on: {reason}{HINT}\n"
 
 
-def test_nothing_is_simulated_without_a_display(saved, no_display, monkeypatch, gantrysim_command):
-    monkeypatch.setattr(Job, "load", lambda *_: pytest.fail("a job was loaded"))
-    monkeypatch.setattr("gantrysim.saved.SavedRun.load", lambda *_: pytest.fail("a run was loaded"))
-    for shown in ("an225", saved):
-        status, out, err = gantrysim_command("view", shown)
-        assert (status, out) == (2, "")
-        assert err.count("\n") == 1
-        assert "gantrysim render" in err
-
-
-@pytest.mark.parametrize("setting", [["--set", "speed=50"], ["--model", "xy"]])
-def test_a_saved_run_is_replayed_as_it_was(saved, gantrysim_command, setting):
-    status, _, err = gantrysim_command("view", saved, *setting)
-    assert status == 2
-    said = "is replayed as it was; --model and --set are for a job that runs live"
-    assert " ".join(err.split()) == f"error: run {saved}: {said}"
-
-
-def test_speed_of_nothing(gantrysim_command):
-    assert gantrysim_command("view", "an225", "--speed", "0")[::2] == (2, "error: speed = 0: must be greater than 0\n")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["no-such-job"], "unknown job 'no-such-job'"),
-        (["an225", "--camera", "behind"], "unknown camera 'behind'"),
-        (["an225", "--colour", "red"], "unknown colour 'red'"),
-        (["{folder}"], "holds no run"),
-    ],
-)
-def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantrysim_command):
-    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
-    monkeypatch.setattr("gantrysim.view.window.ViewerWindow._launch", lambda _: pytest.fail("a window was opened"))
-    status, _, err = gantrysim_command("view", *[text.format(folder=tmp_path) for text in arguments])
-    assert status == 2
-    assert said in err
-
-
-def test_a_folder_with_the_name_of_a_job_is_the_run_that_it_holds(saved, tmp_path, monkeypatch):
-    seen = []
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
-    monkeypatch.setattr("gantrysim.view.commands._replay", lambda *_: seen.append("replay"))
-    monkeypatch.setattr("gantrysim.view.commands._live", lambda *_: seen.append("live"))
-    (tmp_path / "an225").mkdir()
-    view("an225")
-    shutil.copy(saved / "run.npz", tmp_path / "an225")
-    view("an225")
-    assert seen == ["live", "replay"]
-
-
-def test_importing_the_command_imports_no_viewer():
-    code = "import sys, gantrysim.cli, gantrysim.view.commands; print('mujoco.viewer' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
-
-
 def test_viewer_is_freed_when_nobody_is_inside_and_left_alone_when_somebody_stays(monkeypatch):
     monkeypatch.setattr("gantrysim.view.window._LEAVING", 0.1)
     left = []
@@ -168,8 +94,14 @@ def test_viewer_is_freed_when_nobody_is_inside_and_left_alone_when_somebody_stay
         def destroy(self):
             freed.append(self)
 
+        def render_loop(self):
+            assert not ended.is_set()
+
     guard = threading.Lock()
-    viewer = _freed_when_left(Simulate, guard)()
+    ended = threading.Event()
+    viewer = _freed_when_left(Simulate, guard, ended)()
+    viewer.render_loop()
+    assert ended.is_set()
     with guard:
         viewer.destroy()
     assert (freed, left) == ([], [viewer])

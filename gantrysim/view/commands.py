@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -89,13 +89,13 @@ def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None
     from gantrysim.saved import SavedRun
     from gantrysim.view.player import Player
     from gantrysim.view.source import Replay
-    from gantrysim.view.window import ViewerWindow
+    from gantrysim.view.window import ViewerWindow, WindowClosedError
 
     saved = SavedRun.load(folder)
     if saved.changed:
         warn(f"machine {saved.machine.name} has changed since it ran: what is shown of it is as it is now")
     scene = Scene(saved.machine, saved.run, saved.job.bead, colour=colour)
-    with _undisturbed() as stopped:
+    with suppress(WindowClosedError), _undisturbed() as stopped:
         window = ViewerWindow(scene, camera)
         try:
             Player(saved.job.name, scene, Replay(saved.run), window, speed=speed).play(stopped)
@@ -110,7 +110,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     from gantrysim.view.player import Player
     from gantrysim.view.push import STIFFNESS, Bodies
     from gantrysim.view.source import Live
-    from gantrysim.view.window import ViewerWindow
+    from gantrysim.view.window import ViewerWindow, WindowClosedError
 
     machine = job.built_machine
     simulation = Simulation.of(
@@ -125,13 +125,14 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     scene = Scene(machine, job.follow(), job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)
-    with _undisturbed() as stopped:
+    with suppress(WindowClosedError), _undisturbed() as stopped:
         window = ViewerWindow(scene, camera)
         try:
             player = Player(job.name, scene, Live(simulation), window, bodies=bodies, speed=speed)
             return player.play(stopped)
         finally:
             window.close()
+    return None
 
 
 @contextmanager

@@ -101,7 +101,7 @@ class Player:
         if source.live and not self.clock.stands and at + run.period < wanted:
             # it cannot keep up: nothing is to be caught up with later
             self.clock = self.clock.moved(at, now)
-        self._pace.note(now, min(wanted, at + run.period))
+        self._pace.note(now, self.clock.at(now))
         if self._shown is None or self._shown != (run, tick):
             self._window.pose(lambda: self._pose(run, tick))
             self._shown = (run, tick)

@@ -67,6 +67,7 @@ class ViewerWindow:
     Raises:
         InputError: no such camera.
         NoDisplayError: the viewer opens no window.
+        WindowClosedError: it is closed before the first picture.
     """
 
     def __init__(self, scene: Scene, camera: str | None = None) -> None:
@@ -180,25 +181,34 @@ class ViewerWindow:
         def fail(error: threading.ExceptHookArgs) -> None:
             failed.append(" ".join(str(error.exc_value).split()) or error.exc_type.__name__)
 
+        ended = threading.Event()
         simulate, hook = viewer._Simulate, threading.excepthook
-        viewer._Simulate, threading.excepthook = _freed_when_left(simulate, self._guard), fail
+        viewer._Simulate, threading.excepthook = _freed_when_left(simulate, self._guard, ended), fail
         try:
             thread = threading.Thread(target=launch, name="launch", daemon=True)
             thread.start()
             end = time.monotonic() + _PICTURE
-            while thread.is_alive() and not failed and time.monotonic() < end:
+            while thread.is_alive() and not failed and not ended.is_set() and time.monotonic() < end:
                 thread.join(_POLL)
+            if ended.is_set():
+                thread.join(_LEAVING)
         finally:
             viewer._Simulate, threading.excepthook = simulate, hook
+        if not opened and ended.is_set() and not failed:
+            raise WindowClosedError
         if not opened:
             raise NoDisplayError(failed[0] if failed else f"the viewer opened none in {_PICTURE:g} s")
         return opened[0]
 
 
-def _freed_when_left(simulate: Any, guard: threading.Lock) -> Any:
-    """Return MuJoCo's viewer, which is freed when nobody is inside it, or never."""
+def _freed_when_left(simulate: Any, guard: threading.Lock, ended: threading.Event) -> Any:
+    """Return MuJoCo's viewer, which tells when it draws no more, and is freed when nobody is inside it, or never."""
 
     class Guarded(simulate):  # type: ignore[misc]
+        def render_loop(self) -> None:
+            super().render_loop()
+            ended.set()
+
         def destroy(self) -> None:
             if guard.acquire(timeout=_LEAVING):
                 try:
