@@ -76,6 +76,9 @@ def test_the_picture_in_the_film_is_the_renderers_to_the_last_bit(xy, run, alone
     with Renderer(xy, run, size=(cell.width, cell.height)) as renderer:
         np.testing.assert_array_equal(cell.of(picture), renderer.frame(700))
     np.testing.assert_array_equal(picture[cell.height :], alone.panel.picture(0.7))
+    played = alone.frame(0.7, 4.0)[cell.height :]
+    np.testing.assert_array_equal(played, alone.panel.picture(0.7, 4.0))
+    assert shows(played, "×4", alone.panel.font.size, INK)
     alone.save_picture(tmp_path / "b.png")
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "b.png")), alone.frame(run.time[-1]))
 
@@ -309,7 +312,7 @@ def test_no_frame_is_kept(alone, tmp_path):
     import gc
     import weakref
 
-    kept = []
+    kept, speeds = [], []
     plain = type(alone).frame
 
     class Tracked(np.ndarray):
@@ -318,6 +321,7 @@ def test_no_frame_is_kept(alone, tmp_path):
     def frame(self, *arguments):
         picture = plain(self, *arguments).view(Tracked)
         kept.append(weakref.ref(picture))
+        speeds.append(arguments[1])
         return picture
 
     type(alone).frame = frame
@@ -328,11 +332,12 @@ def test_no_frame_is_kept(alone, tmp_path):
             gc.collect()
             most.append(sum(one() is not None for one in kept))
 
-        alone.save(tmp_path / "a.mp4", fps=10, progress=count)
+        alone.save(tmp_path / "a.mp4", fps=10, speed=1.5, progress=count)
     finally:
         type(alone).frame = plain
-    assert len(most) > 10
+    assert len(most) >= 10
     assert max(most) <= 2
+    assert set(speeds) == {1.5}  # which every frame says
 
 
 def test_a_machine_without_cameras_or_label_is_filmed_by_its_name(rigid, run):
