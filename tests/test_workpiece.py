@@ -1,6 +1,7 @@
 """The body under a bead that climbs: against closed forms, and clear of bead and needle."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_the_ledge_is_level_across_the_bead(runs, name):
 
 def test_the_body_of_a_cone_has_its_volume_and_heights(xyz):
     # a dense spiral up a cone: from radius 60 at z = 0 to 4 at z = 28, so h(r) = (60 - r) / 2
-    run = carried(xyz, helix((60.0, 4.0), 14, 28.0), flow=60.0)
+    run = carried(xyz, helix((60.0, 4.0), 14, 28.0), flow=20.0)
     piece = workpiece(run)
     cone = np.pi / 3 * 60**2 * 30
     tip = np.pi / 3 * 4**2 * 2  # missing above z = 28
@@ -209,3 +210,22 @@ def test_the_scene_shows_it_and_the_machine_stays_as_it_is(runs):
     np.testing.assert_allclose(drawn - scene.data.xpos[machine.work], built, atol=1e-6)
     flat = Scene(Machine("xy"), runs["an225"])
     assert "gantrysim work piece" not in [flat.model.geom(g).name for g in range(flat.model.ngeom)]
+
+
+def test_no_path_is_cut_however_it_crosses_itself(xyz):
+    random = np.random.default_rng(1)
+    for _ in range(12):
+        count = random.integers(3, 9)
+        places = np.column_stack([random.uniform(-100, 100, (count, 2)), random.uniform(0, 70, count)])
+        places[0, 2] = 0
+        lines = [Line(tuple(a), tuple(b)) for a, b in pairwise(places)]
+        run = carried(xyz, Chain(lines))
+        piece = workpiece(run)
+        points, left = samples(run, 13)
+        middle = top(piece, run, points[:, :2])
+        assert (middle - points[:, 2]).max() < ABOVE
+        # beside it, too, but for what a sharp corner of a steep path asks
+        beside = np.concatenate([top(piece, run, points[:, :2] + aside * left) for aside in (-1.0, 1.0)])
+        assert (beside - np.tile(points[:, 2], 2) > ABOVE).mean() < 0.01
+        # and most of it is carried
+        assert (points[:, 2] - middle > LEVEL).mean() < 0.2

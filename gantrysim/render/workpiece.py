@@ -32,6 +32,8 @@ _LEVEL = 0.05  # cosine of the climb, below which the path has no direction in p
 _SHARE = 0.45  # of the distance to what passes beside it, that a ledge takes
 _BEND = 0.8  # of the radius of curvature, likewise
 _ASIDE = 6.0  # half widths along the path, within which it is still the same turn
+_ROUND = 0.7  # cosine of the angle between two directions, from which there is a corner between them
+_MOAT = 1.0  # between the ledge of a turn and what stands higher beside it [mm]
 _MOSTLY = 0.5  # share of the path that lies above itself, from which it leans on a wall
 _WALL = 2.0  # thickness [mm]
 _BESIDE = 0.95  # of the distance to its own turn, at which a wall keeps from every other
@@ -57,7 +59,7 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
         run: the run; only its dispensed part counts.
         bead: how the glue lies.
     """
-    if not run.dispense.any():
+    if not run.dispense.any() or run.requested.table[1][:, 2].max() < _FLAT:
         return None
     strand = Strand(run, bead)
     width = float(strand.nominal_section.width[0]) if strand.nominal > 0 else 0.0
@@ -68,7 +70,7 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
     clear = 0.5 * width + _NEEDLE
     above, below = _stacked(track, clear, width)
     ledge = track.only(~above)
-    parts = [_solid(ledge, _reach(ledge, width), floor)]
+    parts = [_solid(ledge, _reach(ledge, width), clear, floor)]
     if above.mean() > _MOSTLY:
         parts += _walls(track, ~below, clear, floor)
     kept = [part for part in parts if len(part.faces)]
@@ -117,7 +119,9 @@ def _track(run: Run, analysis: Analysis, gap: float) -> _Track | None:
     found = []
     for part in np.split(foot, np.flatnonzero(np.diff(ticks) > 1) + 1):
         first, last = float(part.min()), float(part.max())
-        found.append(np.linspace(first, last, max(int(np.ceil((last - first) / _STEP)), 1) + 1))
+        corners = run.requested.corners
+        even = np.linspace(first, last, max(int(np.ceil((last - first) / _STEP)), 1) + 1)
+        found.append(np.union1d(even, corners[(first < corners) & (corners < last)]))
     s = np.concatenate(found)
     stretch = np.repeat(np.arange(len(found)), [len(part) for part in found])
     local = run.requested.local(s)
@@ -145,7 +149,7 @@ def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool
     """Tell which samples have another turn below them, and which have one above, (k,) each."""
     pairs, _ = _pairs(track, clear, width)
     rise = np.diff(track.point[pairs, 2], axis=1)[:, 0]
-    pairs, rise = pairs[np.abs(rise) > _FLAT], rise[np.abs(rise) > _FLAT]
+    pairs, rise = pairs[np.abs(rise) > width], rise[np.abs(rise) > width]
     upper = np.where(rise > 0, pairs[:, 1], pairs[:, 0])
     lower = np.where(rise > 0, pairs[:, 0], pairs[:, 1])
     above, below = np.zeros((2, len(track.s)), bool)
@@ -163,25 +167,27 @@ def _reach(track: _Track, width: float) -> Floats:
     return np.minimum(reach, bend)
 
 
-def _solid(track: _Track, reach: Floats, floor: float) -> WorkPiece:
+def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiece:
     """Triangulate the ledges in plan view, with what lies between them, and draw the rim down to the floor."""
     from scipy.spatial import Delaunay, QhullError
 
-    aside = reach[:, None] * track.left
+    reach = np.maximum(reach, clear)
     ends = np.flatnonzero(np.diff(track.stretch, prepend=-1) > 0)
     tips = np.concatenate([ends, np.append(ends[1:], len(track.s)) - 1])
-    ahead = np.repeat([-1.0, 1.0], len(ends))[:, None, None] * np.cos(_CAP)[:, None] * track.along[tips][:, None]
-    caps = track.point[tips, None, :2] + reach[tips, None, None] * (
-        ahead + np.sin(_CAP)[:, None] * track.left[tips][:, None]
+    caps = (
+        np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP),
+        np.broadcast_to(np.sin(_CAP), (len(tips), len(_CAP))),
     )
-    plan = np.concatenate([track.point[:, :2], track.point[:, :2] + aside, track.point[:, :2] - aside, *caps])
-    height = np.concatenate([np.tile(track.point[:, 2], 3), np.repeat(track.point[tips, 2], len(_CAP))])
-    height = np.maximum(height, floor)
-    nothing = WorkPiece(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    each = np.arange(len(track.s))
+    of = np.concatenate([each, each, each, np.repeat(tips, len(_CAP))])  # the sample that a corner belongs to
+    ahead = np.concatenate([np.zeros(3 * len(each)), caps[0].ravel()]) * reach[of]
+    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], len(each)), caps[1].ravel()]) * reach[of]
+    plan = track.point[of, :2] + ahead[:, None] * track.along[of] + aside[:, None] * track.left[of]
+    height = np.maximum(_ceiling(track, plan, of, clear), floor)
     try:
         faces = Delaunay(plan).simplices
     except QhullError:  # all in one line
-        return nothing
+        return WorkPiece(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
     a, b, c = np.moveaxis(plan[faces], 1, 0)
     double = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     faces = np.where((double > 0)[:, None], faces, faces[:, ::-1])
@@ -192,6 +198,20 @@ def _solid(track: _Track, reach: Floats, floor: float) -> WorkPiece:
     skirt = _band(rim[:, 0] + len(top), rim[:, 1] + len(top), rim[:, 0] + 2 * len(top), rim[:, 1] + 2 * len(top))
     # the skirt has vertices of its own, so that the edge stays sharp
     return WorkPiece(np.concatenate([top, top, foot]), np.concatenate([faces, skirt]).astype(np.int32))
+
+
+def _ceiling(track: _Track, plan: Floats, of: NDArray[np.intp], clear: float) -> Floats:
+    """Return how high corners may stand, (v,) [mm]: as their own sample, and no other turn's nearby that is lower."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(plan).sparse_distance_matrix(cKDTree(track.point[:, :2]), clear + _MOAT, output_type="ndarray")
+    corner, sample = near["i"], near["j"]
+    own = of[corner]
+    other = np.abs(track.s[own] - track.s[sample]) > _ASIDE * clear
+    other |= np.einsum("ij,ij->i", track.along[own], track.along[sample]) < _ROUND
+    height: Floats = track.point[of, 2].copy()
+    np.minimum.at(height, corner[other], track.point[sample[other], 2])
+    return height
 
 
 def _rim(faces: Triangles) -> Triangles:
