@@ -234,8 +234,8 @@ def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
     """Return a compiled model without what is only seen; its dynamics are the same to the last bit.
 
     That saves the placing of geoms that touch nothing, of cameras and lights, at every step, and textures, in every
-    copy. Where they are needed to tell a body's inertia, MuJoCo does not leave them out, and the model is the compiled
-    one.
+    copy. Where they are needed to tell a body's inertia, MuJoCo does not leave them out; where a sensor looks through a
+    camera, the model is the compiled one.
     """
     bare = spec.copy()
     bare.compiler.discardvisual = True
@@ -246,8 +246,6 @@ def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
     try:
         physics = bare.compile()
     except (ValueError, mujoco.FatalError):
-        return compiled
-    if physics.nsensordata != compiled.nsensordata:  # one looks through a camera
         return compiled
     physics.opt.disableflags = compiled.opt.disableflags
     return physics

@@ -156,6 +156,7 @@ def test_turns_above_one_another_lean_on_a_wall_beside_them(xyz, sense):
     found = corners(piece, run).reshape(-1, 3)
     radius = np.hypot(found[:, 0], found[:, 1])
     wall = found[:, 2] > 11  # above the first turn
+    assert found[wall, 2].min() > 29.9  # the last turn's alone
     assert wall.sum() > 100
     assert found[:, 2].max() == pytest.approx(40.0)
     # inside the turns, clear of half the bead and of the needle, and thin
@@ -194,6 +195,7 @@ def test_the_faces_look_outward(runs):
         a, b, c = np.moveaxis(corners(workpiece(runs[name]), runs[name]), 1, 0)
         assert np.cross(b - a, c - a)[:, 2].min() > -1e-9  # no face of what carries these looks down
         assert volume(workpiece(runs[name]), runs[name]) > 1e4
+        assert np.stack([a, b, c])[..., 2].max(axis=0).min() > 0  # and nothing lies flush with the work
 
 
 def test_the_scene_shows_it_and_the_machine_stays_as_it_is(runs):

@@ -69,8 +69,7 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
     floor = -run.gap
     clear = 0.5 * width + _NEEDLE
     above, below = _stacked(track, clear, width)
-    ledge = track.only(~above)
-    parts = [_solid(ledge, _reach(ledge, width), clear, floor)]
+    parts = [_solid(track, _reach(track, width), clear, floor)]
     if above.mean() > _MOSTLY:
         parts += _walls(track, ~below, clear, floor)
     kept = [part for part in parts if len(part.faces)]
@@ -197,7 +196,9 @@ def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiec
     foot = np.column_stack([plan, np.full(len(plan), floor)])
     skirt = _band(rim[:, 0] + len(top), rim[:, 1] + len(top), rim[:, 0] + 2 * len(top), rim[:, 1] + 2 * len(top))
     # the skirt has vertices of its own, so that the edge stays sharp
-    return WorkPiece(np.concatenate([top, top, foot]), np.concatenate([faces, skirt]).astype(np.int32))
+    vertices = np.concatenate([top, top, foot])
+    skirt = skirt[vertices[skirt, 2].max(axis=1) > floor]
+    return WorkPiece(vertices, np.concatenate([faces, skirt]).astype(np.int32))
 
 
 def _ceiling(track: _Track, plan: Floats, of: NDArray[np.intp], clear: float) -> Floats:
