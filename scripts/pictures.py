@@ -19,6 +19,7 @@ from gantrysim.tuning import TuningStudy
 
 FOLDER = Path(__file__).parent.parent / "pictures"
 PLOTTED, TUNED = "an225", "fanuc-spiral"
+COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 PLOTS = ("budget", "plan", "spacing", "bead")
 SIZE, SMALL, FILMED = (960, 720), (640, 480), (1280, 960)
 SHARE = 0.74  # of the run, at which the machine is shown
@@ -39,8 +40,8 @@ COLOURS = 256  # of a picture's palette
 
 
 def save(image: Image.Image, name: str) -> None:
-    """The large one as it is, others with a palette: one half for what there is most of, the other for rare colours."""
-    if image.size == SIZE:
+    """Large ones as they are, others with a palette: one half for what there is most of, the other for rare colours."""
+    if image.width >= SIZE[0]:
         image.save(FOLDER / f"{name}.png", optimize=True)
         return
     shades = np.unique(np.asarray(image).reshape(-1, 3) // 8 * 8, axis=0)
@@ -88,6 +89,11 @@ for name in builtin_jobs():
             for plot in save_plots(analysis, Path(scratch), Bead(run, job.bead, analysis)):
                 if plot.stem in PLOTS:
                     shutil.copy(plot, FOLDER / f"{name}-{plot.name}")
+
+jobs = [Job.load(PLOTTED, [f"loop_period={period}"]) for period in COMPARED]
+takes = [Take(job.built_machine, job.run(), f"T = {period:g} s") for job, period in zip(jobs, COMPARED, strict=True)]
+with Film(takes, camera="top", colour="error") as film:
+    save(Image.fromarray(film.frame(SHARE * film.end)), "compared")
 
 for study, plot, picture_name in (
     (LoopStudy(Job.load(PLOTTED)), "loop_period", "study-loop"),
