@@ -21,7 +21,7 @@ FOLDER = Path(__file__).parent.parent / "pictures"
 PLOTTED, TUNED = "an225", "fanuc-spiral"
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 PLOTS = ("budget", "plan", "spacing", "bead")
-SIZE, SMALL, FILMED = (960, 720), (640, 480), (1280, 960)
+SIZE, SMALL, FILMED, ANIMATED = (960, 720), (640, 480), (1280, 960), (560, 460)
 SHARE = 0.74  # of the run, at which the machine is shown
 # What shows each job's bead best: camera, share of the run, and whether as a film's frame with the error as colour.
 DETAILS = {
@@ -94,6 +94,9 @@ jobs = [Job.load(PLOTTED, [f"loop_period={period}"]) for period in COMPARED]
 takes = [Take(job.built_machine, job.run(), f"T = {period:g} s") for job, period in zip(jobs, COMPARED, strict=True)]
 with Film(takes, camera="top", colour="error") as film:
     save(Image.fromarray(film.frame(SHARE * film.end)), "compared")
+job = Job.load(PLOTTED)
+with Film([Take(job.built_machine, job.run(), PLOTTED, job.bead)], size=ANIMATED, colour="error") as film:
+    film.save(FOLDER / f"{PLOTTED}.gif", fps=12.5, speed=4)
 
 for study, plot, picture_name in (
     (LoopStudy(Job.load(PLOTTED)), "loop_period", "study-loop"),

@@ -157,6 +157,14 @@ def test_the_scale_of_the_width_has_its_middle_at_the_nominal_width(run):
     assert 0.5 * (scale.low + scale.high) == pytest.approx(bead.nominal_section.width[0])
     assert scale.low >= 0
     assert scale.above  # the blob at the stop
+    assert scale.high - scale.low >= 2 * 0.02 * bead.nominal_section.width[0]  # no colours for what does not matter
+
+
+@pytest.mark.parametrize("colour", ["width", "error"])
+def test_a_run_without_glue_has_a_scale_as_well(dry, colour):
+    scale = scale_for(colour, [dry])
+    assert scale.low < scale.high
+    assert not scale.below
 
 
 def test_several_runs_have_one_scale(run):

@@ -21,7 +21,8 @@ COLOURS = ("plain", "width", "error")
 
 _SHADES = 256
 _USUAL = {"width": (5.0, 95.0), "error": (0.0, 99.5)}  # percentiles of the values, that a scale holds
-_LEAST = {"width": 0.02, "error": 1.0}  # [mm], [µm]; of what a scale spans
+_LEAST_ERROR = 1.0  # [µm], that a scale spans
+_LEAST_WIDTH = 0.02  # of the nominal width, that a scale spans to either side
 _STATIONS = 1250
 _UM = 1e3
 
@@ -78,11 +79,11 @@ def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None
     values = np.concatenate(laid) if any(part.size for part in laid) else np.zeros(1)
     usual = np.percentile(values, _USUAL[colour])
     if colour == "error":
-        low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST[colour]))
+        low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST_ERROR))
         title, unit, name, part = "contour error", "µm", "viridis", (0.22, 1.0)
     else:
-        nominal = float(strands[0].nominal_section.width[0]) or float(np.median(values))
-        reach = min(_rounded_up(max(float(np.abs(usual - nominal).max()), 0.5 * _LEAST[colour])), nominal)
+        nominal = float(strands[0].nominal_section.width[0]) or float(np.median(values)) or 1.0  # without glue
+        reach = min(_rounded_up(max(float(np.abs(usual - nominal).max()), _LEAST_WIDTH * nominal)), nominal)
         low, high = nominal - reach, nominal + reach
         title, unit, name, part = "width of the bead", "mm", "coolwarm", (0.0, 1.0)
     return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), _table(name, *part))
