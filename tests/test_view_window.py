@@ -166,7 +166,7 @@ def display(tmp_path_factory):
         yield os.environ["DISPLAY"]
         return
     read, write = os.pipe()
-    screen = ["-screen", "0", "1024x768x24", "-displayfd", str(write)]
+    screen = ["-screen", "0", "1024x768x24", "-noreset", "-displayfd", str(write)]
     server = subprocess.Popen(["Xvfb", *screen], pass_fds=[write], stderr=subprocess.DEVNULL)
     os.close(write)
     with os.fdopen(read) as number:
