@@ -8,6 +8,7 @@ import itertools
 import json
 import statistics
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -194,7 +195,8 @@ def frames(draw: Callable[[], object]) -> None:
 def standing_still(film: Film, model: mujoco.MjModel) -> tuple[mujoco.Renderer, Callable[[], None]]:
     """MuJoCo's own renderer with pictures of the film's size, and what draws a scene in which nothing moves."""
     (cell,) = film.cells
-    renderer = mujoco.Renderer(model, cell.height, cell.width)
+    with warnings.catch_warnings(action="ignore"):  # MuJoCo tries GLFW before what needs no display
+        renderer = mujoco.Renderer(model, cell.height, cell.width)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     renderer.update_scene(data, "overview")
