@@ -12,9 +12,9 @@ import gantrysim
 from gantrysim.bead import Bead
 from gantrysim.budget import Budget
 from gantrysim.errors import GantryError
-from gantrysim.filming import render as render_command
 from gantrysim.job import Job
 from gantrysim.metrics import Analysis
+from gantrysim.render.commands import render as render_command
 from gantrysim.study.commands import study_app
 from gantrysim.tables import links_table, outcome_table
 from gantrysim.terminal import FAULT, INPUT_ERROR, say, share_bar, show, warn

@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from gantrysim import InputError, Job
-from gantrysim.filming import size_of
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, Take
+from gantrysim.render.commands import size_of
 from gantrysim.render.comparison import labels_of
 from gantrysim.render.overlay import run_colours
 from gantrysim.saved import SavedRun
