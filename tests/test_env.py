@@ -556,3 +556,15 @@ def test_an_interrupt_in_a_reset_leaves_nothing_that_could_be_stepped(kind, monk
     else:
         *_, info = env.step(np.zeros((1, 4)))
         assert "reward_contour" not in info  # a reset came first
+
+
+def test_the_work_piece_of_a_climbing_job_is_whole_from_the_first_picture_on():
+    env = SpiralTuningEnv(job="an225-3d", render_mode="rgb_array", size=(320, 240))
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(env.action_space.shape, np.float32))
+    env.render()
+    model = env._frames._renderer.model
+    vertices = model.mesh_vert[model.mesh_vertadr[model.mesh("gantrysim work piece").id] :]
+    assert np.ptp(vertices[:, 2]) > 0.9e-3 * env.run.requested.position(env.run.requested.length)[2]
+    env.close()

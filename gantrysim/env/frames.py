@@ -38,11 +38,14 @@ class Frames:
         self._size = whole("width of the picture", size[0], 1), whole("height of the picture", size[1], 1)
         self._renderer: Renderer | None = None
 
-    def picture(self, scene: Callable[[], tuple[Machine, Run, int]]) -> NDArray[np.uint8] | None:
+    def picture(
+        self, scene: Callable[[], tuple[Machine, Run, int]], episode: Callable[[], Run]
+    ) -> NDArray[np.uint8] | None:
         """Return a picture, (height, width, 3), or None where nothing is drawn.
 
         Args:
             scene: gives the machine, its record and the tick to be drawn.
+            episode: gives a record of the whole episode, for what is made for all pictures: work piece, length of bead.
 
         Raises:
             NoOpenGLError: no OpenGL that needs no display.
@@ -53,9 +56,8 @@ class Frames:
 
         machine, run, tick = scene()
         if self._renderer is None:
-            self._renderer = Renderer(machine, run, size=self._size)
-        else:
-            self._renderer.show(run)
+            self._renderer = Renderer(machine, episode(), size=self._size)
+        self._renderer.show(run)
         return np.ascontiguousarray(self._renderer.frame(tick))
 
     def close(self) -> None:

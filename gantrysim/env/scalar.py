@@ -137,7 +137,7 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
         Raises:
             NoOpenGLError: no OpenGL that needs no display.
         """
-        return self._frames.picture(lambda: self._episodes.scene(0))
+        return self._frames.picture(lambda: self._episodes.scene(0), lambda: self._episodes.follower(0))
 
     def close(self) -> None:
         """Free what pictures were drawn with."""

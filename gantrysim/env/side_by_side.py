@@ -149,12 +149,16 @@ class SideBySide:
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:
         """Return machine, record and tick of the present moment, to be drawn."""
-        simulation = self._episode(place).simulation
+        machine = self._episode(place).simulation.machine
         if self._measured[place] < 2:  # not begun yet
-            follower = perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
-            return simulation.machine, follower, 0
+            return machine, self.follower(place), 0
         run = self.record(place)
-        return simulation.machine, run, len(run.time) - 1
+        return machine, run, len(run.time) - 1
+
+    def follower(self, place: int) -> Run:
+        """Return the record of the whole episode as it would be without any tracking error."""
+        simulation = self._episode(place).simulation
+        return perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
 
     def _run(self, places: Sequence[int]) -> None:
         """Step until the next decision, or where that comes first to the end of the longest episode."""

@@ -147,7 +147,11 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         Raises:
             NoOpenGLError: no OpenGL that needs no display.
         """
-        pictures = [self._frames.picture(partial(self._episodes.scene, place)) for place in range(self.num_envs)]
+        episodes = self._episodes
+        pictures = [
+            self._frames.picture(partial(episodes.scene, place), partial(episodes.follower, place))
+            for place in range(self.num_envs)
+        ]
         return None if self.render_mode is None else tuple(picture for picture in pictures if picture is not None)
 
     def close_extras(self, **_kwargs: Any) -> None:

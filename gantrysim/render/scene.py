@@ -140,16 +140,7 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         texture.data = np.stack([scale.table, scale.table]).tobytes()
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
         material.rgba, material.emission, material.specular = (_LIT, _LIT, _LIT, 1), _GLOW, 0.0
-    spec.body(WORK).add_geom(
-        name=_BEAD,
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname=_BEAD,
-        material=_BEAD,
-        mass=0,
-        contype=0,
-        conaffinity=0,
-        group=0,
-    )
+    _add_to_work(spec, _BEAD, group=0)
     _add_piece(spec, sweep)
     model = spec.compile()
     geom = model.geom(_BEAD).id
@@ -174,16 +165,14 @@ def _add_piece(spec: mujoco.MjSpec, sweep: Sweep) -> None:
     mesh.uservert = piece.vertices.ravel().astype(np.float32)
     mesh.userface = piece.faces.ravel()
     spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
-    spec.body(WORK).add_geom(
-        name=_PIECE,
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname=_PIECE,
-        material=_PIECE,
-        mass=0,
-        contype=0,
-        conaffinity=0,
-        group=2,
-    )
+    _add_to_work(spec, _PIECE, group=2)
+
+
+def _add_to_work(spec: mujoco.MjSpec, name: str, group: int) -> None:
+    """Put the mesh of a name, with the material of the same, on the work, where it is only seen."""
+    mesh = mujoco.mjtGeom.mjGEOM_MESH
+    looks = {"type": mesh, "meshname": name, "material": name, "group": group}
+    spec.body(WORK).add_geom(name=name, mass=0, contype=0, conaffinity=0, **looks)
 
 
 def _in_texture(shares: NDArray[np.float64]) -> NDArray[np.float64]:
