@@ -36,19 +36,19 @@ def cut(run, ticks):
     return dataclasses.replace(run, **rows)
 
 
-def shows(picture, text, size, colour, bold=False):
+def shows(picture, text, size, colour, bold=False, paper=PAPER):
     """Whether a text stands in a picture, to the last bit, wherever it is."""
     face = font(size, bold).face
-    paper = Image.new("RGB", (round(face.getlength(text)) + 20, 2 * size + 20), PAPER)
-    ImageDraw.Draw(paper).text((10, size + 10), text, rgb(colour), face, anchor="lm")
-    letters = np.asarray(paper)
-    rows, columns = (np.flatnonzero((letters != rgb(PAPER)).any(axis=2).any(axis=axis)) for axis in (1, 0))
+    sheet = Image.new("RGB", (round(face.getlength(text)) + 20, 2 * size + 20), paper)
+    ImageDraw.Draw(sheet).text((10, size + 10), text, rgb(colour), face, anchor="lm")
+    letters = np.asarray(sheet)
+    rows, columns = (np.flatnonzero((letters != rgb(paper)).any(axis=2).any(axis=axis)) for axis in (1, 0))
     letters = letters[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     height, width = letters.shape[:2]
     if height > picture.shape[0] or width > picture.shape[1]:
         return False
-    # where the first of its darkest pixels may be, then all of it
+    # where the first of the pixels that differ most from the paper may be, then all of it
     windows = sliding_window_view(picture, (height, width, 3))[:, :, 0]
-    row, column = np.unravel_index(letters.sum(axis=2).argmin(), (height, width))
+    row, column = np.unravel_index(np.abs(letters.astype(int) - rgb(paper)).sum(axis=2).argmax(), (height, width))
     places = np.argwhere((windows[:, :, row, column] == letters[row, column]).all(axis=2))
     return any(np.array_equal(windows[r, c], letters) for r, c in places)

@@ -22,7 +22,9 @@ LETTERS = 16
 SIZE = (600, 120)
 FRAME = (960, 720)
 PIXEL = 1.0  # within which a curve lies where it should
+LABELLED = 0.005  # of its scale, to which a label is exact
 GREY = COLOURS["requested"]
+GREYS = np.stack([np.arange(256)] * 3, axis=1).astype(np.uint8)
 FAULT = Fault("following error", "x", 1.25, 5.02, 5.0, "mm", "the group stops with its greatest deceleration")
 
 
@@ -307,8 +309,8 @@ def test_the_legend_shows_the_scale(run, readout):
     picture = panel.picture(0.5)
     assert shows(picture, "contour error [µm]", panel.font.size, INK)
     legend = picture[:, panel.strip_left + panel.strip.size[0] :]
-    assert shows(legend, f"{0.5 * (scale.low + scale.high):.0f}", panel.font.size, INK)
-    assert shows(legend, f"{'≥ ' if scale.above else ''}{scale.high:.0f}", panel.font.size, INK)
+    for text in scale.labels():
+        assert shows(legend, text, panel.font.size, INK)
     bar = legend[:, round(0.6 * panel.font.size) + 2]
     place = [np.abs(scale.table.astype(int) - colour).max(axis=1) for colour in bar.astype(int)]
     rows = np.array([k for k, away in enumerate(place) if away.min() == 0])
@@ -321,10 +323,33 @@ def test_the_legend_shows_the_scale(run, readout):
     assert plain.strip.size[0] > panel.strip.size[0]
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "labels"),
+    [
+        (0, 800, ("0", "400", "800")),
+        (0, 15.07, ("0.0", "7.5", "15.1")),
+        (0, 43, ("0.0", "21.5", "43.0")),
+        (0, 10.43, ("0.0", "5.2", "10.4")),
+        (3.2, 4.4, ("3.2", "3.8", "4.4")),
+        (1.0, 1.001, ("1.0000", "1.0005", "1.0010")),
+    ],
+)
+def test_the_labels_of_a_scale_have_the_digits_that_they_need(low, high, labels):
+    assert Scale("", "", low, high, False, False, GREYS).labels() == labels
+    assert Scale("", "", low, high, True, True, GREYS).labels() == (f"≤ {labels[0]}", labels[1], f"≥ {labels[2]}")
+
+
+@given(st.floats(0, 1e4), st.floats(1e-3, 1e4))
+def test_no_label_of_a_scale_misses_its_colour(low, span):
+    scale = Scale("", "", low, low + span, False, False, GREYS)
+    labels = np.array([float(label) for label in scale.labels()])
+    away = np.abs(labels - [scale.low, 0.5 * (scale.low + scale.high), scale.high])
+    assert away.max() <= LABELLED * (scale.high - scale.low)
+
+
 @pytest.mark.parametrize(("below", "above"), [(False, True), (True, False), (False, False)])
 def test_the_legend_says_each_number_beside_its_colour(readout, below, above):
-    table = np.stack([np.arange(256)] * 3, axis=1).astype(np.uint8)
-    scale = Scale("width of the bead", "mm", 3.2, 4.4, below, above, table)
+    scale = Scale("width of the bead", "mm", 3.2, 4.4, below, above, GREYS)
     panel = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small", scale)
     legend = panel.picture(0.5)[:, panel.strip_left + panel.strip.size[0] :]
     letters = panel.font.size

@@ -12,10 +12,11 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from films import shows
 from views import write_run
 
 from gantrysim.errors import GantryError
-from gantrysim.render.colours import scale_for
+from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.scene import Scene
 from gantrysim.saved import SavedRun
 from gantrysim.view.bar import HEIGHT, colour_bar
@@ -153,6 +154,14 @@ def test_colour_bar_goes_from_low_to_high(saved):
     assert ink[-60:].any()
     assert not ink[:5].any()
     assert not ink[-5:].any()
+
+
+def test_the_colour_bar_says_what_its_ends_stand_for():
+    table = np.zeros((256, 3), np.uint8)
+    bar = colour_bar(Scale("contour error", "µm", 0.0, 15.07, False, True, table), 300)
+    for text, there in (("≥ 15.1", True), ("0.0", True), ("≤", False)):
+        part = bar[:22, 150:] if text.startswith("≥") else bar[:22, :150]
+        assert shows(part, text, 12, "#ebebeb", paper="#14171c") is there, text
 
 
 @pytest.fixture(scope="module")

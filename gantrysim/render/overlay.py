@@ -173,11 +173,7 @@ class Panel:
         letters = self.font
         if scale is None:
             return np.full((height, 0, 3), 255, np.uint8)
-        digits = max(0, 1 - int(np.floor(np.log10(max(scale.high - scale.low, 1e-9)))))
-        values = (scale.low, 0.5 * (scale.low + scale.high), scale.high)
-        below, above = ("≤ " if scale.below else ""), ("≥ " if scale.above else "")
-        texts = [f"{f'{value:.{digits}f}'}" for value in values]
-        texts = [below + texts[0], texts[1], above + texts[2]]
+        texts = scale.labels()
         title = f"{scale.title} [{scale.unit}]"
         bar = round(0.9 * letters.size)
         width = round(max(letters.width(title), bar + 0.5 * letters.size + max(map(letters.width, texts))))

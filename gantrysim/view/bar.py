@@ -25,9 +25,7 @@ def colour_bar(scale: Scale, width: int) -> NDArray[np.uint8]:
     """Return the colours from low to high with their numbers, (HEIGHT, width, 3)."""
     image = Image.new("RGB", (width, HEIGHT), _GROUND)
     draw, letters = ImageDraw.Draw(image), font(_LETTERS)
-    digits = max(0, 1 - int(np.floor(np.log10(scale.high - scale.low))))
-    low = f"{'≤ ' if scale.below else ''}{scale.low:.{digits}f}"
-    high = f"{'≥ ' if scale.above else ''}{scale.high:.{digits}f}"
+    low, _, high = scale.labels()
     middle = (HEIGHT - _STRIP) // 2
     room = width - 4 * _MARGIN - 2 * max(letters.width(low), letters.width(high))
     title = letters.shortened(f"bead: {scale.title} [{scale.unit}]", room)
