@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.bead.strand import BeadSettings, Strand
-from gantrysim.bead.sweep import Sweep
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import unknown
+from gantrysim.metrics import Analysis
 from gantrysim.run import Run
 
-__all__ = ["COLOURS", "Scale", "errors_along", "scale_for"]
+__all__ = ["COLOURS", "Scale", "scale_for", "values_along"]
 
 COLOURS = ("plain", "width", "error")
 
@@ -24,6 +24,7 @@ _SHADES = 256
 _USUAL = {"width": (5.0, 95.0), "error": (0.0, 99.5)}  # percentiles of the values, that a scale holds
 _LEAST_ERROR = 1.0  # [µm], that a scale spans
 _LEAST_WIDTH = 0.02  # of the nominal width, that a scale spans to either side
+_STATIONS = 1250
 _LABELLED = 0.005  # of what a scale spans, to which its labels are exact
 _UM = 1e3
 
@@ -55,6 +56,15 @@ class Scale:
     def labels(self) -> tuple[str, str, str]:
         """Return the lowest, middle and highest value as text, with as few digits as say each to half a percent.
 
+        The percent is of what the scale spans. A sign before the first or the last says that there are values beyond.
+        """
+        values = (self.low, 0.5 * (self.low + self.high), self.high)
+        near = _LABELLED * (self.high - self.low)
+        digits = next(d for d in itertools.count() if all(abs(float(f"{v:.{d}f}") - v) <= near for v in values))
+        low, middle, high = (f"{value:.{digits}f}" for value in values)
+        return f"≤ {low}" if self.below else low, middle, f"≥ {high}" if self.above else high
+
+
 def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None) -> Scale | None:
     """Return one scale for the beads of several runs.
 
@@ -85,30 +95,26 @@ def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None
         low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST_ERROR))
         title, unit, name, part = "contour error", "µm", "viridis", (0.22, 1.0)
     else:
-        nominal = float(sweeps[0].strand.nominal_section.width[0]) or float(np.median(values)) or 1.0  # without glue
+        nominal = float(strands[0].nominal_section.width[0]) or float(np.median(values)) or 1.0  # without glue
         reach = min(_rounded_up(max(float(np.abs(usual - nominal).max()), _LEAST_WIDTH * nominal)), nominal)
         low, high = nominal - reach, nominal + reach
         title, unit, name, part = "width of the bead", "mm", "coolwarm", (0.0, 1.0)
     return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), _table(name, *part))
 
 
-def errors_along(strand: Strand) -> Floats:
-    """Return the contour error at the stations of a bead, (r,) [µm]; where the dispenser is off that about there."""
+def values_along(colour: str, strand: Strand) -> Floats:
+    """Return what colours the bead at its stations, (r,): its width [mm], or the contour error there [µm].
+
+    The contour error is known while the dispenser is on; beyond it is that at the end.
+    """
+    if colour == "width":
+        return strand.width
     run = strand.run
     if not run.dispense.any():
         return np.zeros(strand.place.size)
+    analysis: Analysis = strand.analysis
     ticks = np.arange(len(run.time), dtype=np.float64)
-    return strand.along(_UM * np.interp(ticks, strand.analysis.ticks, strand.analysis.nozzle.distance))
-
-
-def _values(colour: str, sweep: Sweep) -> Floats:
-    """Return what colours a whole bead at each place of its rings, (k,)."""
-    mesh = sweep.mesh(len(sweep.strand.run.time) - 1)
-    _, first = np.unique(mesh.place, return_index=True)  # of the rings of an end, and of those that wait
-    if colour == "width":
-        return mesh.width[first]
-    errors: Floats = np.interp(mesh.place[first], sweep.strand.place, errors_along(sweep.strand))
-    return errors
+    return strand.along(_UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
 
 
 def _rounded_up(value: float) -> float:
