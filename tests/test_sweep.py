@@ -7,7 +7,7 @@ import pytest
 
 from gantrysim import Dispenser, Servo, simulate
 from gantrysim.bead import BeadSettings
-from gantrysim.bead.sweep import Sweep
+from gantrysim.bead.sweep import Sweep, TooFewRingsError
 from gantrysim.controllers.trio import MoveSpiral
 
 FLOW = 150.0  # [mm³/s]
@@ -163,23 +163,66 @@ def test_a_ring_knows_its_place_on_the_trace(run):
     np.testing.assert_allclose(base[sections], on_trace[sections], atol=0.03)
 
 
-def test_a_long_trace_gets_more_rings(run):
-    long = dataclasses.replace(run, nozzle=run.nozzle * [20, 20, 1])
-    assert Sweep(run).strand.place.size == 800
-    chord = np.linalg.norm(np.diff(long.nozzle, axis=0), axis=1).sum() / Sweep(long).strand.place.size
-    assert 1.0 < chord <= 2.0
+def test_rings_stand_where_the_trace_is_long_or_turns(run):
+    long = dataclasses.replace(run, nozzle=run.nozzle * [20, 20, 1], commanded_tip=run.commanded_tip * [20, 20, 1])
+    for record, most in ((run, 0.7), (long, 2.5)):
+        sweep = Sweep(record)
+        place = sweep.mesh(len(run.time) - 1).place
+        steps = np.diff(np.unique(place))
+        assert 0.7 * steps.max() < np.median(steps) < most
+    angle = np.full((len(run.time), 3), [1.0, 0.0, 0.0])
+    angle[len(angle) // 2 :] = [0.0, 1.0, 0.0]
+    corner = 0.1 * np.cumsum(angle, axis=0) - [0.1, 0, 0]
+    bent = dataclasses.replace(on_and_off(run, [(0, 1)]), nozzle=corner, commanded_tip=corner)
+    sweep = Sweep(bent)
+    mesh = sweep.mesh(len(run.time) - 1)
+    at = 0.1 * (len(angle) // 2)
+    assert np.count_nonzero(np.abs(mesh.place - at) < 0.5) >= 6  # 90 degrees at 15
+    # the outer side of the corner is round: no further from the corner than half the bead's width
+    rings = rings_of(mesh)[np.abs(mesh.place - at) < 0.6]
+    away = np.linalg.norm(rings[..., :2] - [at, 0.0], axis=2)
+    assert away.max() < 0.5 * sweep.strand.width[len(sweep.strand.width) // 4] + 0.6
+
+
+def test_dashes_are_as_long_and_as_wide_as_the_model_has_them(run):
+    """However short: on a straight trace each is its length by glue and a round end, at either side."""
+    straight = np.zeros((len(run.time), 3))
+    straight[:, 0] = SPEED * run.time
+    dashes = [(0.05 * k, 0.05 * k + 0.02) for k in range(20)]
+    line = dataclasses.replace(on_and_off(run, dashes), nozzle=straight, commanded_tip=straight)
+    sweep = Sweep(line)
+    rings = rings_of(sweep.mesh(len(run.time) - 1))
+    section = sweep.strand.section
+    width = np.median(section.width[section.width > 1])
+    taken = np.median(section.half_body()[section.width > 1]) / (FLOW / SPEED)
+    ticks = np.flatnonzero(np.diff(np.concatenate([[0], line.flow > 0, [0]])))
+    x = rings[..., 0]
+    for first, last in ticks.reshape(-1, 2):
+        start, stop = straight[first, 0], straight[min(last, len(straight) - 1), 0]
+        own = x[(x > start - width) & (x < stop + width)]
+        assert own.min() == pytest.approx(start + taken - width / 2, abs=0.4)  # of stations 0.25 mm apart
+        assert own.max() == pytest.approx(stop - taken + width / 2, abs=0.4)
+    assert rings[..., 1].max() == pytest.approx(width / 2, abs=0.05)
 
 
 def test_a_number_of_rings_is_kept_whatever_is_drawn(run):
-    rings = Sweep(run).rings
-    many = [(k / 40, k / 40 + 0.01) for k in range(40)]
-    for other in (run, on_and_off(run, many), on_and_off(run, [(0, 0)])):
-        sweep = Sweep(other, None, rings)
+    like = Sweep(run)
+    rings = like.rings
+    several = [(k / 10, k / 10 + 0.05) for k in range(10)]
+    for other in (run, on_and_off(run, several), on_and_off(run, [(0, 0)])):
+        sweep = Sweep(other, None, like)
         for tick in (0, 1, len(run.time) - 1):
             mesh = sweep.mesh(tick)
             assert mesh.vertices.shape == mesh.normals.shape == (rings * SIDES, 3)
             assert mesh.place.shape == (rings,)
             assert np.isfinite(mesh.vertices).all()
+
+
+def test_more_stretches_than_there_are_rings_for_are_refused_not_lost(run):
+    many = on_and_off(run, [(k / 80, k / 80 + 0.005) for k in range(80)])
+    with pytest.raises(TooFewRingsError, match=r"rings of the mesh = \d+: must be at least \d+"):
+        Sweep(many, None, Sweep(run))
+    assert volume(Sweep(many), Sweep(many).mesh(len(run.time) - 1)) == pytest.approx(many.flow.sum() * 1e-3, rel=0.03)
 
 
 def test_a_mesh_depends_on_its_tick_alone(run):

@@ -52,12 +52,18 @@ class Frames:
         """
         if self._mode is None:
             return None
+        from gantrysim.bead.sweep import TooFewRingsError
         from gantrysim.render import Renderer
 
         machine, run, tick = scene()
+        if self._renderer is not None:
+            try:
+                self._renderer.show(run)
+            except TooFewRingsError:
+                self.close()
         if self._renderer is None:
             self._renderer = Renderer(machine, episode(), size=self._size)
-        self._renderer.show(run)
+            self._renderer.show(run)
         return np.ascontiguousarray(self._renderer.frame(tick))
 
     def close(self) -> None:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.bead.strand import BeadSettings, Strand
+from gantrysim.bead.sweep import Sweep
 from gantrysim.controllers.path import Floats
 from gantrysim.errors import unknown
-from gantrysim.metrics import Analysis
 from gantrysim.run import Run
 
-__all__ = ["COLOURS", "Scale", "scale_for", "values_along"]
+__all__ = ["COLOURS", "Scale", "errors_along", "scale_for"]
 
 COLOURS = ("plain", "width", "error")
 
@@ -24,7 +24,6 @@ _SHADES = 256
 _USUAL = {"width": (5.0, 95.0), "error": (0.0, 99.5)}  # percentiles of the values, that a scale holds
 _LEAST_ERROR = 1.0  # [µm], that a scale spans
 _LEAST_WIDTH = 0.02  # of the nominal width, that a scale spans to either side
-_STATIONS = 1250
 _LABELLED = 0.005  # of what a scale spans, to which its labels are exact
 _UM = 1e3
 
@@ -65,7 +64,7 @@ class Scale:
         return f"≤ {low}" if self.below else low, middle, f"≥ {high}" if self.above else high
 
 
-def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None) -> Scale | None:
+def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | None] | None = None) -> Scale | None:
     """Return one scale for the beads of several runs.
 
     The error's begins at 0 and spans all but the rarest values; the width's has its middle at the first run's nominal
@@ -75,7 +74,7 @@ def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None
     Args:
         colour: one of `COLOURS`.
         runs: to be coloured.
-        bead: how the glue lies.
+        beads: how the glue of each lies.
 
     Returns:
         None where the beads are plain.
@@ -87,34 +86,38 @@ def scale_for(colour: str, runs: Sequence[Run], bead: BeadSettings | None = None
         raise unknown("colour", colour, COLOURS)
     if colour == "plain":
         return None
-    strands = [Strand(run, bead, stations=_STATIONS) for run in runs]
-    laid = [values_along(colour, strand)[strand.area > 0] for strand in strands]
-    values = np.concatenate(laid) if any(part.size for part in laid) else np.zeros(1)
+    settings = [None] * len(runs) if beads is None else beads
+    sweeps = [Sweep(run, bead) for run, bead in zip(runs, settings, strict=True)]
+    values = np.concatenate([_values(colour, sweep) for sweep in sweeps])
     usual = np.percentile(values, _USUAL[colour])
     if colour == "error":
         low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST_ERROR))
         title, unit, name, part = "contour error", "µm", "viridis", (0.22, 1.0)
     else:
-        nominal = float(strands[0].nominal_section.width[0]) or float(np.median(values)) or 1.0  # without glue
+        nominal = float(sweeps[0].strand.nominal_section.width[0]) or float(np.median(values)) or 1.0  # without glue
         reach = min(_rounded_up(max(float(np.abs(usual - nominal).max()), _LEAST_WIDTH * nominal)), nominal)
         low, high = nominal - reach, nominal + reach
         title, unit, name, part = "width of the bead", "mm", "coolwarm", (0.0, 1.0)
     return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), _table(name, *part))
 
 
-def values_along(colour: str, strand: Strand) -> Floats:
-    """Return what colours the bead at its stations, (r,): its width [mm], or the contour error there [µm].
-
-    The contour error is known while the dispenser is on; beyond it is that at the end.
-    """
-    if colour == "width":
-        return strand.width
+def errors_along(strand: Strand) -> Floats:
+    """Return the contour error at the stations of a bead, (r,) [µm]; where the dispenser is off that about there."""
     run = strand.run
     if not run.dispense.any():
         return np.zeros(strand.place.size)
-    analysis: Analysis = strand.analysis
     ticks = np.arange(len(run.time), dtype=np.float64)
-    return strand.along(_UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
+    return strand.along(_UM * np.interp(ticks, strand.analysis.ticks, strand.analysis.nozzle.distance))
+
+
+def _values(colour: str, sweep: Sweep) -> Floats:
+    """Return what colours a whole bead at each place of its rings, (k,)."""
+    mesh = sweep.mesh(len(sweep.strand.run.time) - 1)
+    _, first = np.unique(mesh.place, return_index=True)  # of the rings of an end, and of those that wait
+    if colour == "width":
+        return mesh.width[first]
+    errors: Floats = np.interp(mesh.place[first], sweep.strand.place, errors_along(sweep.strand))
+    return errors
 
 
 def _rounded_up(value: float) -> float:

@@ -10,7 +10,7 @@ from gantrysim.bead import BeadSettings
 from gantrysim.bead.sweep import Sweep
 from gantrysim.errors import unknown
 from gantrysim.machine import WORK, Machine
-from gantrysim.render.colours import Scale, scale_for, values_along
+from gantrysim.render.colours import Scale, errors_along, scale_for
 from gantrysim.render.drop import drop_at
 from gantrysim.render.workpiece import workpiece
 from gantrysim.run import Run
@@ -57,7 +57,7 @@ class Scene:
         scale: Scale | None = None,
     ) -> None:
         self.machine = machine
-        self.scale = scale_for(colour, [run], bead) if scale is None else scale
+        self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
         self._colour = colour
         self._take(run, Sweep(run, bead))
         self.model = _with_bead(machine, self.sweep, self.scale)
@@ -69,12 +69,16 @@ class Scene:
 
     def _take(self, run: Run, sweep: Sweep) -> None:
         self.run, self.sweep = run, sweep
-        if self.scale is not None:
-            self._shares = self.scale.share(values_along(self._colour, sweep.strand))
+        if self._colour == "error":
+            self._errors = errors_along(sweep.strand)
 
     def show(self, run: Run) -> None:
-        """Show another run of the machine from now on, with as many rings of the bead."""
-        self._take(run, Sweep(run, self.sweep.strand.settings, self.sweep.rings))
+        """Show another run of the machine from now on, with as many rings of the bead.
+
+        Raises:
+            TooFewRingsError: its bead asks for more.
+        """
+        self._take(run, Sweep(run, self.sweep.strand.settings, self.sweep))
 
     def pose(self, tick: int) -> None:
         """Put the machine where it stood at a tick, with the bead laid until then."""
@@ -83,9 +87,10 @@ class Scene:
         mesh = self.sweep.mesh(tick)
         self._vertices[:], self._normals[:] = mesh.vertices, mesh.normals
         if self.scale is not None:
-            shares = np.interp(mesh.place, self.sweep.strand.place, self._shares)
+            strand = self.sweep.strand
+            values = mesh.width if self._colour == "width" else np.interp(mesh.place, strand.place, self._errors)
             coordinates = _mesh_part(self.model, self.mesh, "texcoord")
-            coordinates[:, 0] = _in_texture(shares).repeat(len(coordinates) // len(shares))
+            coordinates[:, 0] = _in_texture(self.scale.share(values)).repeat(len(coordinates) // len(values))
         self._drop = drop_at(self.sweep.strand, tick)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:

@@ -121,7 +121,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
         dispenser=job.dispenser,
     )
     # the bead needs as many rings as one laid without error, and the colours a scale that fits the run to come
-    scale = scale_for(colour, [job.follow() if colour == "plain" else job.run()], job.bead)
+    scale = scale_for(colour, [job.follow() if colour == "plain" else job.run()], [job.bead])
     scene = Scene(machine, job.follow(), job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)
