@@ -1,5 +1,6 @@
 """gantrysim: which link of a dispensing gantry's chain caused which part of the bead's error."""
 
+import gantrysim.starting  # noqa: F401  before what takes long
 from gantrysim import env, metrics  # env registers the Gymnasium environments
 from gantrysim.axis import Axis
 from gantrysim.batch import simulate_batch

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 import gantrysim
 from gantrysim.bead import Bead
@@ -17,13 +18,26 @@ from gantrysim.metrics import Analysis
 from gantrysim.render.commands import render as render_command
 from gantrysim.study.commands import study_app
 from gantrysim.tables import links_table, outcome_table
-from gantrysim.terminal import FAULT, INPUT_ERROR, say, share_bar, show, warn
+from gantrysim.terminal import FAULT, INPUT_ERROR, INTERRUPTED, interruptible, say, share_bar, show, warn
 from gantrysim.tuning.commands import tune
 from gantrysim.view.commands import view
 
 __all__ = ["app", "main"]
 
+
+class _Commands(TyperGroup):
+    """The commands, which say that they were interrupted: typer itself would end without a word."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as interrupt:
+            warn(": ".join(["interrupted", *map(str, interrupt.args)]))
+            raise typer.Exit(INTERRUPTED) from None
+
+
 app = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
@@ -59,7 +73,7 @@ def run(
     servo: Annotated[
         Path | None,
         typer.Option(
-            help="TOML file whose table [servo] is taken instead of the job's, as the tuned.toml of gantrysim tune."
+            help="TOML file whose table \\[servo] is taken instead of the job's, as the tuned.toml of gantrysim tune."
         ),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
@@ -67,7 +81,8 @@ def run(
 ) -> None:
     """Run a job: simulate it, print its figures, and write record, plots, summary, report and video.
 
-    Exit status: 0 after a whole run, 2 for bad input, 3 where a fault ended the run.
+    Exit status: 0 after a whole run, 2 for bad input, 3 where a fault ended the run, 130 after Ctrl-C, which
+    leaves the folder as it was.
     """
     from gantrysim import plots, render, report
     from gantrysim.page.run import headline, write_run_page
@@ -75,8 +90,8 @@ def run(
     loaded = Job.load(job, settings or (), model, servo)
     folder = out if out is not None else Path("out") / loaded.name
     no_video = None
-    with report.output_folder(folder) as scratch:
-        with share_bar("simulate") as advance:
+    with interruptible("nothing is written") as go_on, report.output_folder(folder) as scratch:
+        with share_bar("simulate", go_on) as advance:
             record = loaded.run(advance)
         analysis = Analysis(record)
         budget = Budget(analysis)
@@ -84,11 +99,11 @@ def run(
         laid = bead.figures if bead.nominal > 0 else None
         report.write_run(scratch, loaded, loaded.built_machine, budget, laid)
         if drawn:
-            with share_bar("plot") as advance:
+            with share_bar("plot", go_on) as advance:
                 plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
         if video:
             try:
-                with share_bar("video") as advance:
+                with share_bar("video", go_on) as advance:
                     render.save_video(
                         loaded.built_machine,
                         record,
@@ -101,7 +116,7 @@ def run(
                 no_video = f"no video: {error}"
         if drawn:
             page, film = scratch / report.REPORT, scratch / report.VIDEO
-            with share_bar("report") as advance:
+            with share_bar("report", go_on) as advance:
                 write_run_page(page, loaded, loaded.built_machine, bead, film, advance)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     show(links_table(loaded.name, loaded.built_machine, budget))

@@ -53,11 +53,21 @@ def warn(text: str, kind: str = "") -> None:
 
 
 @contextmanager
-def share_bar(task: str) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar inside the block; what is given is called with the share that is done, 0 to 1."""
+def share_bar(task: str, go_on: Callable[[], None] = lambda: None) -> Iterator[Callable[[float], None]]:
+    """Show a progress bar inside the block; what is given is called with the share that is done, 0 to 1.
+
+    Args:
+        task: what is done.
+        go_on: called each time before, as that of `interruptible`.
+    """
     with _bars(TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn()) as bars:
         bar = bars.add_task(task, total=1.0)
-        yield lambda share: bars.update(bar, completed=share)
+
+        def advance(share: float) -> None:
+            go_on()
+            bars.update(bar, completed=share)
+
+        yield advance
 
 
 @contextmanager
@@ -78,26 +88,33 @@ def _bars(*columns: ProgressColumn) -> Progress:
 
 
 @contextmanager
-def interruptible() -> Iterator[Callable[[], None]]:
+def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
     """Have a polite kill end the block as Ctrl-C does: workers stopped, rows kept.
 
     What is given raises the interrupt once more: the first is lost where it meets code that cannot pass it on, such as
-    a finaliser.
+    a finaliser. Code that makes another error of it, as ctypes does where it converts arguments, is seen through.
+
+    Args:
+        left: what an interrupt leaves behind, for the command's last words.
     """
     asked = False
+    words = (left,) if left else ()
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         nonlocal asked
         asked = True
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(*words)
 
     def go_on() -> None:
         if asked:
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt(*words)
 
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield go_on
+    except Exception:
+        go_on()
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,9 +1,12 @@
 """The command, as a person at a terminal meets it."""
 
+import contextlib
+import ctypes
 import dataclasses
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 
@@ -16,6 +19,7 @@ import gantrysim
 from gantrysim import Fault, Job, Run, metrics, report
 from gantrysim.budget import LINKS, Budget
 from gantrysim.job import builtin_jobs
+from gantrysim.starting import is_command, last_words
 from gantrysim.tables import outcome_table
 
 from runs import turn, turntable
@@ -229,13 +233,108 @@ def test_without_words_the_command_shows_its_help(gantrysim_command):
 
 def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypatch):
     def interrupted(*arguments, **keywords):
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr("gantrysim.plots.save_plots", interrupted)
-    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
-    assert status == 130
-    assert "Traceback" not in errors
+    before = signal.getsignal(signal.SIGINT)
+    stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert stopped == (130, "", "interrupted: nothing is written\n")
     assert not list(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_in_the_midst_of_a_conversion_is_one_too(gantrysim_command, tmp_path, monkeypatch, number):
+    """ctypes makes an error of its own of whatever ends the conversion of an argument, as of OpenGL's."""
+
+    class Argument:
+        @classmethod
+        def from_param(cls, value):
+            signal.raise_signal(number)
+
+    function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
+    monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
+    stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert stopped == (130, "", "interrupted: nothing is written\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_that_is_lost_on_its_way_ends_the_next_step(gantrysim_command, tmp_path, monkeypatch):
+    def lost(*_, progress, **__):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        progress(0.5)
+        pytest.fail("went on")
+
+    monkeypatch.setattr("gantrysim.plots.save_plots", lost)
+    assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
+
+
+def test_other_errors_stay_what_they_are_where_nothing_was_interrupted(gantrysim_command, tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise ctypes.ArgumentError("argument 1")
+
+    monkeypatch.setattr("gantrysim.plots.save_plots", broken)
+    with pytest.raises(ctypes.ArgumentError, match="argument 1"):
+        gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+
+
+def test_any_command_says_that_it_was_interrupted(gantrysim_command, monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gantrysim.info.machines_table", interrupted)
+    assert gantrysim_command("info") == (130, "", "interrupted\n")
+
+
+def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
+    """A module that is imported early sends it; so it does not matter how fast this computer is."""
+    (tmp_path / "tomli_w.py").write_text(
+        "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "gantrysim", "info"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted: nothing is written\n")
+
+
+def test_a_mujoco_gl_that_mujoco_does_not_know_is_one_line():
+    environment = {**os.environ, "MUJOCO_GL": "foo"}
+    command = [sys.executable, "-m", "gantrysim", "--version"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    said = "error: MUJOCO_GL = foo: must be egl, osmesa or off, or not be set\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    program = subprocess.run(
+        [sys.executable, "-c", "import gantrysim"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert program.stderr.startswith("Traceback")  # who imports the package sees where it failed
+
+
+def test_only_the_command_has_last_words(capsys):
+    assert is_command(["/opt/bin/gantrysim", "run"], ["python", "/opt/bin/gantrysim", "run"])
+    assert is_command(["-m"], ["python", "-m", "gantrysim"])
+    assert is_command(["gantrysim.exe"], [])
+    assert not is_command(["-c"], ["python", "-c", "import gantrysim"])
+    assert not is_command(["my.py", "gantrysim"], ["python", "my.py", "gantrysim"])
+    assert not is_command([], [])
+    error = RuntimeError("another")
+    last_words(RuntimeError, error, None)
+    assert capsys.readouterr().err == "RuntimeError: another\n"
+    error.__cause__ = ImportError("numpy")
+    error.__cause__.__context__ = KeyboardInterrupt()
+    with pytest.raises(SystemExit, match="130"):
+        last_words(RuntimeError, error, None)
+
+
+def test_the_help_shows_what_stands_in_brackets(gantrysim_command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert "TOML file whose table [servo] is taken" in gantrysim_command("run", "--help")[1]
 
 
 def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command, tmp_path, monkeypatch):

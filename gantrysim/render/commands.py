@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.errors import InputError
-from gantrysim.terminal import INTERRUPTED, interruptible, say, share_bar, warn
+from gantrysim.errors import InputError, positive
+from gantrysim.terminal import interruptible, say, share_bar, warn
 
 __all__ = ["render", "size_of"]
 
@@ -79,32 +79,26 @@ def render(
         raise InputError(f"number of runs = {len(folders)}: must be 1, 2 or 4")
     if label and len(label) != len(folders):
         raise InputError(f"number of labels = {len(label)}: must be {len(folders)}, one for each run")
+    positive("frames per second", fps, "1/s")
+    if speed is not None:
+        positive("speed of the film", speed)
     wanted = None if size is None else size_of(size)
     target = _target(folders, out, at)
-    try:
-        with interruptible() as go_on:
-            runs = [SavedRun.load(folder) for folder in folders]
-            for run in runs:
-                if run.changed:
-                    warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
-            names = label or labels_of(runs)
-            takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
-            with Film(takes, camera=camera, size=wanted, colour=colour) as film:
-                if target.suffix.lower() not in FILMS:
-                    film.save_picture(target, at)
-                    said = "picture"
-                else:
-                    with share_bar("render") as advance:
-
-                        def each(share: float) -> None:
-                            go_on()
-                            advance(share)
-
-                        frames = film.save(target, fps=fps, speed=speed, progress=each)
-                    said = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
-    except KeyboardInterrupt:
-        warn("interrupted: nothing is written")
-        raise typer.Exit(INTERRUPTED) from None
+    with interruptible("nothing is written") as go_on:
+        runs = [SavedRun.load(folder) for folder in folders]
+        for run in runs:
+            if run.changed:
+                warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
+        names = label or labels_of(runs)
+        takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
+        with Film(takes, camera=camera, size=wanted, colour=colour) as film:
+            if target.suffix.lower() not in FILMS:
+                film.save_picture(target, at)
+                said = "picture"
+            else:
+                with share_bar("render", go_on) as advance:
+                    frames = film.save(target, fps=fps, speed=speed, progress=advance)
+                said = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
     say(f"written to {target}: {said}")
 
 
@@ -114,7 +108,7 @@ def size_of(text: str) -> tuple[int, int]:
     Raises:
         InputError: another text.
     """
-    found = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
+    found = re.fullmatch(r"(\d{1,9})[x×](\d{1,9})", text.strip())
     if found is None:
         raise InputError(f"--size {text}: must be width x height in pixels, as in 960x720")
     return int(found[1]), int(found[2])
