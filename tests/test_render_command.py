@@ -23,6 +23,7 @@ from gantrysim.saved import SavedRun
 from films import cut, saved, shows, small_job
 
 SMALLEST = ("--size", "300x200")
+LITTLE = 10_000  # less than any of these pictures and films [bytes]
 QUICK = (*SMALLEST, "--fps", "4")
 
 
@@ -208,6 +209,26 @@ def test_an_interrupt_leaves_what_was_there(folder):
     assert errors == "interrupted: nothing is written\n"
     assert names(folder / "slow") == before
     assert (folder / "slow" / "render.mp4").read_bytes() == b"earlier"
+
+
+@pytest.mark.parametrize("arguments", [("--out", "a.mp4"), ("--out", "a.gif"), ("--at", "1", "--out", "a.png")])
+def test_what_does_not_fit_is_told_with_file_and_reason(folder, arguments):
+    """A bound on the size of files fails as a full disk does, in the words of another errno."""
+    resource = pytest.importorskip("resource")
+    before = names(folder), names(folder / "slow")
+    done = subprocess.run(
+        [sys.executable, "-m", "gantrysim", "render", "slow", "--size", "640x480", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (LITTLE, LITTLE)),
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: file {arguments[-1]}: cannot be written: "), done.stderr
+    assert done.stderr.endswith("File too large\n")
+    assert done.stderr.count("\n") == 1
+    assert (names(folder), names(folder / "slow")) == before
 
 
 def _heed_interrupts():

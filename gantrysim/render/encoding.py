@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -35,6 +38,7 @@ _MP4_OPTIONS = (
     "-c:v libx264 -crf 14 -pix_fmt yuv420p -movflags +faststart"
 )
 _GIF_OPTIONS = "-lavfi paletteuse=dither=none -c:v gif -loop 0"
+_KEPT = 20  # lines of what an encoder says
 _FINEST_RATE = 1_000_000  # of frames per second as a fraction, its denominator
 
 
@@ -93,27 +97,36 @@ def film_writer(
         options = _MP4_OPTIONS.split()
         if suffix == _GIF:
             palette = partial.with_name("palette.png")
-            _palette(samples()).save(palette)
+            found = _palette(samples())
+            with _told(file):
+                found.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
         command = [get_ffmpeg_exe(), "-y", "-v", "error", *frames, *options, str(partial)]
-        with partial.with_name("said").open("w+") as said:
-            # in a session of its own, so that a Ctrl-C reaches this process alone
-            encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said, start_new_session=True)
-            whole = False
-            try:
-                yield lambda frame: _send(encoder, frame)
-                encoder.communicate()
-                whole = encoder.returncode == 0
-            except _StoppedError:
-                pass
-            finally:
-                if encoder.poll() is None:
-                    encoder.kill()
-                encoder.communicate()
-            if not whole:
-                said.seek(0)
-                why = said.read().strip().splitlines() or ["the encoder stopped"]
-                raise InputError(f"file {file}: cannot be written: {why[-1]}")
+        # in a session of its own, so that a Ctrl-C reaches this process alone; deaf to signals as Python is, so that
+        # it says which limit it meets
+        encoder = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
+        )
+        assert encoder.stderr is not None
+        # what it says is read at once: no place on a disk that is full, and no pipe that fills
+        said: deque[bytes] = deque(maxlen=_KEPT)
+        listener = threading.Thread(target=said.extend, args=(encoder.stderr,), name="encoder", daemon=True)
+        listener.start()
+        whole = False
+        try:
+            yield lambda frame: _send(encoder, frame)
+            _finish(encoder)
+            whole = encoder.returncode == 0
+        except _StoppedError:
+            _finish(encoder)
+        finally:
+            if encoder.poll() is None:
+                encoder.kill()
+                _finish(encoder)
+            listener.join()
+            encoder.stderr.close()
+        if not whole:
+            raise InputError(f"file {file}: cannot be written: {_reason(said, encoder.returncode)}")
 
 
 def save_picture(file: Path, picture: Picture) -> None:
@@ -125,7 +138,7 @@ def save_picture(file: Path, picture: Picture) -> None:
     import imageio.v3 as imageio
 
     suffix_of(file, PICTURES)
-    with _partial(file) as partial:
+    with _partial(file) as partial, _told(file):
         imageio.imwrite(partial, picture)
 
 
@@ -141,6 +154,32 @@ def _send(encoder: subprocess.Popen[bytes], frame: Picture) -> None:
         raise _StoppedError from None
 
 
+def _finish(encoder: subprocess.Popen[bytes]) -> None:
+    """Let it end what it has."""
+    assert encoder.stdin is not None
+    with suppress(BrokenPipeError):
+        encoder.stdin.close()
+    encoder.wait()
+
+
+def _reason(said: Iterable[bytes], status: int) -> str:
+    """Return why an encoder ended: the last that it said, less the part of it that says so; or how it ended."""
+    lines = [line.decode(errors="replace").strip() for line in said]
+    reasons = [re.sub(r"^\[[^]]* @ [^]]*\] ", "", line) for line in lines if line]
+    if reasons:
+        return reasons[-1]
+    return f"the encoder stopped by signal {-status}" if status < 0 else "the encoder stopped"
+
+
+@contextmanager
+def _told(file: Path) -> Iterator[None]:
+    """Say which file could not be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"file {file}: cannot be written: {error.strerror or error}") from None
+
+
 @contextmanager
 def _partial(file: Path) -> Iterator[Path]:
     """Give a file in a hidden folder beside a file, that takes its place on success and is gone otherwise.
@@ -148,13 +187,12 @@ def _partial(file: Path) -> Iterator[Path]:
     With the folder goes the place in which a child that starts late, or dies late, could still write.
     """
     target = file.absolute()
-    try:
+    with _told(file):
         scratch = Path(tempfile.mkdtemp(prefix=partial_name(""), dir=target.parent))
-    except OSError as error:
-        raise InputError(f"file {file}: cannot be written: {error.strerror}") from None
     try:
         yield scratch / target.name
-        (scratch / target.name).replace(target)
+        with _told(file):
+            (scratch / target.name).replace(target)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
