@@ -67,6 +67,8 @@ def whole(name: str, value: float, bound: int) -> int:
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     """Return the error for a `name` that is none of the `known` ones, with the nearest first."""
     names = sorted(known)
+    if not names:
+        return InputError(f"unknown {kind} {name!r}: there are none")
     near = get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? " if near else ""
     return InputError(f"unknown {kind} {name!r}: {hint}known: {', '.join(names)}")

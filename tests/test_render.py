@@ -13,7 +13,10 @@ import pytest
 
 from gantrysim import Dispenser, InputError, Machine, Servo, cli, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.render import NoOpenGLError, Renderer, save_video
+from gantrysim.errors import unknown
+from gantrysim.render import Film, NoOpenGLError, Renderer, Take, save_video
+from gantrysim.render.opengl import offscreen
+from gantrysim.render.renderer import checked_size
 
 from pinhole import in_sight, on_work, to_pixels
 
@@ -147,6 +150,94 @@ def test_bad_pictures_are_refused(xy, run, tmp_path):
     with pytest.raises(InputError, match="width of the picture = 0: must be at least 1"):
         Renderer(xy, run, size=(0, 10))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("size", [(20000, 400), (400, 20000), (8193, 1), (100000, 100000)])
+def test_a_picture_too_large_is_refused_before_anything_is_made(xy, run, monkeypatch, size):
+    monkeypatch.setattr("gantrysim.render.renderer.Scene", lambda *_, **__: pytest.fail("a scene was made"))
+    side, pixels = ("width", size[0]) if size[0] > 8192 else ("height", size[1])
+    text = f"^{side} of the picture = {pixels} pixels: must be at most 8192 pixels$"
+    with pytest.raises(InputError, match=text):
+        Renderer(xy, run, size=size)
+    text = text.replace("picture", "film")
+    with pytest.raises(InputError, match=text):
+        Film([Take(xy, run)], size=size)
+
+
+def test_the_largest_picture_is_one(xy, run):
+    assert checked_size("picture", (8192, 1)) == (8192, 1)
+
+
+def test_opengl_that_cannot_draw_the_size_is_one_line_and_freed(xy, run, monkeypatch):
+    """Wider than software draws, which is 16384 pixels, and so low that it takes little memory."""
+    freed, made = [], []
+
+    def watched(width, height):
+        context = offscreen(width, height)
+        made.append(context)
+        free = context.free
+        context.free = lambda: (freed.append(context), free())
+        return context
+
+    monkeypatch.setattr("gantrysim.render.renderer._LARGEST", 200000)
+    monkeypatch.setattr("gantrysim.render.renderer.offscreen", watched)
+    with pytest.raises(NoOpenGLError, match=r"^OpenGL draws no pictures of 100000 x 2 pixels here: Offscreen.*not com"):
+        Renderer(xy, run, size=(100000, 2))
+    assert len(made) == 1
+    assert made[0] in freed
+    with Renderer(xy, run, size=(64, 48)) as renderer:  # and the next one works
+        assert renderer.frame(0).std() > 0
+
+
+class Context:
+    """What MuJoCo has on macOS and Windows."""
+
+    def __init__(self, width, height):
+        self.size, self.current = (width, height), False
+
+    def make_current(self):
+        self.current = True
+
+
+@pytest.mark.parametrize("platform", ["darwin", "win32"])
+def test_macos_and_windows_draw_by_their_own_opengl(monkeypatch, platform):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr("mujoco.gl_context.GLContext", Context)
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: pytest.fail(f"looked for {name}"))
+    context = offscreen(30, 20, platform)
+    assert isinstance(context, Context)
+    assert (context.size, context.current) == ((30, 20), True)
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    with pytest.raises(NoOpenGLError, match=r"^MUJOCO_GL is off$"):
+        offscreen(30, 20, platform)
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no pixel\nformat"), ImportError("no pixel format"), OSError(1, "no")])
+def test_macos_and_windows_without_opengl_need_no_debian_package(monkeypatch, error):
+    def refuse(*_):
+        raise error
+
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr("mujoco.gl_context.GLContext", refuse)
+    with pytest.raises(NoOpenGLError) as refused:
+        offscreen(30, 20, "darwin")
+    assert str(refused.value) == f"no OpenGL that draws without a window: {' '.join(str(error).split())}"
+
+
+def test_a_machine_without_cameras_says_so(rigid):
+    machine = rigid()
+    run = simulate(machine, Servo.derive(machine.axes), MoveSpiral(60, 1, 10, 100).setpoints(1e-3))
+    text = "^unknown camera 'top': machine rigid has none; leave the camera out to see all of it$"
+    with pytest.raises(InputError, match=text):
+        Renderer(machine, run, "top")
+    source = machine.source
+    source.write_text(source.read_text().replace("<worldbody>", '<worldbody><camera name="front"/><camera/>'))
+    with pytest.raises(InputError, match=r"^unknown camera 'top': known: front$"):
+        Renderer(Machine(source), run, "top")
+
+
+def test_where_nothing_is_known_the_error_says_so():
+    assert str(unknown("thing", "a", [])) == "unknown thing 'a': there are none"
 
 
 @pytest.fixture

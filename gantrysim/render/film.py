@@ -14,14 +14,14 @@ import mujoco
 import numpy as np
 
 from gantrysim.bead import BeadSettings
-from gantrysim.errors import InputError, finite, positive, whole
+from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine import Machine
 from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import film_rate, film_writer, save_picture
 from gantrysim.render.lettering import PAPER, rgb
 from gantrysim.render.overlay import Header, Panel, panel_height, run_colours
 from gantrysim.render.readout import Readout
-from gantrysim.render.renderer import Image, Renderer
+from gantrysim.render.renderer import Image, Renderer, checked_size
 from gantrysim.run import Run
 
 __all__ = ["COUNTS", "Cell", "Film", "Take", "save_video"]
@@ -105,7 +105,7 @@ class Film:
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
         width, height = _SIZES[len(takes)] if size is None else size
-        self.size = width, height = whole("width of the film", width, 1), whole("height of the film", height, 1)
+        self.size = width, height = checked_size("film", (width, height))
         self._readouts = [Readout(take.run) for take in takes]
         self.end = max(float(take.run.time[-1]) for take in takes)
         scale = scale_for(colour, [take.run for take in takes], takes[0].bead)

@@ -15,6 +15,7 @@ __all__ = ["NoOpenGLError", "offscreen"]
 
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
+_WITH_THEIR_OWN = ("darwin", "win32")
 _OFF = ("off", "false", "0", "disable", "disabled")
 _TRIAL = "from mujoco.egl import GLContext; GLContext(8, 8).make_current()"
 
@@ -23,19 +24,25 @@ class NoOpenGLError(GantryError, RuntimeError):
     """No OpenGL library that renders without a display."""
 
 
-def offscreen(width: int, height: int) -> Any:
-    """Return a context that is current: EGL, on a GPU where there is one, else OSMesa; or what MUJOCO_GL asks for.
+def offscreen(width: int, height: int, platform: str = sys.platform) -> Any:
+    """Return a context that is current.
+
+    On Linux it is one of EGL, on a GPU where there is one, else of OSMesa, or what MUJOCO_GL asks for; on macOS and
+    Windows it is MuJoCo's own choice, CGL or WGL.
 
     Args:
         width: of the pictures [pixels].
         height: of the pictures [pixels].
+        platform: as `sys.platform` has it.
 
     Raises:
-        NoOpenGLError: there is neither, or MUJOCO_GL is off.
+        NoOpenGLError: there is none, or MUJOCO_GL is off.
     """
-    asked = os.environ.get("MUJOCO_GL", "").lower()
+    asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     if asked in _OFF:
         raise NoOpenGLError(f"MUJOCO_GL is {asked}")
+    if platform in _WITH_THEIR_OWN:
+        return _systems_own(width, height)
     wanted = [asked] if asked in _LIBRARIES else list(_LIBRARIES)
     found = [name for name in wanted if ctypes.util.find_library(_LIBRARIES[name]) is not None]
     failures = ""
@@ -55,6 +62,19 @@ def offscreen(width: int, height: int) -> Any:
         except (ImportError, RuntimeError, AttributeError) as error:
             failures += f" ({name}: {' '.join(str(error).split())})"
     raise NoOpenGLError(f"no OpenGL that needs no display{failures}: install Debian package {_PACKAGES}")
+
+
+def _systems_own(width: int, height: int) -> Any:
+    """Return a context of the system's own OpenGL, which needs no window that is seen."""
+    try:
+        from mujoco.gl_context import GLContext
+
+        context = GLContext(width, height)
+        context.make_current()
+    except Exception as error:  # each system's library has errors of its own
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise NoOpenGLError(f"no OpenGL that draws without a window: {reason}") from None
+    return context
 
 
 @cache

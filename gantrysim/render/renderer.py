@@ -10,20 +10,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.bead import BeadSettings
-from gantrysim.errors import whole
+from gantrysim.errors import InputError, whole
 from gantrysim.machine import Machine
 from gantrysim.render.closeup import CloseUp
 from gantrysim.render.colours import Scale
-from gantrysim.render.opengl import offscreen
+from gantrysim.render.opengl import NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
 from gantrysim.run import Run
 
-__all__ = ["Image", "Renderer"]
+__all__ = ["Image", "Renderer", "checked_size"]
 
 Image = NDArray[np.uint8]
 
 _FRAMED = 4 / 3  # width over height, for which the machines' cameras are framed
 _MOST_GEOMS = 2000
+_LARGEST = 8192  # side of a picture [pixels]; a square one takes 3 GB to be drawn
+
+
+def checked_size(what: str, size: tuple[int, int]) -> tuple[int, int]:
+    """Return the width and height of a picture [pixels].
+
+    Args:
+        what: how an error calls the picture.
+        size: width and height.
+
+    Raises:
+        InputError: no whole numbers from 1 to 8192.
+    """
+    for side, pixels in zip(("width", "height"), size, strict=True):
+        if whole(f"{side} of the {what}", pixels, 1) > _LARGEST:
+            raise InputError(f"{side} of the {what} = {pixels:g} pixels: must be at most {_LARGEST} pixels")
+    return int(size[0]), int(size[1])
 
 
 class Renderer:
@@ -46,8 +63,8 @@ class Renderer:
         view: the camera.
 
     Raises:
-        InputError: no such camera or colour.
-        NoOpenGLError: no EGL and no OSMesa.
+        InputError: no such camera or colour, or a side that is not from 1 to 8192 pixels.
+        NoOpenGLError: no OpenGL that needs no display, or one that draws no pictures of the size.
     """
 
     def __init__(
@@ -60,10 +77,7 @@ class Renderer:
         colour: str = "plain",
         scale: Scale | None = None,
     ) -> None:
-        width, height = (
-            whole(f"{name} of the picture", n, 1) for name, n in zip(("width", "height"), size, strict=True)
-        )
-        self.size = (width, height)
+        self.size = width, height = checked_size("picture", size)
         self.scene = Scene(machine, run, bead, colour=colour, scale=scale)
         self.view = self.scene.camera(camera)
         model = self.scene.model
@@ -74,7 +88,11 @@ class Renderer:
                 setattr(fields, name, 2 * np.degrees(np.arctan(half)))
         self._closeup = CloseUp(model, self.scene.data, self.view)
         self._gl = offscreen(width, height)
-        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        try:
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        except mujoco.FatalError as error:
+            self._gl.free()
+            raise NoOpenGLError(f"OpenGL draws no pictures of {width} x {height} pixels here: {error}") from None
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
         self._option = mujoco.MjvOption()

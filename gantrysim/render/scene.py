@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.sweep import Sweep
-from gantrysim.errors import unknown
+from gantrysim.errors import InputError, unknown
 from gantrysim.machine import WORK, Machine
 from gantrysim.render.colours import Scale, errors_along, scale_for
 from gantrysim.render.drop import drop_at
@@ -120,8 +120,11 @@ class Scene:
             mujoco.mjv_defaultFreeCamera(self.model, view)
             return view
         wanted = name or "overview"
+        if not any(names):
+            lacking = f"machine {self.machine.name} has none"
+            raise InputError(f"unknown camera {wanted!r}: {lacking}; leave the camera out to see all of it")
         if wanted not in names:
-            raise unknown("camera", wanted, names)
+            raise unknown("camera", wanted, filter(None, names))
         view.type = mujoco.mjtCamera.mjCAMERA_FIXED
         view.fixedcamid = names.index(wanted)
         return view
