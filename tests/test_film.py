@@ -249,7 +249,7 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
             {"takes": [take] * 4, "size": (400, 200)},
             r"height of the film = 200: must be at least \d+, for the pictures",
         ),
-        ({"size": (200, 200)}, r"width of the film = 200: must be at least \d+, for readout and error strip"),
+        ({"size": (100, 200)}, r"width of the film = 100: must be at least \d+, for readout and error strip"),
         ({"camera": "topp"}, "unknown camera 'topp': did you mean top"),
         ({"colour": "eror"}, "unknown colour 'eror': did you mean error"),
     ):
@@ -263,6 +263,13 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
         ("a.gif", {"fps": -1}, "frames per second = -1 1/s: must be greater than 0"),
         ("a.mp4", {"fps": float("nan")}, "frames per second = nan 1/s: must be finite"),
         ("a.mp4", {"speed": 0}, "speed of the film = 0: must be greater than 0"),
+        (
+            "a.mp4",
+            {"fps": 1e9},
+            r"number of frames = 1.\d+e\+09, with 1e\+09 frames per second and speed 1: must be at most 100000",
+        ),
+        ("a.gif", {"speed": 1e-9}, r"with 25 frames per second and speed 1e-09: must be at most 100000: ask for fewer"),
+        ("a.mp4", {"speed": 1e-320}, "number of frames = inf, .* must be at most 100000"),
     ):
         with pytest.raises(InputError, match=text):
             alone.save(tmp_path / name, **wrong)

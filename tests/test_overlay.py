@@ -1,6 +1,7 @@
 """Readout, error strip and panel: what they say and draw is what the record says."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from gantrysim import Fault, InputError
 from gantrysim.metrics import Analysis, path_speed
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.colours import Scale, scale_for
+from gantrysim.render.header import Header, headers
 from gantrysim.render.lettering import MUTED, PAPER, font, rgb
-from gantrysim.render.overlay import Header, Panel, panel_height, run_colours
+from gantrysim.render.overlay import Panel, run_colours
 from gantrysim.render.readout import Readout
 from gantrysim.render.strip import Strip, ticks_of
 
@@ -45,7 +47,7 @@ def strip(readout):
 
 @pytest.fixture(scope="module")
 def panel(readout):
-    return Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small")
+    return Panel([readout], FRAME, "small")
 
 
 def test_the_readout_ends_with_the_figures_of_the_run(run, readout):
@@ -267,12 +269,12 @@ def test_while_the_dispenser_is_off_there_is_no_error_to_read(panel, run):
     assert shows(panel.picture(run.time[-1]), f"{run.time[-1]:.2f} s", panel.font.size, INK)
 
 
-def test_a_long_title_is_cut_and_stays_in_its_place(readout):
-    size = (FRAME[0], panel_height(FRAME[1]))
+def test_a_long_title_is_cut_and_stays_in_its_place(panel, readout):
+    size = FRAME
     long = Panel([readout], size, "a name that is longer than the readout is wide").picture(0.5, 4.0)
     short = Panel([readout], size, "a").picture(0.5, 4.0)
     changed = np.argwhere((long != short).any(axis=2))
-    letters = int(size[1] / 6.6)
+    letters = panel.font.size
     assert changed[:, 0].max() < 2 * letters
     assert shows(long, "×4", letters, INK)
 
@@ -280,7 +282,7 @@ def test_a_long_title_is_cut_and_stays_in_its_place(readout):
 def test_a_fault_is_told_in_red_when_it_happens_and_off_the_curve(run):
     broken = dataclasses.replace(run, fault=FAULT)
     for frame in (FRAME, (480, 360)):
-        panel = Panel([Readout(broken)], (frame[0], panel_height(frame[1])), "small")
+        panel = Panel([Readout(broken)], frame, "small")
         red = [
             (np.abs(panel.picture(time).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 40)
             for time in (run.time[-1], run.time[-2], 0.5)
@@ -295,17 +297,17 @@ def test_a_fault_is_told_in_red_when_it_happens_and_off_the_curve(run):
 
 def test_the_words_of_a_fault_are_all_there(run):
     short = dataclasses.replace(FAULT, reaction="")
-    panel = Panel([Readout(dataclasses.replace(run, fault=short))], (1920, panel_height(1080)), "small")
+    panel = Panel([Readout(dataclasses.replace(run, fault=short))], (1920, 1080), "small")
     picture = panel.picture(run.time[-1])
     text = "fault: following error on axis x at t = 1.2500 s: 5.02 mm, limit 5 mm"
     assert shows(picture, text, panel.font.size, COLOURS["fault"])
-    four = Panel([Readout(dataclasses.replace(run, fault=FAULT))] * 4, (1280, panel_height(960)))
+    four = Panel([Readout(dataclasses.replace(run, fault=FAULT))] * 4, (1280, 960))
     assert four.strip.bottom - four.strip.above > 1.5 * four.font.size
 
 
 def test_the_legend_shows_the_scale(run, readout):
     scale = scale_for("error", [run])
-    panel = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small", scale)
+    panel = Panel([readout], FRAME, "small", scale)
     picture = panel.picture(0.5)
     assert shows(picture, "contour error [µm]", panel.font.size, INK)
     legend = picture[:, panel.strip_left + panel.strip.size[0] :]
@@ -319,7 +321,7 @@ def test_the_legend_shows_the_scale(run, readout):
     assert shade[0] >= 253  # some shades are equal
     assert shade[-1] <= 2
     assert np.all(np.diff(shade) < 0)
-    plain = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small")
+    plain = Panel([readout], FRAME, "small")
     assert plain.strip.size[0] > panel.strip.size[0]
 
 
@@ -350,7 +352,7 @@ def test_no_label_of_a_scale_misses_its_colour(low, span):
 @pytest.mark.parametrize(("below", "above"), [(False, True), (True, False), (False, False)])
 def test_the_legend_says_each_number_beside_its_colour(readout, below, above):
     scale = Scale("width of the bead", "mm", 3.2, 4.4, below, above, GREYS)
-    panel = Panel([readout], (FRAME[0], panel_height(FRAME[1])), "small", scale)
+    panel = Panel([readout], FRAME, "small", scale)
     legend = panel.picture(0.5)[:, panel.strip_left + panel.strip.size[0] :]
     letters = panel.font.size
     upper, lower = legend[letters : len(legend) // 2], legend[len(legend) // 2 + letters // 2 :]
@@ -403,17 +405,117 @@ def test_a_narrow_header_leaves_out_what_does_not_fit(readout):
     assert not shows(picture, f"{readout.speed[700]:.1f} mm/s", 10, INK)
 
 
-def test_letters_scale_with_the_frame_and_stay_legible():
-    sizes = [int(panel_height(height) / 6.6) for height in (120, 360, 480, 720, 1080)]
+def test_letters_scale_with_the_frame_and_stay_legible(readout):
+    panels = [Panel([readout], (width, 3 * width // 4)) for width in (320, 480, 640, 960, 1440)]
+    sizes = [panel.font.size for panel in panels]
     assert sizes == sorted(sizes)
     assert sizes[0] >= 10
     assert sizes[-1] > 25
-    assert panel_height(720) == pytest.approx(0.18 * 720, abs=1)
+    assert panels[3].size == (960, pytest.approx(0.18 * 720, abs=1))
 
 
-def test_a_panel_too_narrow_is_refused(readout):
-    with pytest.raises(InputError, match=r"width of the film = 200: must be at least \d+, for readout and error strip"):
-        Panel([readout], (200, 66), "small")
+SHAPES = (
+    (240, 240), (240, 427), (427, 240), (320, 240), (480, 360), (400, 800), (600, 800), (720, 1280), (1080, 1080),
+    (1920, 1080), (2560, 720), (853, 240),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [None, Scale("width of the bead", "mm", 0.0, 88.8, True, True, GREYS)])
+@pytest.mark.parametrize("runs", [1, 2, 4])
+@pytest.mark.parametrize("frame", SHAPES, ids=str)
+def test_a_film_of_any_shape_has_a_panel_that_can_be_read(readout, frame, runs, scale):
+    panel = Panel([readout] * runs, frame, "small", scale)
+    picture = panel.picture(0.7, 4.0)
+    letters = panel.font.size
+    assert picture.shape == (*panel.size[::-1], 3)
+    assert panel.size[0] == frame[0]
+    assert panel.size[1] <= 0.55 * frame[1]
+    assert letters >= max(9, min(frame) / 44)
+    assert panel.strip.size[0] >= 13 * letters - 1
+    assert panel.strip.bottom - panel.strip.above > 2 * letters
+    said = ["0.70 s", "×4"] if runs > 1 else ["0.70 s", "×4", f"{readout.speed[700]:.1f} mm/s", "contour error"]
+    for text in said:
+        assert shows(picture[:, : panel.legend_left], text, letters, INK if text != "contour error" else MUTED), text
+    strip = picture[panel.strip_above :, panel.strip_left : panel.strip_left + panel.strip.size[0]]
+    assert shows(strip, "error [µm]", letters, INK)
+    assert shows(strip, "off", letters, MUTED)
+    assert (strip[:, -1] == rgb(PAPER)).all() or panel.strip_above == 1
+    if scale is not None:
+        legend = picture[:, panel.legend_left :]
+        for text in (*scale.labels(), "[mm]", "width"):
+            assert shows(legend, text, letters, INK), text
+
+
+def test_a_fault_in_a_narrow_strip_stands_there_alone(run):
+    broken = Readout(dataclasses.replace(run, fault=FAULT))
+    panel = Panel([broken], (240, 240), "small")
+    before, after = (panel.picture(run.time[tick])[panel.strip_above :] for tick in (-2, -1))
+    head = after[: panel.strip.above, panel.strip_left + panel.strip.left :]
+    ink = (head != rgb(PAPER)).any(axis=2)
+    red = head[ink].astype(int)
+    assert len(red) > 50
+    assert (red[:, 0] >= red[:, 1:].max(axis=1)).all()
+    assert shows(before, "error [µm]", panel.font.size, INK)
+    grey = np.abs(before[: panel.strip.above].astype(int) - rgb(INK)).max(axis=2) < 40
+    assert grey.any()
+    assert not (np.abs(after[: panel.strip.above].astype(int) - rgb(INK)).max(axis=2) < 40).any()
+
+
+def test_a_panel_too_narrow_is_refused_with_the_least_that_will_do(readout):
+    for runs, scale in ((1, None), (4, Scale("width of the bead", "mm", 0.0, 88.8, True, True, GREYS))):
+        with pytest.raises(InputError, match="for readout and error strip") as refused:
+            Panel([readout] * runs, (100, 240), "small", scale)
+        least = int(re.fullmatch(r"width of the film = 100: must be at least (\d+), .*", str(refused.value))[1])
+        assert 100 < least <= 240
+        assert Panel([readout] * runs, (least, 240), "small", scale).font.size == 9
+        with pytest.raises(InputError, match=f"must be at least {least}"):
+            Panel([readout] * runs, (least - 1, 240), "small", scale)
+
+
+def test_labels_that_were_cut_to_the_same_are_cut_where_they_can_be_told_apart():
+    bold = font(12, True)
+    fitting = ["loop_period = 1 s", "loop_period = 2 s"]
+    assert bold.told_apart(fitting, 200) == fitting
+    ends = bold.told_apart(["one and so on and on", "two and so on and on"], 80)
+    assert [text[:3] for text in ends] == ["one", "two"]
+    assert all(text.endswith("…") for text in ends)
+    long = [f"loop_period = {period} s, following_error_limit = {limit}" for period, limit in
+            ((0.1, 5), (1, 5), (0.01, 5), (0.1, 0.05))]  # fmt: skip
+    two = bold.told_apart(long[::3], 220)
+    assert [text[:13] for text in two] == ["loop_period ="] * 2
+    assert [text[-3:] for text in two] == ["= 5", ".05"]
+    four = bold.told_apart(long, 220)
+    assert four == ["…0.1…5", "…1…5", "…0.01…5", "…0.1…0.05"]
+    assert max(map(bold.width, two)) <= 220
+    inside = [f"the same words in front {word} the same words behind, and a few more of them" for word in ("aa", "bb")]
+    assert [text[:3] for text in bold.told_apart(inside, 100)] == ["…aa", "…bb"]
+    assert (
+        bold.told_apart(["twice the same label", "twice the same label"], 60)
+        == [bold.shortened("twice the same label", 60)] * 2
+    )
+
+
+def test_headers_side_by_side_can_be_told_apart(readout):
+    labels = [f"loop_period = 0.1 s, following_error_limit = {limit}" for limit in (5, 0.05)]
+    made = headers([readout] * 2, labels, run_colours(2), 300, 18)
+    for header, label, colour in zip(made, labels, run_colours(2), strict=True):
+        end = label[-13:]
+        assert shows(header.picture(0.5), end.split()[-1], header.font.size, colour, bold=True)
+    roomy = headers([readout] * 2, labels, run_colours(2), 640, 18)
+    for header, label, colour in zip(roomy, labels, run_colours(2), strict=True):
+        assert shows(header.picture(0.5), label, header.font.size, colour, bold=True)
+        assert shows(header.picture(99.0), label, header.font.size, colour, bold=True)
+
+
+def test_an_upright_header_has_its_readout_in_two_lines(readout):
+    one, two = (Header(readout, "a", INK, 358, 18, lines) for lines in (1, 2))
+    assert two.font.size > 1.5 * one.font.size
+    picture = two.picture(0.7)
+    for text in (f"{readout.error[700]:.1f} µm", f"{readout.speed[700]:.1f} mm/s"):
+        assert shows(picture, text, two.font.size, INK)
+    assert shows(picture, f"{readout.rms[700]:.0f} / {readout.max[700]:.0f} µm", two.font.size, INK)
+    assert picture.shape[0] == two.size[1]
+    assert (picture[-2:] == rgb(PAPER)).all()
 
 
 def test_a_face_wraps_and_shortens():

@@ -18,8 +18,9 @@ from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine import Machine
 from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import film_rate, film_writer, save_picture
+from gantrysim.render.header import Header, headers
 from gantrysim.render.lettering import PAPER, rgb
-from gantrysim.render.overlay import Header, Panel, panel_height, run_colours
+from gantrysim.render.overlay import Panel, run_colours
 from gantrysim.render.readout import Readout
 from gantrysim.render.renderer import Image, Renderer, checked_size
 from gantrysim.run import Run
@@ -27,6 +28,7 @@ from gantrysim.run import Run
 __all__ = ["COUNTS", "Cell", "Film", "Take", "save_video"]
 
 _LONGEST = 60.0  # of a film whose speed is not asked for [s]
+_MOST_FRAMES = 100_000  # of a film
 _LEAST_HIGH = 40  # of the pictures [pixels]
 _SIZES = {1: (960, 720), 2: (1280, 640), 4: (1280, 960)}
 COUNTS = tuple(_SIZES)  # of runs that a film can show
@@ -72,6 +74,8 @@ class Cell:
 class Film:
     """Frames of one run, or of two or four side by side, at the same time of the run. Use it as a context manager.
 
+    Two runs stand one above the other where the frame is higher than wide.
+
         with Film([Take(machine, slow, "T = 1 s"), Take(machine, fast, "T = 0.01 s")]) as film:
             film.save("comparison.mp4", speed=4)
 
@@ -108,15 +112,17 @@ class Film:
         self.size = width, height = checked_size("film", (width, height))
         self._readouts = [Readout(take.run) for take in takes]
         self.end = max(float(take.run.time[-1]) for take in takes)
-        scale = scale_for(colour, [take.run for take in takes], takes[0].bead)
+        scale = scale_for(colour, [take.run for take in takes], [take.bead for take in takes])
         labels = [take.label or take.machine.name for take in takes]
-        panel = panel_height(height)
-        self.panel = Panel(self._readouts, (width, panel), labels[0], scale)
+        self.panel = Panel(self._readouts, self.size, labels[0], scale)
+        panel = self.panel.size[1]
         self._headers: list[Header] = []
         self.cells: tuple[Cell, ...] = (Cell(0, 0, width, height - panel),)
+        rows = 1
         if len(takes) > 1:
-            self.cells = self._side_by_side(labels, height - panel)
-        lacking = (_LEAST_HIGH - self.cells[0].height) * -(-len(takes) // 2)
+            rows = len(takes) if len(takes) == 2 and height > width else len(takes) // 2
+            self.cells = self._places(labels, rows, height - panel)
+        lacking = (_LEAST_HIGH - self.cells[0].height) * rows
         if lacking > 0:
             raise InputError(f"height of the film = {height}: must be at least {height + lacking}, for the pictures")
         with ExitStack() as opened:
@@ -128,16 +134,20 @@ class Film:
             ]
             self._opened = opened.pop_all()
 
-    def _side_by_side(self, labels: Sequence[str], room: int) -> tuple[Cell, ...]:
+    def _places(self, labels: Sequence[str], rows: int, room: int) -> tuple[Cell, ...]:
         """Make the headers and return the places of the pictures, row by row, in the room above the panel."""
-        rows = len(labels) // 2
-        wide = (self.size[0] - _GAP) // 2
-        looks = zip(self._readouts, labels, run_colours(len(labels)), strict=True)
-        self._headers = [Header(*look, wide, self.panel.font.size) for look in looks]
+        columns = len(labels) // rows
+        wide = (self.size[0] - (columns - 1) * _GAP) // columns
+        upright = room > rows * wide
+        looks = self._readouts, labels, run_colours(len(labels))
+        self._headers = headers(*looks, wide, self.panel.font.size, 2 if upright else 1)
         above = self._headers[0].size[1]
         high = (room - rows * above) // rows
-        places = [(column * (wide + _GAP), row * (above + high) + above) for row in range(rows) for column in range(2)]
-        return tuple(Cell(left, top, wide, high) for left, top in places)
+        return tuple(
+            Cell(column * (wide + _GAP), row * (above + high) + above, wide, high)
+            for row in range(rows)
+            for column in range(columns)
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -182,8 +192,18 @@ class Film:
             raise InputError(f"time = {time:g} s: must be from 0 s to the end of the run, {self.end:g} s")
 
     def times(self, fps: float, speed: float) -> list[float]:
-        """Return the times of the run that a film shows [s]: speed / fps apart, the last one the end of the run."""
+        """Return the times of the run that a film shows [s]: speed / fps apart, the last one the end of the run.
+
+        Raises:
+            InputError: numbers that are not above 0, or that make too many frames.
+        """
         step = positive("speed of the film", speed) / positive("frames per second", fps, "1/s")
+        frames = self.end * fps / speed
+        if frames > _MOST_FRAMES:
+            raise InputError(
+                f"number of frames = {frames:.6g}, with {fps:g} frames per second and speed {speed:g}: must be at most "
+                f"{_MOST_FRAMES}: ask for fewer frames per second or a higher speed"
+            )
         steps = int(np.ceil(self.end / step - 1e-9))
         return [*(k * step for k in range(steps)), self.end]
 
@@ -206,8 +226,8 @@ class Film:
             progress: called after each frame with the share that is done, 0 to 1.
 
         Raises:
-            InputError: another suffix, no such folder, odd numbers of pixels of an MP4, or numbers that are not above
-                0.
+            InputError: another suffix, no such folder, odd numbers of pixels of an MP4, numbers that are not above
+                0, or that make more frames than 100,000.
         """
         target = Path(file)
         rate = film_rate(target, fps)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from io import BytesIO
+from itertools import takewhile, zip_longest
 
 from PIL import ImageColor, ImageFont
 
@@ -45,6 +48,28 @@ class Font:
             text = text[:-1].rstrip()
         return f"{text}…"
 
+    def told_apart(self, texts: Sequence[str], width: float) -> list[str]:
+        """Return texts cut to a width [pixels], different ones to what can be told apart.
+
+        They lose their ends; where that left two the same, their middles; or the words that all of them have; or those
+        with which they and another begin.
+        """
+        for first in (texts, _without_common(texts), _without_beginning(texts)):
+            for cut in (self.shortened, self._without_middle):
+                short = [cut(text, width) for text in first]
+                if len(set(short)) == len(set(texts)):
+                    return short
+        return short
+
+    def _without_middle(self, text: str, width: float) -> str:
+        if self.width(text) <= width:
+            return text
+        for letters in range(len(text) - 1, 0, -1):
+            head, tail = text[: letters - letters // 2].rstrip(), text[len(text) - letters // 2 :].lstrip()
+            if self.width(f"{head}…{tail}") <= width:
+                return f"{head}…{tail}"
+        return "…"
+
     def wrapped(self, text: str, width: float) -> list[str]:
         """Return a text in lines of no more than a width [pixels], as far as its words allow."""
         lines = [""]
@@ -67,3 +92,22 @@ def rgb(colour: str) -> tuple[int, int, int]:
     """Return a colour's red, green and blue, 0 to 255 each."""
     red, green, blue = ImageColor.getrgb(colour)[:3]
     return red, green, blue
+
+
+def _without_common(texts: Sequence[str]) -> list[str]:
+    """Texts with an ellipsis for the words that stand at the same places of all of them."""
+    places = list(zip_longest(*(text.split() for text in texts), fillvalue=""))
+    kept = [["…"] * len(texts) if len(set(words)) == 1 else words for words in places]
+    return [re.sub(" *…[ …]*", "…", " ".join(words)).strip() for words in zip(*kept, strict=True)]
+
+
+def _without_beginning(texts: Sequence[str]) -> list[str]:
+    """Texts with an ellipsis for the words with which they and any other begin."""
+    words = [text.split() for text in texts]
+    alike = [max((_alike(own, other) for other in words if other != own), default=0) for own in words]
+    return ["…" * (begin > 0) + " ".join(own[begin:]) for own, begin in zip(words, alike, strict=True)]
+
+
+def _alike(own: Sequence[str], other: Sequence[str]) -> int:
+    """Number of words with which both begin."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, other, strict=False)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,31 +12,28 @@ from PIL import Image, ImageDraw
 from gantrysim.errors import InputError
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK
 from gantrysim.render.colours import Scale
-from gantrysim.render.lettering import MUTED, PAPER, font, rgb
+from gantrysim.render.header import error_text, so_far_text
+from gantrysim.render.legend import Legend
+from gantrysim.render.lettering import MUTED, PAPER, Font, font, rgb
 from gantrysim.render.readout import Readout
 from gantrysim.render.strip import Strip
 
-__all__ = ["Header", "Panel", "panel_height", "run_colours"]
+__all__ = ["Panel", "run_colours"]
 
 Picture = NDArray[np.uint8]
 
-_SHARE = 0.18  # of the frame's height, that the panel has
+_SHARE = 0.18  # of the frame's height, that a panel of one row has
 _LEAST_HEIGHT = 66  # [pixels], for letters of 10
-_PANEL_LETTERS = 6.6  # height of the panel in sizes of its letters
-_HEADER_LETTERS = 2.9  # likewise of a header
-_HEADER_WIDTH = 34  # of a header, in sizes of letters with which all fits
-_LEAST_LETTERS = 10
-_LEAST_STRIP = 12.0  # width of the strip in sizes of the letters
-_LINE = 1.25  # of the size of the letters
+_PANEL_LETTERS = 6.6  # height of a row of the panel in sizes of its letters
+_STRIP_LETTERS = 5.6  # likewise of the strip in a row of its own
+_LEAST_LETTERS = 9
+_LEAST_STRIP = 13.0  # width of the strip in sizes of the letters
+_LETTERS_FOR_ROWS = 0.75  # of the largest letters, that a simpler arrangement must do with
+_LINE, _MARGIN = 1.25, 0.6  # of the size of the letters
 _MOST_FAULTS = 0.42  # of the panel's height, that the words of faults may take
 _WIDEST_READOUT = "contour error8888.8 mm/s"
 _RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
 _RULE = "#d5d9df"
-
-
-def panel_height(height: int) -> int:
-    """Return the height of the panel in a frame [pixels]."""
-    return max(round(_SHARE * height), _LEAST_HEIGHT)
 
 
 def run_colours(count: int) -> tuple[str, ...]:
@@ -43,14 +41,64 @@ def run_colours(count: int) -> tuple[str, ...]:
     return (COLOURS["contour"],) if count == 1 else _RUN_COLOURS[:count]
 
 
+@dataclass(frozen=True)
+class _Arrangement:
+    """How readout, strip and legend lie: in one row, or the strip below; the legend's title in one line, or in several.
+
+    Attributes:
+        rows: 1 or 2.
+        narrow: whether the legend is.
+        letters: size [pixels].
+    """
+
+    rows: int
+    narrow: bool
+    letters: int
+
+    def least(self, runs: int, end: float, scale: Scale | None) -> int:
+        """The width that it needs [pixels]."""
+        letters = font(self.letters)
+        legend = 0 if scale is None else Legend(scale, letters, self.narrow).width
+        strip = round(_LEAST_STRIP * self.letters)
+        block = _block_width(runs, end, letters)
+        return block + strip + legend if self.rows == 1 else max(block + legend, strip)
+
+
+def _block_width(runs: int, end: float, letters: Font) -> int:
+    """Width of the readout [pixels]."""
+    words = _WIDEST_READOUT if runs == 1 else f"t {end:.2f} s"
+    return round(round(_MARGIN * letters.size) + letters.width(words) + 1.8 * letters.size)
+
+
+def _arranged(frame: tuple[int, int], runs: int, end: float, scale: Scale | None) -> _Arrangement:
+    """The arrangement that suits a frame: the simplest whose letters are not much smaller than they could be.
+
+    Raises:
+        InputError: too narrow for any.
+    """
+    largest = int(max(_SHARE * frame[1], _LEAST_HEIGHT) / _PANEL_LETTERS)
+    kinds = [(rows, narrow) for rows in ((1, 2) if runs == 1 else (1,)) for narrow in (False, True)[: 1 + bool(scale)]]
+    fitting = []
+    for rows, narrow in kinds:
+        tried = (_Arrangement(rows, narrow, letters) for letters in range(largest, _LEAST_LETTERS - 1, -1))
+        fitting += [next((one for one in tried if one.least(runs, end, scale) <= frame[0]), None)]
+    found = [one for one in fitting if one is not None]
+    if not found:
+        least = min(_Arrangement(*kind, _LEAST_LETTERS).least(runs, end, scale) for kind in kinds)
+        raise InputError(f"width of the film = {frame[0]}: must be at least {least}, for readout and error strip")
+    enough = _LETTERS_FOR_ROWS * max(one.letters for one in found)
+    return next(one for one in found if one.letters >= enough)
+
+
 class Panel:
     """The panel below: readout of one run, or time alone of several; their error strip; scale of the colours.
 
-    What stays from picture to picture is drawn once.
+    In a frame that is narrow for its height the strip stands below the readout. What stays from picture to picture is
+    drawn once.
 
     Args:
         readouts: of the runs.
-        size: width and height of the panel [pixels].
+        frame: width and height of the film [pixels].
         title: of the one run.
         scale: of the beads' colours, None where they are plain.
 
@@ -59,36 +107,45 @@ class Panel:
         font: of its letters.
         strip: the error strip.
         strip_left, strip_above: where it stands in the panel [pixels].
+        legend_left: where the legend begins; it ends at the right edge, and at the strip where that is below [pixels].
 
     Raises:
         InputError: too narrow for readout and strip.
     """
 
     def __init__(
-        self, readouts: Sequence[Readout], size: tuple[int, int], title: str = "", scale: Scale | None = None
+        self, readouts: Sequence[Readout], frame: tuple[int, int], title: str = "", scale: Scale | None = None
     ) -> None:
-        self.size = width, height = size
-        self.font = font(int(height / _PANEL_LETTERS))
-        self._readouts = tuple(readouts)
-        self._margin = round(0.6 * self.font.size)
-        words = _WIDEST_READOUT if len(readouts) == 1 else "t 888.88 s"
-        self._right = round(self._margin + self.font.width(words) + self.font.size)
-        legend = self._legend(scale, height)
-        self.strip_left, self.strip_above = round(self._right + 0.8 * self.font.size), 1
-        room = width - self.strip_left - legend.shape[1], height - 1
-        least = round(_LEAST_STRIP * self.font.size)
-        if room[0] < least:
-            raise InputError(
-                f"width of the film = {width}: must be at least {width - room[0] + least}, for readout and error strip"
-            )
+        end = max(float(readout.time[-1]) for readout in readouts)
+        chosen = _arranged(frame, len(readouts), end, scale)
+        width, self.font = frame[0], font(chosen.letters)
+        row = max(round(_SHARE * frame[1]), _LEAST_HEIGHT)
+        if int(row / _PANEL_LETTERS) > chosen.letters:
+            row = round(_PANEL_LETTERS * chosen.letters)
+        self._readouts, self._title = tuple(readouts), title
+        self._margin = round(_MARGIN * self.font.size)
+        block = _block_width(len(readouts), end, self.font)
+        self._right = block - round(0.8 * self.font.size)
+        legend = np.empty((row, 0, 3), np.uint8)
+        if scale is not None:
+            legend = Legend(scale, self.font, chosen.narrow).picture(row)
+        self.legend_left = width - legend.shape[1]
+        if chosen.rows == 1:
+            self.size = width, row
+            self.strip_left, self.strip_above = block, 1
+            room = self.legend_left - block, row - 1
+        else:
+            self.size = width, row + round(_STRIP_LETTERS * self.font.size)
+            self.strip_left, self.strip_above = self._margin, row
+            room = width - self._margin, self.size[1] - row
         self._faults = self._worded(room)
         head = max((place + round(_LINE * letters) for _, _, place, letters in self._faults), default=0)
         self.strip = Strip(readouts, run_colours(len(readouts)), room, self.font, head)
-        self._title = title
-        self._block = self._labelled((self.strip_left, height))
-        self._base = np.empty((height, width, 3), np.uint8)
+        self._block = Image.new("RGB", (block, row), PAPER)
+        self._label()
+        self._base = np.empty((self.size[1], width, 3), np.uint8)
         self._base[:] = rgb(PAPER)
-        self._base[:, width - legend.shape[1] :] = legend
+        self._base[:row, self.legend_left :] = legend
         self._base[0] = rgb(_RULE)
 
     def picture(self, time: float, speed: float | None = None) -> Picture:
@@ -102,16 +159,16 @@ class Panel:
             (height, width, 3).
         """
         picture = self._base.copy()
-        picture[:, : self.strip_left] = self._read(time, speed)
+        block = self._read(time, speed)
+        picture[: block.shape[0], : block.shape[1]] = block
         picture[0] = rgb(_RULE)
         strip = self._faulted(time, self.strip.picture(time))
         picture[self.strip_above :, self.strip_left : self.strip_left + strip.shape[1]] = strip
         return picture
 
-    def _labelled(self, size: tuple[int, int]) -> Image.Image:
-        """The block of the readout without its numbers."""
-        block = Image.new("RGB", size, PAPER)
-        draw = ImageDraw.Draw(block)
+    def _label(self) -> None:
+        """Write all of the readout but its numbers."""
+        draw = ImageDraw.Draw(self._block)
         names = ("", "t", "path speed", "contour error", "rms / max") if len(self._readouts) == 1 else ("t",)
         for row, name in enumerate(names):
             draw.text((self._margin, self._row(row)), name, rgb(MUTED), self.font.face, anchor="lm")
@@ -119,7 +176,6 @@ class Panel:
             bold = font(self.font.size, True)
             room = self._right - self._margin - self.font.width(" ×8.88")
             draw.text((self._margin, self._row(0)), bold.shortened(self._title, room), rgb(INK), bold.face, anchor="lm")
-        return block
 
     def _read(self, time: float, speed: float | None) -> Picture:
         block = self._block.copy()
@@ -129,14 +185,20 @@ class Panel:
         if len(self._readouts) == 1:
             readout = self._readouts[0]
             tick = readout.tick(time)
-            lines = [playing, now, f"{readout.speed[tick]:.1f} mm/s", _error(readout, tick), _so_far(readout, tick)]
+            lines = [
+                playing,
+                now,
+                f"{readout.speed[tick]:.1f} mm/s",
+                error_text(readout, tick),
+                so_far_text(readout, tick),
+            ]
         for row, text in enumerate(lines):
             draw.text((self._right, self._row(row)), text, rgb(INK), self.font.face, anchor="rm")
         return np.asarray(block)
 
     def _row(self, row: int) -> int:
         """Middle of a line of the readout."""
-        return round((row + 0.5) * (self.size[1] - 0.6 * self.font.size) / 5 + 0.3 * self.font.size)
+        return round((row + 0.5) * (self._block.height - 0.6 * self.font.size) / 5 + 0.3 * self.font.size)
 
     def _worded(self, room: tuple[int, int]) -> list[tuple[Readout, str, int, int]]:
         """The faults in lines, with the run of each, its row and the size of its letters."""
@@ -159,96 +221,11 @@ class Panel:
             return strip
         image = Image.fromarray(strip)
         draw = ImageDraw.Draw(image)
-        left, right = self.strip.left, self.strip.right
-        draw.rectangle((left, 0, right, self.strip.above - 1), rgb(PAPER))
+        left = self.strip.left
+        draw.rectangle((left, 0, self.strip.size[0], self.strip.above - 1), rgb(PAPER))
         colours = run_colours(len(self._readouts))
         for one, line, row, size in there:
             draw.text((left, row), line, rgb(COLOURS["fault"]), font(size).face)
             if line.startswith("■"):
                 draw.text((left, row), "■", rgb(colours[self._readouts.index(one)]), font(size).face)
         return np.asarray(image)
-
-    def _legend(self, scale: Scale | None, height: int) -> Picture:
-        """The scale of the beads' colours, upright, with its numbers."""
-        letters = self.font
-        if scale is None:
-            return np.full((height, 0, 3), 255, np.uint8)
-        texts = scale.labels()
-        title = f"{scale.title} [{scale.unit}]"
-        bar = round(0.9 * letters.size)
-        width = round(max(letters.width(title), bar + 0.5 * letters.size + max(map(letters.width, texts))))
-        image = Image.new("RGB", (width + 2 * self._margin, height), PAPER)
-        draw = ImageDraw.Draw(image)
-        draw.text((self._margin, 1 + round(0.08 * letters.size)), title, rgb(INK), letters.face)
-        first, last = 1 + round(1.75 * letters.size), height - 1 - round(0.75 * letters.size)
-        table = scale.table[np.round(np.linspace(255, 0, last + 1 - first)).astype(int)]
-        for text, row in zip(texts, (last, 0.5 * (first + last), first), strict=True):
-            place = (round(self._margin + bar + 0.5 * letters.size), round(row))
-            draw.text(place, text, rgb(INK), letters.face, anchor="lm")
-        picture = np.array(image)
-        picture[first : last + 1, self._margin : self._margin + bar] = table[:, None]
-        return picture
-
-
-class Header:
-    """What stands above the picture of one of several runs: its label in its colour, and its readout.
-
-    Args:
-        readout: of the run.
-        label: of the run.
-        colour: of its curve.
-        width: of the header [pixels].
-        letters: size of those of the panel, the largest that these can have [pixels].
-
-    Attributes:
-        size: width and height [pixels].
-    """
-
-    def __init__(self, readout: Readout, label: str, colour: str, width: int, letters: int) -> None:
-        self._font = font(max(min(letters, int(width / _HEADER_WIDTH)), _LEAST_LETTERS))
-        self.size = width, height = width, round(_HEADER_LETTERS * self._font.size)
-        self._readout = readout
-        self._margin = round(0.6 * self._font.size)
-        bold = font(self._font.size, True)
-        self._base = Image.new("RGB", self.size, PAPER)
-        draw = ImageDraw.Draw(self._base)
-        end = self._font.width("over at 888.88 s") + self._font.size
-        text = bold.shortened(label, width - 2 * self._margin - end)
-        height = self.size[1]
-        draw.text((self._margin, round(0.27 * height)), text, rgb(colour), bold.face, anchor="lm")
-
-    def picture(self, time: float) -> Picture:
-        """Return the header at a time of the run [s], (height, width, 3)."""
-        image = self._base.copy()
-        draw = ImageDraw.Draw(image)
-        readout, letters = self._readout, self._font
-        width, height = self.size
-        tick = readout.tick(time)
-        if readout.over(time) or readout.faulted(time):
-            word, colour = ("fault", COLOURS["fault"]) if readout.faulted(time) else ("over", MUTED)
-            text = f"{word} at {readout.time[-1]:.2f} s"
-            draw.text((width - self._margin, round(0.27 * height)), text, rgb(colour), letters.face, anchor="rm")
-        column, row = float(self._margin), round(0.73 * height)
-        for name, text, widest in (
-            ("error", _error(readout, tick), "8888.8 µm"),
-            ("rms / max", _so_far(readout, tick), "8888 / 8888 µm"),
-            ("speed", f"{readout.speed[tick]:.1f} mm/s", "888.8 mm/s"),
-        ):
-            if column + letters.width(f"{name} {widest}") > width:
-                break
-            draw.text((round(column), row), name, rgb(MUTED), letters.face, anchor="lm")
-            draw.text((round(column + letters.width(f"{name} ")), row), text, rgb(INK), letters.face, anchor="lm")
-            column += letters.width(f"{name} {widest}") + letters.size
-        return np.asarray(image)
-
-
-def _error(readout: Readout, tick: int) -> str:
-    error = readout.error[tick]
-    return f"{error:.1f} µm" if np.isfinite(error) else "off"
-
-
-def _so_far(readout: Readout, tick: int) -> str:
-    if not np.isfinite(readout.max[tick]):
-        return "–"
-    digits = 1 if readout.max[-1] < 100 else 0
-    return f"{readout.rms[tick]:.{digits}f} / {readout.max[tick]:.{digits}f} µm"

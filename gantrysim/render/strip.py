@@ -23,6 +23,8 @@ _LEAST = 1e-3  # largest error that is shown as one [µm]
 _FAINT = 0.28  # of the time to come, against the past
 _OFF = 0.22  # of the shade where the dispenser is off
 _GRID = 0.30
+# title, and what the shade is; the first that there is room for
+_NAMES = (("contour error [µm]", "dispenser off"), ("contour error [µm]", "off"), ("error [µm]", "off"))
 
 
 def ticks_of(top: float, most: float) -> Floats:
@@ -161,15 +163,19 @@ class Strip:
     def _write(self, draw: ImageDraw.ImageDraw) -> None:
         """Title, axes' numbers, and what the shade is."""
         font = self._font
-        draw.text((self.left, round(0.08 * font.size)), "contour error [µm]", rgb(INK), font.face)
-        shade, side = "dispenser off", 0.8 * font.size
-        if self._off().any():
-            start = round(self.right - font.width(shade))
-            if start - 1.6 * side > self.left + font.width("contour error [µm]") + font.size:
-                draw.text((start, round(0.08 * font.size)), shade, rgb(MUTED), font.face)
-                colour = tuple(round(p + 2 * _OFF * (g - p)) for p, g in zip(rgb(PAPER), rgb(_GREY), strict=True))
-                box = (start - 1.4 * side, 0.28 * font.size, start - 0.4 * side, 0.28 * font.size + side)
-                draw.rectangle([round(corner) for corner in box], colour)
+        above, side = round(0.08 * font.size), 0.8 * font.size
+        shaded = bool(self._off().any())
+        for title, shade in _NAMES if shaded else [(title, "") for title, _ in _NAMES]:
+            first = self.left + font.width(title) + (font.size + 1.4 * side) * shaded
+            start = round(max(first, self.right - font.width(shade)))
+            if start + font.width(shade) <= self.size[0] - 0.3 * font.size:
+                break
+        draw.text((self.left, above), title, rgb(INK), font.face)
+        if shaded:
+            draw.text((start, above), shade, rgb(MUTED), font.face)
+            colour = tuple(round(p + 2 * _OFF * (g - p)) for p, g in zip(rgb(PAPER), rgb(_GREY), strict=True))
+            box = (start - 1.4 * side, 0.28 * font.size, start - 0.4 * side, 0.28 * font.size + side)
+            draw.rectangle([round(corner) for corner in box], colour)
         for tick in self.error_ticks:
             place = (round(self.left - 0.35 * font.size), round(self.row(tick)))
             draw.text(place, f"{tick:g}", rgb(MUTED), font.face, anchor="rm")
