@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gantrysim.errors import InputError
 from gantrysim.job import Job
-from gantrysim.machine import Machine
+from gantrysim.machine import Machine, builtin_models
 from gantrysim.report import JOB, RUN, SUMMARY
 from gantrysim.run import Run
 
@@ -26,7 +26,7 @@ class SavedRun:
         run: the record.
         machine: built from the job now.
         changed: whether what is stepped of the machine is no longer what the summary says that ran; its looks do not
-            count. False where there is no summary.
+            count. False where no summary says so.
     """
 
     folder: Path
@@ -50,6 +50,9 @@ class SavedRun:
     def load(cls, folder: str | os.PathLike[str]) -> SavedRun:
         """Read the folder of a run.
 
+        A machine of one's own is read from where its file was when it ran. Where the file has moved since, job.toml
+        has to say where to: a relative path is taken from the run's folder.
+
         Raises:
             InputError: no such folder, one that holds no run, or a machine that is gone or has other axes now.
         """
@@ -64,14 +67,17 @@ class SavedRun:
             raise InputError(f"run {place}: holds no run: {' and '.join(missing)} missing")
         record = Run.load(where / RUN)
         job = Job.load(where / JOB)
+        if job.machine not in builtin_models() and not Path(job.machine).expanduser().is_file():
+            raise InputError(
+                f"run {place}: its machine {job.machine} is gone: set machine in {place / JOB} to a file, or to one of "
+                f"{', '.join(builtin_models())}"
+            )
         return cls(place, job, record, job.built_machine, _changed(where / SUMMARY, job.built_machine))
 
 
 def _changed(summary: Path, machine: Machine) -> bool:
-    if not summary.exists():
-        return False
     try:
-        ran: str = json.loads(summary.read_text(encoding="utf-8"))["versions"]["machine_sha256"]
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError):
-        raise InputError(f"run {summary.parent}: {summary.name} does not say which machine ran") from None
-    return ran != machine.digest
+        ran = json.loads(summary.read_text(encoding="utf-8"))["versions"]["machine_sha256"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return False
+    return bool(ran != machine.digest)

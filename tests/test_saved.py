@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job
+from gantrysim.machine import builtin_models
 from gantrysim.saved import SavedRun
 
 from films import SMALL, saved, small_job
@@ -69,12 +70,12 @@ def test_without_a_summary_nothing_is_said_of_the_machine(own):
     assert SavedRun.load(folder).changed is False
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"versions": {}}', '{"versions": 3}'])
-def test_a_summary_that_says_nothing_is_refused(own, content):
-    folder, _ = own
-    (folder / "summary.json").write_text(content)
-    with pytest.raises(InputError, match=r"run .*/run: summary.json does not say which machine ran$"):
-        SavedRun.load(folder)
+@pytest.mark.parametrize("content", [b"", b"[]", b"{}", b'{"versions": {}}', b'{"versions": 3}', b"\xff"])
+def test_a_summary_that_does_not_say_which_machine_ran_is_as_none(own, content):
+    folder, machine = own
+    machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
+    (folder / "summary.json").write_bytes(content)
+    assert SavedRun.load(folder).changed is False
 
 
 def test_a_machine_with_other_axes_is_refused(own):
@@ -96,10 +97,26 @@ def test_a_machine_with_other_units_is_refused(folder):
         SavedRun(back.folder, back.job, other, back.machine, False)
 
 
-def test_a_machine_that_is_gone_is_named(own):
+def test_a_machine_that_is_gone_is_named_with_what_to_do(own):
     folder, machine = own
-    machine.unlink()
-    with pytest.raises(InputError, match=r"machine.xml: no such file"):
+    (folder / "moved").mkdir()
+    machine.rename(folder / "moved" / "its.xml")
+    known = ", ".join(builtin_models())
+    text = (
+        f"run {folder}: its machine {machine} is gone: set machine in {folder}/job.toml to a file, or to one of {known}"
+    )
+    with pytest.raises(InputError) as refused:
+        SavedRun.load(folder)
+    assert str(refused.value) == text
+    # which is enough, from the folder of the run
+    job = folder / "job.toml"
+    job.write_text(job.read_text().replace(str(machine), "moved/its.xml"))
+    back = SavedRun.load(folder)
+    assert back.machine.source == folder / "moved" / "its.xml"
+    assert back.changed is False
+    # a name that no machine has is not a file that is gone anywhere
+    job.write_text(job.read_text().replace("moved/its.xml", "yx"))
+    with pytest.raises(InputError, match=f"run {folder}: its machine yx is gone: set machine in {folder}/job.toml to"):
         SavedRun.load(folder)
 
 

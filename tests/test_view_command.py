@@ -5,7 +5,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
+from collections import deque
+from types import FunctionType, SimpleNamespace
 
+import mujoco.viewer
 import numpy as np
 import pytest
 from views import write_run
@@ -13,8 +17,9 @@ from views import write_run
 from gantrysim.job import Job
 from gantrysim.metrics import Analysis
 from gantrysim.view.commands import view
+from gantrysim.view.display import NoDisplayError
 from gantrysim.view.push import STIFFNESS
-from gantrysim.view.window import WindowClosedError
+from gantrysim.view.window import ViewerWindow, WindowClosedError
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +83,24 @@ def test_a_folder_with_the_name_of_a_job_is_the_run_that_it_holds(saved, tmp_pat
     shutil.copy(saved / "run.npz", tmp_path / "an225")
     view("an225")
     assert seen == ["live", "replay"]
+
+
+@pytest.mark.parametrize("name", ["run.npz", "video.mp4"])
+def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command, tmp_path, name):
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    shutil.copy(saved / "run.npz", tmp_path)
+    (tmp_path / "video.mp4").write_bytes(b"\xff")
+    status, out, err = gantrysim_command("view", tmp_path / name)
+    said = f"error: run {tmp_path / name}: is a file, must be a folder that gantrysim run has written\n"
+    assert (status, out, err) == (2, "", said)
+
+
+def test_the_job_of_a_run_is_a_job(saved, monkeypatch):
+    seen = []
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.view.commands._live", lambda *_: seen.append("live"))
+    view(str(saved / "job.toml"))
+    assert seen == ["live"]
 
 
 def test_importing_the_command_imports_no_viewer():
@@ -167,10 +190,49 @@ def test_a_window_that_is_closed_while_it_opens(saved, window, monkeypatch, gant
     assert gantrysim_command("view", saved / "job.toml") == (0, "", "")
 
 
+def broken():
+    raise RuntimeError("no such\nthing")
+
+
+def launched(monkeypatch, launch_passive):
+    """Open a window by a viewer that is this function; what it returns, and what other threads had to say."""
+    told = []
+    monkeypatch.setattr("mujoco.viewer.launch_passive", launch_passive)
+    monkeypatch.setattr(threading, "excepthook", lambda error: told.append(error.thread.name))
+    bare = SimpleNamespace(_scene=SimpleNamespace(model=None, data=None), _keys=deque(), _guard=threading.Lock())
+    hook = threading.excepthook
+    try:
+        return ViewerWindow._launch(bare), told
+    finally:
+        assert threading.excepthook is hook
+
+
+def test_a_thread_that_fails_while_the_window_opens_does_not_close_it(monkeypatch):
+    def launch_passive(*_, **__):
+        other = threading.Thread(target=broken, name="another")
+        other.start()
+        other.join()
+        return "window"
+
+    assert launched(monkeypatch, launch_passive) == ("window", ["another"])
+
+
+def test_a_viewer_that_fails_is_no_display_whichever_thread_it_is_in(monkeypatch):
+    inside = FunctionType(broken.__code__, vars(mujoco.viewer))  # as if it stood there
+
+    def launch_passive(*_, **__):
+        threading.Thread(target=inside).start()
+        threading.Event().wait()  # as the viewer's own, for a window that never comes
+
+    for launch in (launch_passive, lambda *_, **__: broken()):
+        with pytest.raises(NoDisplayError, match=r"^no display to open a window on: no such thing; "):
+            launched(monkeypatch, launch)
+
+
 def test_an_interrupt_closes_the_window(saved, window, monkeypatch, gantrysim_command):
     monkeypatch.setattr("gantrysim.view.player.Player.picture", lambda _: signal.raise_signal(signal.SIGINT))
     before = signal.getsignal(signal.SIGINT)
     for shown in (saved, saved / "job.toml"):
-        assert gantrysim_command("view", shown) == (130, "", "")
+        assert gantrysim_command("view", shown) == (130, "", "interrupted\n")
         assert window[-1] == ("closed",)
     assert signal.getsignal(signal.SIGINT) is before

@@ -14,7 +14,7 @@ import typer
 from gantrysim.errors import InputError, positive
 from gantrysim.job import Job, builtin_jobs
 from gantrysim.run import Fault
-from gantrysim.terminal import FAULT, INTERRUPTED, warn
+from gantrysim.terminal import FAULT, warn
 
 __all__ = ["view"]
 
@@ -54,7 +54,7 @@ def view(
     lists the viewer's own.
 
     Exit status: 0 when the window is closed, 2 for bad input or where there is no display, 3 where a fault ended a live
-    run.
+    run, 130 after Ctrl-C.
     """
     from gantrysim.view.display import check_display
 
@@ -65,13 +65,10 @@ def view(
         raise InputError(f"run {shown}: is replayed as it was; --model and --set are for a job that runs live")
     check_display()
     fault = None
-    try:
-        if saved:
-            _replay(folder, camera, colour, speed)
-        else:
-            fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
-    except KeyboardInterrupt:
-        raise typer.Exit(INTERRUPTED) from None
+    if saved:
+        _replay(folder, camera, colour, speed)
+    else:
+        fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
     if fault is not None:
         warn(str(fault), "fault")
         raise typer.Exit(FAULT)
@@ -81,6 +78,8 @@ def _is_saved(shown: str, folder: Path) -> bool:
     """Return whether a folder is meant, or a job."""
     from gantrysim.report import RUN
 
+    if folder.is_file():  # a job, or by mistake another file of a run
+        return folder.suffix != ".toml" and (folder.parent / RUN).is_file()
     return (folder / RUN).is_file() or (folder.is_dir() and shown not in builtin_jobs())
 
 

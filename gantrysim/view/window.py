@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from types import ModuleType, TracebackType
 from typing import Any, Protocol
 
 import mujoco
@@ -179,13 +180,16 @@ class ViewerWindow:
             )
 
         def fail(error: threading.ExceptHookArgs) -> None:
+            if error.thread is not thread and not _comes_from(viewer, error.exc_traceback):
+                hook(error)  # of a thread that has nothing to do with the window
+                return
             failed.append(" ".join(str(error.exc_value).split()) or error.exc_type.__name__)
 
         ended = threading.Event()
         simulate, hook = viewer._Simulate, threading.excepthook
+        thread = threading.Thread(target=launch, name="launch", daemon=True)
         viewer._Simulate, threading.excepthook = _freed_when_left(simulate, self._guard, ended), fail
         try:
-            thread = threading.Thread(target=launch, name="launch", daemon=True)
             thread.start()
             end = time.monotonic() + _PICTURE
             while thread.is_alive() and not failed and not ended.is_set() and time.monotonic() < end:
@@ -199,6 +203,15 @@ class ViewerWindow:
         if not opened:
             raise NoDisplayError(failed[0] if failed else f"the viewer opened none in {_PICTURE:g} s")
         return opened[0]
+
+
+def _comes_from(module: ModuleType, trace: TracebackType | None) -> bool:
+    """Return whether an error has come through a function of a module."""
+    while trace is not None:
+        if trace.tb_frame.f_globals is vars(module):
+            return True
+        trace = trace.tb_next
+    return False
 
 
 def _freed_when_left(simulate: Any, guard: threading.Lock, ended: threading.Event) -> Any:
