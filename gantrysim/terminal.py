@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
@@ -92,7 +94,8 @@ def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
     """Have a polite kill end the block as Ctrl-C does: workers stopped, rows kept.
 
     What is given raises the interrupt once more: the first is lost where it meets code that cannot pass it on, such as
-    a finaliser. Code that makes another error of it, as ctypes does where it converts arguments, is seen through.
+    a finaliser, which then says nothing of it. Code that makes another error of it, as ctypes does where it converts
+    arguments, is seen through.
 
     Args:
         left: what an interrupt leaves behind, for the command's last words.
@@ -109,6 +112,11 @@ def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
         if asked:
             raise KeyboardInterrupt(*words)
 
+    def unraisable(lost: Any) -> None:
+        if not asked:
+            tell(lost)
+
+    tell, sys.unraisablehook = sys.unraisablehook, unraisable
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield go_on
@@ -118,3 +126,4 @@ def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        sys.unraisablehook = tell

@@ -21,6 +21,7 @@ from gantrysim.budget import LINKS, Budget
 from gantrysim.job import builtin_jobs
 from gantrysim.starting import is_command, last_words
 from gantrysim.tables import outcome_table
+from gantrysim.terminal import interruptible
 
 from runs import turn, turntable
 
@@ -268,6 +269,29 @@ def test_an_interrupt_that_is_lost_on_its_way_ends_the_next_step(gantrysim_comma
 
     monkeypatch.setattr("gantrysim.plots.save_plots", lost)
     assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
+
+
+def test_a_finaliser_that_loses_an_interrupt_is_silent_and_others_are_not(monkeypatch):
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda lost: told.append(lost.exc_type))
+
+    class Final:
+        def __init__(self, leave):
+            self.leave = leave
+
+        def __del__(self):
+            self.leave()
+
+    def interrupted():
+        with interruptible("what is left") as go_on:
+            Final(lambda: 1 / 0)
+            Final(lambda: signal.raise_signal(signal.SIGINT))
+            go_on()
+
+    with pytest.raises(KeyboardInterrupt, match="what is left"):
+        interrupted()
+    Final(lambda: 1 / 0)
+    assert told == [ZeroDivisionError, ZeroDivisionError]
 
 
 def test_other_errors_stay_what_they_are_where_nothing_was_interrupted(gantrysim_command, tmp_path, monkeypatch):
