@@ -431,7 +431,7 @@ def test_a_film_of_any_shape_has_a_panel_that_can_be_read(readout, frame, runs, 
     assert panel.size[0] == frame[0]
     assert panel.size[1] <= 0.55 * frame[1]
     assert letters >= max(9, min(frame) / 44)
-    assert panel.strip.size[0] >= 13 * letters - 1
+    assert panel.strip.size[0] >= 12.5 * letters - 1
     assert panel.strip.bottom - panel.strip.above > 2 * letters
     said = ["0.70 s", "×4"] if runs > 1 else ["0.70 s", "×4", f"{readout.speed[700]:.1f} mm/s", "contour error"]
     for text in said:
@@ -444,6 +444,20 @@ def test_a_film_of_any_shape_has_a_panel_that_can_be_read(readout, frame, runs, 
         legend = picture[:, panel.legend_left :]
         for text in (*scale.labels(), "[mm]", "width"):
             assert shows(legend, text, letters, INK), text
+
+
+@pytest.mark.parametrize("frame", [(240, 240), (320, 240), (240, 427), (480, 360)])
+def test_what_can_be_read_of_a_fault_stands_in_a_narrow_strip(run, frame):
+    panel = Panel([Readout(dataclasses.replace(run, fault=FAULT))], frame, "small")
+    strip = panel.picture(run.time[-1])[panel.strip_above :]
+    assert any(shows(strip, "fault: following error", size, COLOURS["fault"]) for size in (9, 10, 11, 12))
+    assert any(shows(strip, "…", size, COLOURS["fault"]) for size in (9, 10, 11, 12)) or frame == (480, 360)
+    assert panel.strip.bottom - panel.strip.above > 1.5 * panel.font.size
+    four = Panel([Readout(dataclasses.replace(run, fault=FAULT))] * 4, frame)
+    assert four.strip.bottom - four.strip.above > 1.5 * four.font.size
+    red = np.abs(four.picture(run.time[-1]).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 90
+    words = red[: four.strip_above + four.strip.above].any(axis=1)
+    assert np.count_nonzero(np.diff(words.astype(int)) == 1) >= 3  # lines, of small letters
 
 
 def test_a_fault_in_a_narrow_strip_stands_there_alone(run):

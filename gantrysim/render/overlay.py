@@ -27,9 +27,10 @@ _LEAST_HEIGHT = 66  # [pixels], for letters of 10
 _PANEL_LETTERS = 6.6  # height of a row of the panel in sizes of its letters
 _STRIP_LETTERS = 5.6  # likewise of the strip in a row of its own
 _LEAST_LETTERS = 9
-_LEAST_STRIP = 13.0  # width of the strip in sizes of the letters
+_LEAST_STRIP = 12.5  # width of the strip in sizes of the letters
 _LETTERS_FOR_ROWS = 0.75  # of the largest letters, that a simpler arrangement must do with
 _LINE, _MARGIN = 1.25, 0.6  # of the size of the letters
+_BESIDE_FAULTS = 4.2  # width of the strip that the words of faults leave free, in sizes of the letters
 _MOST_FAULTS = 0.42  # of the panel's height, that the words of faults may take
 _WIDEST_READOUT = "contour error8888.8 mm/s"
 _RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
@@ -201,16 +202,19 @@ class Panel:
         return round((row + 0.5) * (self._block.height - 0.6 * self.font.size) / 5 + 0.3 * self.font.size)
 
     def _worded(self, room: tuple[int, int]) -> list[tuple[Readout, str, int, int]]:
-        """The faults in lines, with the run of each, its row and the size of its letters."""
+        """The faults in lines, with the run of each, its row and the size of its letters; cut where there are many."""
         head = "fault: " if len(self._readouts) == 1 else "■ fault: "
         broken = [one for one in self._readouts if one.run.fault is not None]
+        width, high = room[0] - _BESIDE_FAULTS * self.font.size, _MOST_FAULTS * room[1]
         for size in range(self.font.size, 0, -1):
-            lines = [
-                (one, line)
-                for one in broken
-                for line in font(size).wrapped(f"{head}{one.run.fault}", room[0] - 5.5 * self.font.size)
-            ]
-            if len(lines) * _LINE * size <= _MOST_FAULTS * room[1]:
+            each = max(1, int(high / (_LINE * size)) // max(len(broken), 1))
+            told = [font(size).wrapped(f"{head}{one.run.fault}", width) for one in broken]
+            if size <= _LEAST_LETTERS:
+                told = [
+                    [*lines[: each - 1], font(size).shortened(" ".join(lines[each - 1 :]), width)] for lines in told
+                ]
+            lines = [(one, line) for one, part in zip(broken, told, strict=True) for line in part if line]
+            if len(lines) * _LINE * size <= high:
                 break
         return [(one, line, round(row * _LINE * size), size) for row, (one, line) in enumerate(lines)]
 

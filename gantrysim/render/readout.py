@@ -40,7 +40,11 @@ class Readout:
 
     @cached_property
     def error(self) -> Floats:
-        """Contour error: distance of the nozzle to the requested path; nan while the dispenser is off, (n,) [µm]."""
+        """Contour error: distance of the nozzle to the requested path; nan while the dispenser is off, (n,) [µm].
+
+        It ends with the root mean square and the maximum of summary.json's "contour_error_um". In its "error_budget"
+        the row "contour" is of the error normal to the requested path, which differs a little at corners and ends.
+        """
         error = np.full(len(self.run.time), np.nan)
         if self.run.dispense.any():
             analysis = Analysis(self.run)
