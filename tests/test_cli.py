@@ -318,7 +318,7 @@ def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
     )
     done = subprocess.run(
         [sys.executable, "-m", "gantrysim", "info"],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
         cwd=tmp_path,
         capture_output=True,
         text=True,
