@@ -12,6 +12,12 @@ from gantrysim.metrics import Analysis
 from gantrysim.render.lettering import PAPER, font, rgb
 from gantrysim.report import write_run
 
+# of films, from the smallest, 9:16 to 32:9
+SHAPES = (
+    (240, 240), (240, 427), (427, 240), (320, 240), (480, 360), (400, 800), (600, 800), (720, 1280), (1080, 1080),
+    (1920, 1080), (2560, 720), (853, 240),
+)  # fmt: skip
+
 SMALL = ("diameter=40", "turns=1", "thickness=5")  # 1.5 s of motion
 
 

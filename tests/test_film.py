@@ -16,7 +16,7 @@ from gantrysim.render.colours import scale_for
 from gantrysim.render.lettering import MUTED
 from gantrysim.render.overlay import run_colours
 
-from films import cut, shows, small_job
+from films import SHAPES, cut, shows, small_job
 
 SIZE = (300, 200)
 PAIR = (480, 240)
@@ -288,6 +288,54 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
             odd.save(tmp_path / "a.mp4")
         assert odd.save(tmp_path / "odd.gif", fps=2) > 2
     assert sorted(item.name for item in tmp_path.iterdir()) == ["folder.png", "odd.gif"]
+
+
+class Unopened:
+    """Stands for a renderer where only places matter."""
+
+    def __init__(self, *_):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("colour", ["plain", "error"])
+def test_a_film_of_any_shape_has_its_pictures_in_places_of_their_own(xy, run, monkeypatch, count, colour):
+    monkeypatch.setattr(film, "Renderer", Unopened)
+    scale = scale_for(colour, [run])
+    monkeypatch.setattr(film, "scale_for", lambda *_: scale)
+    takes = [Take(xy, run, f"run {k}") for k in range(count)]
+    for size in SHAPES:
+        opened = Film(takes, size=size, colour=colour)
+        taken = np.zeros(size[::-1], int)
+        taken[size[1] - opened.panel.size[1] :] += 1
+        for cell in opened.cells:
+            assert cell.height >= 0.2 * size[1]
+            assert cell.width >= 0.45 * size[0]
+            cell.of(taken)[:] += 1
+        assert taken.max() == 1
+        assert taken.mean() > 0.7
+        assert opened.cells[0].of(taken).sum() == opened.cells[0].width * opened.cells[0].height
+    two = Film(takes, size=(400, 700), colour=colour).cells
+    assert len({cell.left for cell in two}) == (2 if count == 4 else 1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_a_film_as_high_as_the_least_that_is_named_is_taken(xy, run, monkeypatch, count):
+    monkeypatch.setattr(film, "Renderer", Unopened)
+    takes = [Take(xy, run)] * count
+    for width in (240, 400, 1000):
+        with pytest.raises(InputError, match="for the pictures") as refused:
+            Film(takes, size=(width, 60))
+        least = int(str(refused.value).split("at least ")[1].split(",")[0])
+        assert Film(takes, size=(width, least)).cells[0].height == 40
+        with pytest.raises(InputError, match=f"height of the film = {least - 1}: must be at least {least}, "):
+            Film(takes, size=(width, least - 1))
 
 
 def test_a_read_only_folder_is_named(alone, tmp_path, monkeypatch):

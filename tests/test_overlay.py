@@ -18,7 +18,7 @@ from gantrysim.render.overlay import Panel, run_colours
 from gantrysim.render.readout import Readout
 from gantrysim.render.strip import Strip, ticks_of
 
-from films import cut, shows, small_job
+from films import SHAPES, cut, shows, small_job
 
 LETTERS = 16
 SIZE = (600, 120)
@@ -414,12 +414,6 @@ def test_letters_scale_with_the_frame_and_stay_legible(readout):
     assert panels[3].size == (960, pytest.approx(0.18 * 720, abs=1))
 
 
-SHAPES = (
-    (240, 240), (240, 427), (427, 240), (320, 240), (480, 360), (400, 800), (600, 800), (720, 1280), (1080, 1080),
-    (1920, 1080), (2560, 720), (853, 240),
-)  # fmt: skip
-
-
 @pytest.mark.parametrize("scale", [None, Scale("width of the bead", "mm", 0.0, 88.8, True, True, GREYS)])
 @pytest.mark.parametrize("runs", [1, 2, 4])
 @pytest.mark.parametrize("frame", SHAPES, ids=str)
@@ -495,6 +489,7 @@ def test_labels_that_were_cut_to_the_same_are_cut_where_they_can_be_told_apart()
     assert all(text.endswith("…") for text in ends)
     long = [f"loop_period = {period} s, following_error_limit = {limit}" for period, limit in
             ((0.1, 5), (1, 5), (0.01, 5), (0.1, 0.05))]  # fmt: skip
+    assert bold.told_apart(["loop_period = 1 s", "loop_period = 0.01 s"], 100) == ["loop_pe…= 1 s", "loop_p…0.01 s"]
     two = bold.told_apart(long[::3], 220)
     assert [text[:13] for text in two] == ["loop_period ="] * 2
     assert [text[-3:] for text in two] == ["= 5", ".05"]

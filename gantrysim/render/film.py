@@ -122,9 +122,9 @@ class Film:
         if len(takes) > 1:
             rows = len(takes) if len(takes) == 2 and height > width else len(takes) // 2
             self.cells = self._places(labels, rows, height - panel)
-        lacking = (_LEAST_HIGH - self.cells[0].height) * rows
-        if lacking > 0:
-            raise InputError(f"height of the film = {height}: must be at least {height + lacking}, for the pictures")
+        least = panel + rows * (self.cells[0].top + _LEAST_HIGH)
+        if height < least:
+            raise InputError(f"height of the film = {height}: must be at least {least}, for the pictures")
         with ExitStack() as opened:
             self._renderers = [
                 opened.enter_context(

@@ -51,15 +51,23 @@ class Font:
     def told_apart(self, texts: Sequence[str], width: float) -> list[str]:
         """Return texts cut to a width [pixels], different ones to what can be told apart.
 
-        They lose their ends; where that left two the same, their middles; or the words that all of them have; or those
-        with which they and another begin.
+        They lose their ends, or their middles, or the words that all of them have, or those with which they and another
+        begin: the first of these that leaves the words in which they differ, else the first that leaves no two the
+        same.
         """
-        for first in (texts, _without_common(texts), _without_beginning(texts)):
-            for cut in (self.shortened, self._without_middle):
-                short = [cut(text, width) for text in first]
-                if len(set(short)) == len(set(texts)):
-                    return short
-        return short
+        tried = [
+            [cut(text, width) for text in shorter(texts)]
+            for shorter in (list, _without_common, _without_beginning)
+            for cut in (self.shortened, self._without_middle)
+        ]
+        apart = [short for short in tried if len(set(short)) == len(set(texts))] or tried
+        differing = _differing(texts)
+        whole = [
+            short
+            for short in apart
+            if all(word in one for one, words in zip(short, differing, strict=True) for word in words)
+        ]
+        return (whole or apart)[0]
 
     def _without_middle(self, text: str, width: float) -> str:
         if self.width(text) <= width:
@@ -96,9 +104,19 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 def _without_common(texts: Sequence[str]) -> list[str]:
     """Texts with an ellipsis for the words that stand at the same places of all of them."""
-    places = list(zip_longest(*(text.split() for text in texts), fillvalue=""))
-    kept = [["…"] * len(texts) if len(set(words)) == 1 else words for words in places]
+    kept = [["…"] * len(texts) if len(set(words)) == 1 else words for words in _places(texts)]
     return [re.sub(" *…[ …]*", "…", " ".join(words)).strip() for words in zip(*kept, strict=True)]
+
+
+def _differing(texts: Sequence[str]) -> list[list[str]]:
+    """The words of each text that do not stand at the same place of all."""
+    kept = [words for words in _places(texts) if len(set(words)) > 1]
+    return [[words[k] for words in kept] for k in range(len(texts))]
+
+
+def _places(texts: Sequence[str]) -> list[tuple[str, ...]]:
+    """The words at the first place of all texts, at the second, and so on."""
+    return list(zip_longest(*(text.split() for text in texts), fillvalue=""))
 
 
 def _without_beginning(texts: Sequence[str]) -> list[str]:
