@@ -217,7 +217,7 @@ def test_what_does_not_fit_is_told_with_file_and_reason(folder, arguments):
     resource = pytest.importorskip("resource")
     before = names(folder), names(folder / "slow")
     done = subprocess.run(
-        [sys.executable, "-m", "gantrysim", "render", "slow", "--size", "640x480", *arguments],
+        [sys.executable, "-m", "gantrysim", "render", "slow", *SMALLEST, *arguments],
         cwd=folder,
         capture_output=True,
         text=True,
