@@ -154,15 +154,14 @@ def test_runs_side_by_side_are_at_the_same_time(xy, run, short, pair):
     assert first.left + first.width <= second.left
     assert second.left + second.width == PAIR[0]
     assert pair.end == run.time[-1]
-    with Renderer(xy, run, size=(first.width, first.height)) as renderer:
+    size = first.width, first.height
+    with Renderer(xy, run, size=size) as renderer, Renderer(xy, short, size=size) as other:
         for time in (0.35, 0.7, 1.2):
             frame = pair.frame(time)
             tick = round(time / run.period)
             np.testing.assert_array_equal(first.of(frame), renderer.frame(tick))
-            renderer.show(short)
             # the shorter run keeps its last picture
-            np.testing.assert_array_equal(second.of(frame), renderer.frame(min(tick, len(short.time) - 1)))
-            renderer.show(run)
+            np.testing.assert_array_equal(second.of(frame), other.frame(min(tick, len(short.time) - 1)))
 
 
 def test_each_picture_is_headed_by_its_label_and_says_when_it_is_over(pair, short):
@@ -321,6 +320,9 @@ def test_a_film_of_any_shape_has_its_pictures_in_places_of_their_own(xy, run, mo
         assert taken.max() == 1
         assert taken.mean() > 0.7
         assert opened.cells[0].of(taken).sum() == opened.cells[0].width * opened.cells[0].height
+    if count == 4:
+        heads = [Film(takes, size=size).cells[0].top for size in ((720, 1280), (1280, 720))]
+        assert heads[0] > 1.2 * heads[1]  # two lines of readout, and letters about as large
     two = Film(takes, size=(400, 700), colour=colour).cells
     assert len({cell.left for cell in two}) == (2 if count == 4 else 1)
 

@@ -454,6 +454,29 @@ def test_what_can_be_read_of_a_fault_stands_in_a_narrow_strip(run, frame):
     assert np.count_nonzero(np.diff(words.astype(int)) == 1) >= 3  # lines, of small letters
 
 
+def test_nothing_stands_beside_a_fault(run):
+    broken = Readout(dataclasses.replace(run, fault=FAULT))
+    stood = []
+    for frame in (*SHAPES, (270, 240), (290, 240), (310, 240)):
+        panel = Panel([broken], frame, "small")
+        part = slice(panel.strip_left + panel.strip.right + 1, panel.strip_left + panel.strip.size[0])
+        before, after = (
+            panel.picture(run.time[tick])[panel.strip_above + 1 : panel.strip_above + panel.strip.above, part]
+            for tick in (-2, -1)
+        )
+        stood.append((before != rgb(PAPER)).any())
+        ink = after[(after != rgb(PAPER)).any(axis=2)].astype(int)
+        assert (ink[:, 0] > ink[:, 1] + 10).all()
+    assert any(stood)
+
+
+def test_a_strip_says_what_there_is_room_for(readout):
+    for width, there in ((600, (1, 1, 1)), (300, (1, 0, 1)), (210, (0, 0, 1))):
+        picture = Strip([readout], [INK], (width, 120), font(LETTERS)).picture(0.0)
+        found = (("contour error [µm]", INK), ("dispenser off", MUTED), ("off", MUTED))
+        assert tuple(shows(picture, text, LETTERS, colour) for text, colour in found) == there
+
+
 def test_a_fault_in_a_narrow_strip_stands_there_alone(run):
     broken = Readout(dataclasses.replace(run, fault=FAULT))
     panel = Panel([broken], (240, 240), "small")
@@ -490,6 +513,9 @@ def test_labels_that_were_cut_to_the_same_are_cut_where_they_can_be_told_apart()
     long = [f"loop_period = {period} s, following_error_limit = {limit}" for period, limit in
             ((0.1, 5), (1, 5), (0.01, 5), (0.1, 0.05))]  # fmt: skip
     assert bold.told_apart(["loop_period = 1 s", "loop_period = 0.01 s"], 100) == ["loop_pe…= 1 s", "loop_p…0.01 s"]
+    for width in range(80, 140, 5):
+        assert all(part in text for part, text in zip(("1", "0.01"), bold.told_apart(
+            ["loop_period = 1 s", "loop_period = 0.01 s"], width), strict=True))  # fmt: skip
     two = bold.told_apart(long[::3], 220)
     assert [text[:13] for text in two] == ["loop_period ="] * 2
     assert [text[-3:] for text in two] == ["= 5", ".05"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from io import BytesIO
-from itertools import takewhile, zip_longest
+from itertools import zip_longest
 
 from PIL import ImageColor, ImageFont
 
@@ -51,13 +51,12 @@ class Font:
     def told_apart(self, texts: Sequence[str], width: float) -> list[str]:
         """Return texts cut to a width [pixels], different ones to what can be told apart.
 
-        They lose their ends, or their middles, or the words that all of them have, or those with which they and another
-        begin: the first of these that leaves the words in which they differ, else the first that leaves no two the
-        same.
+        They lose their ends, or their middles, or the words that all of them have: the first of these that leaves the
+        words in which they differ, else the first that leaves no two the same.
         """
         tried = [
             [cut(text, width) for text in shorter(texts)]
-            for shorter in (list, _without_common, _without_beginning)
+            for shorter in (list, _without_common)
             for cut in (self.shortened, self._without_middle)
         ]
         apart = [short for short in tried if len(set(short)) == len(set(texts))] or tried
@@ -117,15 +116,3 @@ def _differing(texts: Sequence[str]) -> list[list[str]]:
 def _places(texts: Sequence[str]) -> list[tuple[str, ...]]:
     """The words at the first place of all texts, at the second, and so on."""
     return list(zip_longest(*(text.split() for text in texts), fillvalue=""))
-
-
-def _without_beginning(texts: Sequence[str]) -> list[str]:
-    """Texts with an ellipsis for the words with which they and any other begin."""
-    words = [text.split() for text in texts]
-    alike = [max((_alike(own, other) for other in words if other != own), default=0) for own in words]
-    return ["…" * (begin > 0) + " ".join(own[begin:]) for own, begin in zip(words, alike, strict=True)]
-
-
-def _alike(own: Sequence[str], other: Sequence[str]) -> int:
-    """Number of words with which both begin."""
-    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, other, strict=False)))
