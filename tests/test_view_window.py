@@ -12,7 +12,6 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from films import shows
 from views import write_run
 
 from gantrysim.errors import GantryError
@@ -22,6 +21,8 @@ from gantrysim.saved import SavedRun
 from gantrysim.view.bar import HEIGHT, colour_bar
 from gantrysim.view.display import NoDisplayError, check_display
 from gantrysim.view.window import _free, _freed_when_left
+
+from films import shows
 
 PATIENCE = 90.0  # with a first picture in software, or with the end of a process [s]
 HINT = "; `gantrysim render RUN_DIR` makes a video"
@@ -141,7 +142,7 @@ def test_freed_camera_sees_what_the_fixed_one_saw(saved, camera):
 
 def test_colour_bar_goes_from_low_to_high(saved):
     run = SavedRun.load(saved)
-    scale = scale_for("width", [run.run], run.job.bead)
+    scale = scale_for("width", [run.run], [run.job.bead])
     bar = colour_bar(scale, 300)
     assert bar.shape == (HEIGHT, 300, 3)
     assert bar.dtype == np.uint8
