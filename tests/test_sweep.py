@@ -220,9 +220,22 @@ def test_a_number_of_rings_is_kept_whatever_is_drawn(run):
 
 def test_more_stretches_than_there_are_rings_for_are_refused_not_lost(run):
     many = on_and_off(run, [(k / 80, k / 80 + 0.005) for k in range(80)])
-    with pytest.raises(TooFewRingsError, match=r"rings of the mesh = \d+: must be at least \d+"):
+    with pytest.raises(TooFewRingsError, match=r"rings of the mesh = \d+: must be more than \d+, for the bead's ends"):
         Sweep(many, None, Sweep(run))
     assert volume(Sweep(many), Sweep(many).mesh(len(run.time) - 1)) == pytest.approx(many.flow.sum() * 1e-3, rel=0.03)
+
+
+def test_a_trembling_trace_is_drawn_with_the_rings_of_a_calm_one(run):
+    """As where a live machine is pushed: it asks for many more rings, and gets them further apart."""
+    shake = 0.3 * np.random.default_rng(2).uniform(-1, 1, run.nozzle.shape) * [1, 1, 0]
+    trembling = run.nozzle + shake
+    shaken = dataclasses.replace(run, nozzle=trembling)
+    calm = Sweep(run)
+    sweep = Sweep(shaken, None, calm)
+    mesh = sweep.mesh(len(run.time) - 1)
+    assert sweep.rings == calm.rings
+    assert mesh.place[-1] > 0.99 * sweep.strand.length[-1] - 10
+    assert np.isfinite(mesh.vertices).all()
 
 
 def test_a_mesh_depends_on_its_tick_alone(run):

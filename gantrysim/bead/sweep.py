@@ -25,7 +25,6 @@ __all__ = ["Sweep", "TooFewRingsError"]
 _DISTANCE = 2.0  # of the rings [mm]
 _TURN = np.radians(15)  # of the trace, between two rings
 _RINGS = (800, 4000)  # between the ends: with fewer a short bead looks coarse, more take longer than they show
-_COARSER = 2.0  # times the distance and the turn, at which the rings of another bead still do
 _TURNED = np.radians([90, 90, 75, 60, 45, 30, 15, 0])  # of the rings of an end; the first is a point on its rim
 _END = _TURNED.size
 _WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
@@ -41,15 +40,15 @@ class Sweep:
     Args:
         run: the run.
         settings: how the glue lies.
-        like: another, of as many rings, no further apart than this one's where they suffice; by default as many as
-            length, turns and number of stretches ask for.
+        like: another, of as many rings, which stand as far apart as these, or further where they would not suffice; by
+            default as many as length, turns and number of stretches ask for.
 
     Attributes:
         strand: the bead.
         rings: number of rings.
 
     Raises:
-        TooFewRingsError: the other's rings are too few to draw this bead.
+        TooFewRingsError: the other's rings are too few for the ends of all stretches.
     """
 
     def __init__(self, run: Run, settings: BeadSettings | None = None, like: Sweep | None = None) -> None:
@@ -62,8 +61,8 @@ class Sweep:
         else:
             self.rings = like.rings
         between = self.rings - ends
-        if between <= 0 or (like is not None and asked > _COARSER * max(between, _RINGS[0])):
-            raise TooFewRingsError(f"rings of the mesh = {self.rings}: must be at least {np.ceil(asked) + ends:.0f}")
+        if between <= 0:
+            raise TooFewRingsError(f"rings of the mesh = {self.rings}: must be more than {ends}, for the bead's ends")
         self._step: float = max(asked / between, 0.0 if like is None else like._step)
 
     def faces(self) -> NDArray[np.int32]:
