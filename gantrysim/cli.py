@@ -15,6 +15,7 @@ from gantrysim.budget import Budget
 from gantrysim.errors import GantryError
 from gantrysim.job import Job
 from gantrysim.metrics import Analysis
+from gantrysim.options import Model, Settings
 from gantrysim.render.commands import render as render_command
 from gantrysim.study.commands import study_app
 from gantrysim.tables import links_table, outcome_table
@@ -63,13 +64,8 @@ def _main(
 def run(
     job: Annotated[str, typer.Argument(help="A built-in job or a TOML file.")] = "an225",
     out: Annotated[Path | None, typer.Option(help="Folder to write into; by default out/ and the job's name.")] = None,
-    model: Annotated[
-        str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
-    ] = None,
+    model: Model = None,
+    settings: Settings = None,
     servo: Annotated[
         Path | None,
         typer.Option(

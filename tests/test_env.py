@@ -5,7 +5,6 @@ import dataclasses
 import math
 import pickle
 import re
-from functools import partial
 from pathlib import Path
 
 import gymnasium
@@ -21,7 +20,6 @@ from gantrysim.env.episodes import GAINS
 from gantrysim.env.observation import entries
 from gantrysim.errors import GantryError
 from gantrysim.metrics import Analysis, path_speed, torque_ripple
-from gantrysim.render import NoOpenGLError
 from gantrysim.simulation import Simulation
 from gantrysim.spread import Spread
 
@@ -414,48 +412,6 @@ def test_seeds_and_masks_of_another_number_are_refused():
         vector.step(np.zeros((3, 4)))
 
 
-def test_pictures_show_the_machine_and_the_bead_laid_so_far():
-    env = SpiralTuningEnv(**SHORT, render_mode="rgb_array", size=(640, 480))
-    env.reset(seed=1)
-    try:
-        first = env.render()
-    except NoOpenGLError as none:
-        pytest.skip(str(none))
-    glue = []
-    for _ in range(3):
-        for _ in range(4):
-            env.step(np.zeros(4))
-        picture = env.render()
-        assert picture.shape == (480, 640, 3)
-        assert picture.dtype == np.uint8
-        red, green, blue = picture.astype(int).transpose(2, 0, 1)
-        glue.append(int(((red > 130) & (red > 1.3 * green) & (green > 1.3 * blue)).sum()))
-    assert glue == sorted(glue)
-    assert glue[-1] > glue[0] + 50  # pixels, besides those of the syringe
-    assert not np.array_equal(first, picture)
-    env.reset(seed=1)
-    assert np.array_equal(env.render(), first)  # one renderer for all episodes, and no bead of the last one
-    env.close()
-    assert SpiralTuningEnv(**SHORT).render() is None
-
-
-def test_pictures_are_of_the_episode_that_runs():
-    pictures = []
-    one, other = (SpiralTuningEnv(diameter=(60.0, 140.0), render_mode="rgb_array") for _ in range(2))
-    for env, seed in ((one, 1), (one, 2), (other, 2)):
-        env.reset(seed=seed)
-        for _ in range(8):
-            env.step(np.zeros(4))
-        try:
-            pictures.append(env.render())
-        except NoOpenGLError as none:
-            pytest.skip(str(none))
-    assert not np.array_equal(pictures[0], pictures[1])
-    # the rings of the first episode's bead stand elsewhere than the second's own
-    assert (np.abs(pictures[1].astype(int) - pictures[2]).max(axis=2) > 8).mean() < 1e-4
-    one.close(), other.close()
-
-
 def test_without_autoreset_an_episode_that_is_over_waits_for_its_reset():
     vector = SpiralTuningVectorEnv(3, **SHORT, decision_interval=1.0, autoreset_mode="Disabled")
     vector.reset(seed=1)
@@ -558,47 +514,3 @@ def test_an_interrupt_in_a_reset_leaves_nothing_that_could_be_stepped(kind, monk
     else:
         *_, info = env.step(np.zeros((1, 4)))
         assert "reward_contour" not in info  # a reset came first
-
-
-DASHES = """
-name = "dashes"
-
-[program]
-controller = "softmc.Program"
-program = '''
-{moves}
-'''
-
-[dispenser]
-area = 1.0
-"""
-
-
-def test_an_episode_with_many_stretches_of_glue_is_drawn_whole_whenever_its_first_picture_is(tmp_path):
-    moves = (f"Move G1 {{{10 * k}, 0}} Dispense={k % 2}" for k in range(1, 14))
-    (tmp_path / "dashes.toml").write_text(DASHES.format(moves="\n".join(moves)))
-    env = SpiralTuningEnv(job=str(tmp_path / "dashes.toml"), render_mode="rgb_array", size=(320, 240))
-    env.reset(seed=0)
-    step = partial(env.step, np.zeros(env.action_space.shape, np.float32))
-    step(), env.render()
-    while not any(step()[2:4]):
-        pass
-    env.render()
-    mesh = env._frames._renderer.scene.sweep.mesh(len(env.run.time) - 1)
-    drawn = 1e3 * np.unique(mesh.vertices[:, 0])
-    gaps = np.flatnonzero(np.diff(drawn) > 4)  # between the dashes
-    assert gaps.size == 6
-    assert drawn[gaps] == pytest.approx(np.arange(10, 130, 20), abs=3)
-    env.close()
-
-
-def test_the_work_piece_of_a_climbing_job_is_whole_from_the_first_picture_on():
-    env = SpiralTuningEnv(job="an225-3d", render_mode="rgb_array", size=(320, 240))
-    env.reset(seed=0)
-    for _ in range(3):
-        env.step(np.zeros(env.action_space.shape, np.float32))
-    env.render()
-    model = env._frames._renderer.model
-    vertices = model.mesh_vert[model.mesh_vertadr[model.mesh("gantrysim work piece").id] :]
-    assert np.ptp(vertices[:, 2]) > 0.9e-3 * env.run.requested.table[1][:, 2].max()
-    env.close()

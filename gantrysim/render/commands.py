@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from gantrysim.errors import InputError, positive
+from gantrysim.options import Colour
 from gantrysim.terminal import interruptible, say, share_bar, warn
 
 __all__ = ["render", "size_of"]
@@ -45,9 +46,7 @@ def render(
             help="Seconds of the run in a second of film; by default 1, and more where that took over a minute."
         ),
     ] = None,
-    colour: Annotated[
-        str, typer.Option(help="What the bead's colour tells: plain, width, or error, the contour error.")
-    ] = "plain",
+    colour: Colour = "plain",
     at: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Draw a single picture, at this time of the run.")
     ] = None,

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import mujoco
 import numpy as np
@@ -20,6 +18,7 @@ from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import film_rate, film_writer, save_picture
 from gantrysim.render.header import Header, headers
 from gantrysim.render.lettering import PAPER, rgb
+from gantrysim.render.opengl import Closing
 from gantrysim.render.overlay import Panel, run_colours
 from gantrysim.render.readout import Readout
 from gantrysim.render.renderer import Image, Renderer, checked_size
@@ -71,7 +70,7 @@ class Cell:
         return frame[self.top : self.top + self.height, self.left : self.left + self.width]
 
 
-class Film:
+class Film(Closing):
     """Frames of one run, or of two or four side by side, at the same time of the run. Use it as a context manager.
 
     Two runs stand one above the other where the frame is higher than wide.
@@ -148,14 +147,6 @@ class Film:
             for row in range(rows)
             for column in range(columns)
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free the OpenGL contexts."""

@@ -7,11 +7,12 @@ import os
 import subprocess
 import sys
 from functools import cache
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from gantrysim.errors import GantryError
 
-__all__ = ["NoOpenGLError", "offscreen"]
+__all__ = ["Closing", "NoOpenGLError", "offscreen"]
 
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
@@ -22,6 +23,22 @@ _TRIAL = "from mujoco.egl import GLContext; GLContext(8, 8).make_current()"
 
 class NoOpenGLError(GantryError, RuntimeError):
     """No OpenGL library that renders without a display."""
+
+
+class Closing:
+    """What holds OpenGL, and is closed at the end of the block that it is the context manager of."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free it."""
+        raise NotImplementedError
 
 
 def offscreen(width: int, height: int, platform: str = sys.platform) -> Any:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Self
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +11,7 @@ from gantrysim.errors import InputError, whole
 from gantrysim.machine import Machine
 from gantrysim.render.closeup import CloseUp
 from gantrysim.render.colours import Scale
-from gantrysim.render.opengl import NoOpenGLError, offscreen
+from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
 from gantrysim.run import Run
 
@@ -24,7 +21,7 @@ Image = NDArray[np.uint8]
 
 _FRAMED = 4 / 3  # width over height, for which the machines' cameras are framed
 _MOST_GEOMS = 2000
-_LARGEST = 8192  # side of a picture [pixels]; a square one takes 3 GB to be drawn
+_LARGEST = 8192  # side of a picture [pixels]; a square one takes some GB to be drawn
 
 
 def checked_size(what: str, size: tuple[int, int]) -> tuple[int, int]:
@@ -43,7 +40,7 @@ def checked_size(what: str, size: tuple[int, int]) -> tuple[int, int]:
     return int(size[0]), int(size[1])
 
 
-class Renderer:
+class Renderer(Closing):
     """Draws a run at any of its ticks. Use it as a context manager.
 
     A picture that is narrower than 4:3 is as wide as one of 4:3, so that nothing is cut off.
@@ -112,14 +109,6 @@ class Renderer:
         """Of the bead's colours, None where it is plain."""
         return self.scene.scale
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def close(self) -> None:
         """Free the OpenGL context."""
         self._gl.make_current()
@@ -127,7 +116,11 @@ class Renderer:
         self._gl.free()
 
     def show(self, run: Run) -> None:
-        """Draw another run of the machine from now on, with as many rings of the bead."""
+        """Draw another run of the machine from now on, with as many rings of the bead.
+
+        Raises:
+            TooFewRingsError: they are too few for the ends of all its stretches.
+        """
         self.scene.show(run)
 
     def frame(self, tick: int) -> Image:

@@ -76,7 +76,7 @@ class Scene:
         """Show another run of the machine from now on, with as many rings of the bead.
 
         Raises:
-            TooFewRingsError: its bead asks for more.
+            TooFewRingsError: they are too few for the ends of all its stretches.
         """
         self._take(run, Sweep(run, self.sweep.strand.settings, self.sweep))
 

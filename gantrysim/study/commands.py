@@ -7,20 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.options import Model, Settings
 from gantrysim.terminal import FAULT, INTERRUPTED, count_bar, interruptible, say, warn
 
 if TYPE_CHECKING:
     from gantrysim.study.study import Study
 
-__all__ = ["Backend", "JobArgument", "Model", "Out", "Settings", "Workers", "carry_out", "study_app"]
+__all__ = ["Backend", "JobArgument", "Out", "Workers", "carry_out", "study_app"]
 
 # what every study's command takes
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
-]
-Model = Annotated[str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")]
 Out = Annotated[
     Path | None, typer.Option(help="Folder to write into; by default out/, the study's name and the job's.")
 ]

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.study.commands import Backend, JobArgument, Model, Out, Seed, Settings, Workers, carry_out
+from gantrysim.options import Model, Settings
+from gantrysim.study.commands import Backend, JobArgument, Out, Seed, Workers, carry_out
 
 __all__ = ["tune"]
 

@@ -13,6 +13,7 @@ import typer
 
 from gantrysim.errors import InputError, positive
 from gantrysim.job import Job, builtin_jobs
+from gantrysim.options import Colour, Model, Settings
 from gantrysim.run import Fault
 from gantrysim.terminal import FAULT, warn
 
@@ -32,17 +33,10 @@ def view(
         str | None,
         typer.Option(help="overview, top, side or nozzle; by default overview, or all of a machine that has none."),
     ] = None,
-    colour: Annotated[
-        str, typer.Option(help="What the bead's colour tells: plain, width, or error, the contour error.")
-    ] = "plain",
+    colour: Colour = "plain",
     speed: Annotated[float, typer.Option(help="Seconds of the run in a second.")] = 1.0,
-    model: Annotated[
-        str | None, typer.Option(help="Machine to take instead of the job's: a name or an MJCF file.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the job, as in --set loop_period=0.01."),
-    ] = None,
+    model: Model = None,
+    settings: Settings = None,
 ) -> None:
     """Open MuJoCo's viewer on a saved run that plays, or on a job that runs live, with the bead growing.
 
@@ -120,8 +114,9 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
         dispenser=job.dispenser,
     )
     # the bead needs as many rings as one laid without error, and the colours a scale that fits the run to come
-    scale = scale_for(colour, [job.follow() if colour == "plain" else job.run()], [job.bead])
-    scene = Scene(machine, job.follow(), job.bead, colour=colour, scale=scale)
+    follower = job.follow()
+    scale = scale_for(colour, [follower if colour == "plain" else job.run()], [job.bead])
+    scene = Scene(machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)
     with suppress(WindowClosedError), _undisturbed() as stopped:
