@@ -155,6 +155,19 @@ def test_the_curve_is_where_the_readout_says(strip, readout):
     assert checked > 300
 
 
+def test_the_axes_span_the_run_and_its_errors(strip, readout):
+    """Time from edge to edge; errors from none at the bottom to a little more than the largest at the top."""
+    assert (strip.column(0.0), strip.column(readout.time[-1])) == (strip.left, strip.right)
+    assert (strip.row(0.0), strip.row(strip.top)) == (strip.bottom, strip.above)
+    assert 1.0 < strip.top / readout.max[-1] < 1.1
+    past = (strip.picture(float(readout.time[-1])) < 120).all(axis=2)
+    highest = (
+        strip.above + np.flatnonzero(past[strip.above : strip.bottom, strip.left : strip.right - 12].any(axis=1))[0]
+    )
+    largest = strip.bottom - readout.max[-1] / strip.top * (strip.bottom - strip.above)
+    assert highest == pytest.approx(largest, abs=2 * PIXEL)
+
+
 def test_a_spike_of_one_tick_is_seen_in_full(run, strip):
     spiked = Readout(run)
     error = spiked.error.copy()

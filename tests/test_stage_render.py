@@ -2,11 +2,13 @@
 
 import shutil
 
+import mujoco
 import numpy as np
 import pytest
 
 from gantrysim import Dispenser, Machine, Servo, simulate
 from gantrysim.render import Renderer
+from gantrysim.render.scene import Scene
 
 from pinhole import on_work, to_pixels
 from runs import round_the_piece
@@ -48,6 +50,17 @@ def test_the_bead_lies_where_it_was_laid_on_the_work_that_has_moved_on(stage, ru
     )
     column, row = np.round(places[ahead]).astype(int).T
     assert not glue[row, column].any()
+
+
+@pytest.mark.parametrize("share", [0.2, 0.45, 0.8])
+def test_the_drop_hangs_at_the_needle_however_the_work_is_turned(stage, run, share):
+    scene = Scene(stage, run)
+    scene.pose(int(share * (len(run.time) - 1)))
+    assert abs(scene.data.joint("th").qpos[0]) > 0.4
+    drawn = mujoco.MjvScene(scene.model, maxgeom=100)
+    scene.decorate(drawn)
+    (drop,) = drawn.geoms[: drawn.ngeom]
+    np.testing.assert_allclose(drop.pos[:2], scene.data.site("nozzle").xpos[:2], atol=3e-5)
 
 
 def test_the_gap_of_the_stage_is_measured_though_its_needle_is_beside_the_work_at_zero(stage, tmp_path):
