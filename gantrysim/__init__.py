@@ -1,41 +1,20 @@
-"""gantrysim: which link of a dispensing gantry's chain caused which part of the bead's error."""
+"""Simulate a glue-dispensing gantry, and attribute the bead's error to controller, servo, encoder or structure."""
 
-import gantrysim.starting  # noqa: F401  before what takes long
-from gantrysim import env, metrics  # env registers the Gymnasium environments
-from gantrysim.axis import Axis
-from gantrysim.batch import simulate_batch
-from gantrysim.bead import Bead, BeadSettings, HeightMap
-from gantrysim.budget import Budget
-from gantrysim.controllers.servo import Servo, Tick
-from gantrysim.dispenser import Dispenser
-from gantrysim.engine import perfect_follower, simulate
-from gantrysim.errors import GantryError, InputError
-from gantrysim.job import Job
-from gantrysim.machine import Machine
-from gantrysim.needle import Needle
-from gantrysim.run import Fault, Run
+import lazy_loader
+import wrapt
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "Axis",
-    "Bead",
-    "BeadSettings",
-    "Budget",
-    "Dispenser",
-    "Fault",
-    "GantryError",
-    "HeightMap",
-    "InputError",
-    "Job",
-    "Machine",
-    "Needle",
-    "Run",
-    "Servo",
-    "Tick",
-    "env",
-    "metrics",
-    "perfect_follower",
-    "simulate",
-    "simulate_batch",
-]
+# __init__.pyi lists the public names; each is imported at its first use
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+@wrapt.when_imported("gymnasium")
+def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
+    """Register the environments by name, in whichever order the two packages are imported."""
+    for name in ("SpiralTuning", "GainBandit"):
+        gymnasium.register(
+            f"gantrysim/{name}-v0",
+            entry_point=f"gantrysim.env:{name}Env",
+            vector_entry_point=f"gantrysim.env:{name}VectorEnv",
+        )

@@ -1,5 +1,5 @@
 """`python -m gantrysim`."""
 
-from gantrysim.cli import main
+from gantrysim.cli.start import main
 
 main()

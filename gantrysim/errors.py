@@ -8,8 +8,6 @@ from difflib import get_close_matches
 
 import numpy as np
 
-__all__ = ["GantryError", "InputError", "at_least", "finite", "point", "positive", "unknown", "whole"]
-
 
 class GantryError(Exception):
     """Base of every error that gantrysim raises on purpose."""

@@ -7,12 +7,9 @@ from typing import Any, TypeVar
 
 import numba
 
-__all__ = ["jit"]
-
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def jit(function: _Function) -> _Function:
     """Compile a function for numbers as NumPy treats them, and keep what is compiled on the disk."""
-    compiled: _Function = numba.njit(cache=True, error_model="numpy")(function)
-    return compiled
+    return numba.njit(cache=True, error_model="numpy")(function)

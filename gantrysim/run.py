@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats, Path
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
-
-__all__ = ["Fault", "Run"]
 
 _FORMAT = 4
 

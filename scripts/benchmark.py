@@ -23,13 +23,13 @@ from rich.table import Table
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.bead import Bead
-from gantrysim.budget import Budget
-from gantrysim.controllers.path import Path
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.programs import build
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.job import builtin_jobs
-from gantrysim.metrics import Analysis
-from gantrysim.programs import build
+from gantrysim.job.job import builtin_jobs
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
 from gantrysim.render import Film, Take
 
 SIDE_BY_SIDE = 64  # simulations or environments at once

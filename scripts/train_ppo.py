@@ -20,8 +20,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 
 from gantrysim import Job, Run, Servo
-from gantrysim.margins import Plant
-from gantrysim.metrics import Analysis, torque_ripple
+from gantrysim.metrics.analysis import Analysis, torque_ripple
+from gantrysim.stability.margins import Plant
 from gantrysim.tuning import TuningStudy
 
 ID = "gantrysim/SpiralTuning-v0"

@@ -18,9 +18,9 @@ from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
 from gantrysim.errors import finite, unknown
-from gantrysim.margins import Plant
-from gantrysim.metrics import THOUSANDTH, Analysis, torque_ripple
+from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.plots.style import UM, sheet, thinned, turn_colours
+from gantrysim.stability.margins import Plant
 
 GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 BY_HAND = {name: (name,) for name in GAINS} | {"ff": ("velocity_ff", "acceleration_ff")}

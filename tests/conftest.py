@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gantrysim import Machine, cli
-from gantrysim.controllers.arcs import ArcChain
+from gantrysim import Machine
+from gantrysim.cli.main import main
+from gantrysim.controllers.paths.arcs import ArcChain
 
 RIGID = """
 <mujoco model="rigid">
@@ -92,7 +93,7 @@ def gantrysim_command(monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])
         status = 0
         try:
-            cli.main()
+            main()
         except SystemExit as stop:
             status = stop.code or 0
         captured = capsys.readouterr()

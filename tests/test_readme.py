@@ -10,8 +10,8 @@ import pytest
 
 from gantrysim import Job, metrics
 from gantrysim.bead import Bead
-from gantrysim.budget import LINKS, Budget
-from gantrysim.job import builtin_jobs
+from gantrysim.job.job import builtin_jobs
+from gantrysim.metrics.budget import LINKS, Budget
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

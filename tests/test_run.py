@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, InputError, Run, Servo, simulate
-from gantrysim.controllers.arcs import ArcChain
+from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 
-from runs import archimedean, turn, turntable
+from support.runs import archimedean, turn, turntable
 
 PATHS = {
     "involute": MoveSpiral(60, 1, 10, 100).requested,

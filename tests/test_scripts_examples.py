@@ -10,9 +10,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from gantrysim import Job
-from gantrysim.metrics import Analysis
+from gantrysim.metrics.analysis import Analysis
 
-from episodes import SHORT, TUNING, actions_of
+from support.episodes import SHORT, TUNING, actions_of
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 

@@ -8,13 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.bead.deposit import HeightMap
-from gantrysim.bead.strand import BeadSettings, Strand
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.bead.height_map import HeightMap
+from gantrysim.bead.trace import Strand
 from gantrysim.errors import InputError
-from gantrysim.metrics import Range
-
-__all__ = ["Bead", "BeadFigures", "BeadSettings"]
+from gantrysim.metrics.analysis import Range
 
 _TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
 _LINKS = 1000  # between neighbouring turns, along which the annulus is looked at
@@ -83,6 +81,14 @@ class BeadFigures:
     running: float
     stops: float
     ridge: float
+
+    @property
+    def ridge_note(self) -> str:
+        """What is wrong with a height map that has not settled."""
+        return (
+            f"glue found no room and stands {100 * self.ridge:.3g} % above the nozzle: "
+            "heights and coverage are not right"
+        )
 
     @property
     def error(self) -> float:
@@ -187,8 +193,7 @@ class Bead(Strand):
         forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
         s, width = foot.s[forward], width[forward]
         both = 0.5 * (np.interp(spacing.s, s, width) + np.interp(spacing.next_s, s, width))
-        clearance: Floats = spacing.distance - both
-        return clearance
+        return spacing.distance - both
 
     @cached_property
     def _coverage(self) -> float:
@@ -221,8 +226,7 @@ class Bead(Strand):
             [low, *self._settled(on, min(off, last)), high]
             for (on, off), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True)
         ]
-        parts: Floats = np.diff(more[np.array(ticks)], axis=1)
-        return parts
+        return np.diff(more[np.array(ticks)], axis=1)
 
     def _settled(self, on: int, off: int) -> tuple[int, int]:
         """Tick at which the flow of a stretch has settled, and that from which on it no longer is so."""

@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.jit import jit
-
-__all__ = ["drop", "lay", "push_aside"]
 
 _COARSEST = 16  # rows or columns
 _FINER = 0.25  # ripple of a coarser grid, of that of the finer one

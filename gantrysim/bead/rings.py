@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["SIDES", "Mesh", "Rings", "joined"]
+from gantrysim.arrays import Floats
 
 Singles = NDArray[np.float32]
 
@@ -86,8 +84,7 @@ class Rings:
 
         def placed(sideways: Floats, upwards: Floats) -> Floats:
             level = sideways[..., None] * right[:, None] + np.abs(sideways)[..., None] * ahead[:, None]
-            vectors: Floats = level + upwards[..., None] * up
-            return vectors
+            return level + upwards[..., None] * up
 
         vertices = self.point[:, None] + placed(across, height)
         normals = placed(*np.broadcast_arrays(np.sin(angle), np.cos(angle) + 0 * across))

@@ -8,9 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["Section"]
+from gantrysim.arrays import Floats
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _BISECTIONS = 60
@@ -92,8 +90,7 @@ class Section:
     @property
     def height(self) -> Floats:
         """Largest height, (m,) [mm]."""
-        height: Floats = 0.5 * self._segment[0] * np.tan(0.5 * self._angle)
-        return height
+        return 0.5 * self._segment[0] * np.tan(0.5 * self._angle)
 
     def profile(self, offset: ArrayLike) -> Floats:
         """Height over the surface at distances from the middle of the bead, (m, k) [mm].
@@ -104,11 +101,9 @@ class Section:
         radius = self.radius[:, None]
         beside = np.maximum(np.abs(np.asarray(offset, float)) - 0.5 * self.flat[:, None], 0.0)
         height = np.sqrt(np.maximum(radius**2 - beside**2, 0.0)) - radius * np.cos(self._angle)
-        profile: Floats = np.maximum(height, 0.0)
-        return profile
+        return np.maximum(height, 0.0)
 
     def half_body(self) -> Floats:
         """Volume of half the body that the section makes when it turns about its middle, as an end of a bead, (m,)."""
         r = 0.25 * self.width[:, None] * (_NODES + 1)
-        volume: Floats = np.pi * 0.25 * self.width * ((self.profile(r) * r) @ _WEIGHTS)
-        return volume
+        return np.pi * 0.25 * self.width * ((self.profile(r) * r) @ _WEIGHTS)

@@ -13,14 +13,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.arrays import Floats
 from gantrysim.bead.rings import SIDES, Mesh, Rings, joined
 from gantrysim.bead.section import Section
-from gantrysim.bead.strand import BeadSettings, Strand
-from gantrysim.controllers.path import Floats
+from gantrysim.bead.trace import BeadSettings, Strand
 from gantrysim.errors import GantryError
 from gantrysim.run import Run
-
-__all__ = ["Sweep", "TooFewRingsError"]
 
 _DISTANCE = 2.0  # of the rings [mm]
 _TURN = np.radians(15)  # of the trace, between two rings

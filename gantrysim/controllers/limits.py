@@ -16,10 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-
-__all__ = ["Limited", "fastest", "nodes"]
 
 # What is kept in hand of an acceleration limit for what lies between two nodes, where it is not looked at.
 _IN_HAND = 1e-3
@@ -80,8 +78,7 @@ class Limited:
     def velocity(self, t: ArrayLike) -> Floats:
         k, rest, rate = self._locate(t)
         at = np.asarray(t, float)
-        speed: Floats = np.where((at >= 0) & (at <= self.duration), self._v[k] + rate * rest, 0.0)
-        return speed
+        return np.where((at >= 0) & (at <= self.duration), self._v[k] + rate * rest, 0.0)
 
     def reached(self, s: float) -> float:
         """Return the time at which the way s is reached [s]."""

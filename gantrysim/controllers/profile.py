@@ -13,10 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, at_least, positive
-
-__all__ = ["Constant", "Jerk", "PointToPoint", "Profile", "Ramp", "Shape", "Sine"]
 
 _HALVINGS = 200
 

@@ -9,10 +9,8 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, at_least, finite, positive
-
-__all__ = ["AxisDynamics", "PlainLaw", "Servo", "Tick", "law"]
 
 # An axis further off than this is lost: between the 0.1 mm of a tuned gantry and the 10 mm of a jam.
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm]

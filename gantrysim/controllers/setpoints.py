@@ -9,11 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats, Path
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Constant, Profile
 from gantrysim.errors import InputError, at_least, positive, whole
-
-__all__ = ["MAX_TICKS", "Setpoints", "Supervision", "ticks"]
 
 MAX_TICKS = 50_000_000
 _ROUNDING = 1e-9  # of lengths

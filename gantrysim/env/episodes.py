@@ -8,19 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.profile import PointToPoint
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.controllers.spirals import Involute
-from gantrysim.dispenser import Dispenser
+from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import Settings
 from gantrysim.errors import InputError
-from gantrysim.job import Job
-from gantrysim.machine import Machine
-from gantrysim.simulation import Simulation
-
-__all__ = ["GAINS", "Episode", "Source"]
+from gantrysim.job.job import Job
+from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.machine import Machine
 
 GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # that the agent sets
 _DETUNED = ("ki", *GAINS)

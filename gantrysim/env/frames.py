@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.errors import InputError, whole
-from gantrysim.machine import Machine
+from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 
 if TYPE_CHECKING:
     from gantrysim.render import Renderer
-
-__all__ = ["Frames"]
 
 
 class Frames:

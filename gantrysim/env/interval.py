@@ -7,8 +7,6 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-__all__ = ["PER_AXIS", "SHARED", "measure"]
-
 # what stands in a row of measurements before what every axis has, which is listed in PER_AXIS
 SHARED = ("ticks", "dispensing", "pairs", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
 PER_AXIS = ("square", "largest", "sum", "demand", "ripple")

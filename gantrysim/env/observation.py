@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.env.episodes import GAINS
 from gantrysim.env.interval import PER_AXIS, SHARED
-
-__all__ = ["Entry", "Measured", "entries", "observe"]
 
 _DECADES = 3.0  # of errors and ripple, to either side of their limits
 _MEAN = 10.0  # tolerances
@@ -154,5 +152,4 @@ def observe(
 
 def _decades(value: Floats, unit: float) -> Floats:
     """Logarithm of a magnitude in units, within the decades that are told."""
-    found: Floats = np.clip(np.log10(np.maximum(value, 1e-300) / unit), -_DECADES, _DECADES)
-    return found
+    return np.clip(np.log10(np.maximum(value, 1e-300) / unit), -_DECADES, _DECADES)

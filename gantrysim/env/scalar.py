@@ -17,8 +17,6 @@ from gantrysim.env.side_by_side import SideBySide
 from gantrysim.errors import InputError
 from gantrysim.run import Run
 
-__all__ = ["GainBanditEnv", "SpiralTuningEnv"]
-
 Observation = NDArray[np.float32]
 
 
@@ -69,12 +67,12 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
         reward_ripple = -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the most,
         reward_fault = -12 for the interval of a fault and for each that it leaves undone,
 
-    so that no fault pays; a single one can cost some thousand times what a good interval does. What a loop has in
-    reserve is not rewarded but through its ripple: hold what was learnt against `gantrysim.margins`. With the terms
-    stand contour_rms and contour_max [mm], 0 in an interval without glue; ripple, the torque ripple while the dispenser
-    is on as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, in words or None;
-    and, when an episode is over, episode_contour_rms and episode_contour_max [mm] of what was run of it, nan where that
-    was no glue. `reset` tells in its info what was drawn.
+    so that no fault pays; one can cost some thousand times what a good interval does. Stability is rewarded only through
+    the ripple: check what was learnt with `gantrysim.stability.margins`. `info` also holds contour_rms and contour_max
+    [mm], 0 in an interval without glue; ripple, the torque ripple while the dispenser is on as a share of the nominal
+    drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, as text or None; and, when an episode is over,
+    episode_contour_rms and episode_contour_max [mm] of the part that was run, nan where it had no glue. The `info` of
+    `reset` describes what was drawn.
 
     A fault terminates the episode; the end of the setpoints truncates it.
 

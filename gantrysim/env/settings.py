@@ -18,10 +18,8 @@ from pydantic import (
 )
 
 from gantrysim.errors import InputError, finite, positive, unknown, whole
-from gantrysim.job import Job, ServoSettings, one_line
-from gantrysim.spread import Spread
-
-__all__ = ["Range", "Settings"]
+from gantrysim.job.job import Job, ServoSettings, one_line
+from gantrysim.machine.tolerances import Spread
 
 Range = float | tuple[float, float]  # a fixed value, or the lowest and the highest that are drawn
 

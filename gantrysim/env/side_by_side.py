@@ -9,18 +9,16 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.batch import Fleet
-from gantrysim.controllers.path import Floats
-from gantrysim.engine import perfect_follower
+from gantrysim.arrays import Floats
+from gantrysim.engine.batch import Fleet
+from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import GAINS, Episode, Source
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
 from gantrysim.env.observation import Measured, entries, observe
 from gantrysim.env.settings import Settings
 from gantrysim.errors import GantryError, InputError
-from gantrysim.machine import Machine
+from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
-
-__all__ = ["Outcome", "SideBySide"]
 
 # At most so much is taken from the reward of an interval, and of one that a fault leaves undone: no fault pays.
 _CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0

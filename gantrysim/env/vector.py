@@ -20,8 +20,6 @@ from gantrysim.env.side_by_side import SideBySide
 from gantrysim.errors import InputError, unknown, whole
 from gantrysim.run import Run
 
-__all__ = ["GainBanditVectorEnv", "SpiralTuningVectorEnv"]
-
 Observations = NDArray[np.float32]
 Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]

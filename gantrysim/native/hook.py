@@ -18,8 +18,6 @@ from gantrysim.native.interrupts import Interrupts
 from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.native.tick import compiled
 
-__all__ = ["installed", "installed_law"]
-
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
 _POLL = 0.05  # how often one that waits for its turn looks whether Ctrl-C came [s]

@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterable
 from types import CodeType, FrameType
 from typing import Any
 
-__all__ = ["Interrupts"]
-
 
 class Interrupts:
     """Ctrl-C that comes in the middle of given functions is remembered, and delivered when they ask for it.

@@ -16,8 +16,6 @@ from mujoco.introspect import ast_nodes, structs
 
 from gantrysim.errors import GantryError
 
-__all__ = ["LayoutError", "Offsets", "offsets"]
-
 _SCALARS: dict[str, Any] = {
     "int": ctypes.c_int,
     "float": ctypes.c_float,

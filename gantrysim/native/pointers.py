@@ -12,8 +12,6 @@ from numba.extending import intrinsic
 
 from gantrysim.native.row import ROW
 
-__all__ = ["field", "floats", "integers", "jit", "row_at", "vector", "whole"]
-
 jit = numba.njit(error_model="numpy")
 
 

@@ -7,8 +7,6 @@ import numpy as np
 
 from gantrysim.native.layout import offsets
 
-__all__ = ["ADDRESSES", "FAULTS", "GAINS", "MAX_AXES", "ROW", "ROW_NUMBERS", "WARNINGS", "log_width"]
-
 MAX_AXES = 6
 
 # How far an axis may pass its travel before the limit switch trips, and by how much its speed limit.

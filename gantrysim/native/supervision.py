@@ -10,8 +10,6 @@ import numpy as np
 from gantrysim.native.pointers import floats, integers, jit
 from gantrysim.native.row import POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 
-__all__ = ["trip", "waits", "watch_position_error"]
-
 
 @jit
 def trip(row, fault, axis, value, limit):

@@ -37,8 +37,6 @@ from gantrysim.native.row import (
 )
 from gantrysim.native.supervision import trip, waits, watch_position_error
 
-__all__ = ["Compiled", "compiled", "magic"]
-
 
 @cache
 def magic() -> int:

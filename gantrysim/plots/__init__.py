@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.bead import Bead
-from gantrysim.budget import Budget
-from gantrysim.metrics import Analysis
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
@@ -21,24 +21,6 @@ from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet, view_height
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = [
-    "AXIS_COLOURS",
-    "COLOURS",
-    "INK",
-    "draw_bead_along",
-    "draw_budget",
-    "draw_budget_along",
-    "draw_error",
-    "draw_height_map",
-    "draw_plan",
-    "draw_polar_spacing",
-    "draw_spacing",
-    "plan_extent",
-    "save_plots",
-    "sheet",
-    "view_height",
-]
 
 
 def save_plots(

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gantrysim.arrays import Floats
 from gantrysim.bead import Bead
-from gantrysim.controllers.path import Floats
 from gantrysim.plots.style import COLOURS, INK, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_bead_along", "draw_height_map"]
 
 _DRY = 1e-3  # of the nozzle's height, below which there is nothing on the map
 _USUAL, _ABOVE = 95.0, 1.6  # percentile of the width that is shown, and by how much more

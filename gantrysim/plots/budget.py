@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.budget import Budget, Part
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.metrics.budget import Budget, Part
 from gantrysim.plots.style import COLOURS, INK, UM, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_budget", "draw_budget_along", "stack_bars"]
 
 _LEAST_NAMED = 0.07  # share of a bar in which there is room for its number
 _MOST_NAMED = 10  # turns that are marked by their numbers
@@ -124,8 +122,7 @@ def _shares_by_turn(budget: Budget) -> dict[str, Floats]:
 
 
 def _product(one: Part, other: Part) -> Floats:
-    product: Floats = one.lateral * other.lateral + one.vertical * other.vertical
-    return product
+    return one.lateral * other.lateral + one.vertical * other.vertical
 
 
 def stack_bars(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool) -> None:

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
-from gantrysim.metrics import THOUSANDTH, Analysis, tracking_error
+from gantrysim.arrays import Floats
+from gantrysim.metrics.analysis import THOUSANDTH, Analysis, tracking_error
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_error"]
 
 
 def draw_error(figure: Figure, analysis: Analysis) -> None:

@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.metrics import Analysis
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots.style import COLOURS, INK, UM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["draw_plan", "plan_extent"]
 
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 

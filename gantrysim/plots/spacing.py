@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
-from gantrysim.metrics import Analysis
+from gantrysim.arrays import Floats
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots.style import INK, turn_colours
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
-
-__all__ = ["draw_polar_spacing", "draw_spacing"]
 
 _MOST_NAMED = 5  # turns in a legend
 

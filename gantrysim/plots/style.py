@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["AXIS_COLOURS", "COLOURS", "INK", "UM", "sheet", "thinned", "turn_colours", "view_height"]
 
 _COLUMNS = 1000  # of a plot, between which a line is told apart
 

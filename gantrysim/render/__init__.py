@@ -3,5 +3,3 @@
 from gantrysim.render.film import Film, Take, save_video
 from gantrysim.render.opengl import NoOpenGLError
 from gantrysim.render.renderer import Renderer
-
-__all__ = ["Film", "NoOpenGLError", "Renderer", "Take", "save_video"]

@@ -9,9 +9,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from gantrysim.machine import NOZZLE
-
-__all__ = ["CloseUp"]
+from gantrysim.machine.machine import NOZZLE
 
 _NEAR = 0.25  # of a camera to the tip [m]
 _AROUND = 0.11  # radius of what has shadows [m]

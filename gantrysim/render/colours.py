@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.bead.strand import BeadSettings, Strand
+from gantrysim.arrays import Floats
 from gantrysim.bead.sweep import Sweep
-from gantrysim.controllers.path import Floats
+from gantrysim.bead.trace import BeadSettings, Strand
 from gantrysim.errors import unknown
 from gantrysim.run import Run
-
-__all__ = ["COLOURS", "Scale", "errors_along", "scale_for"]
 
 COLOURS = ("plain", "width", "error")
 
@@ -116,8 +114,7 @@ def _values(colour: str, sweep: Sweep) -> Floats:
     _, first = np.unique(mesh.place, return_index=True)  # of the rings of an end, and of those that wait
     if colour == "width":
         return mesh.width[first]
-    errors: Floats = np.interp(mesh.place[first], sweep.strand.place, errors_along(sweep.strand))
-    return errors
+    return np.interp(mesh.place[first], sweep.strand.place, errors_along(sweep.strand))
 
 
 def _rounded_up(value: float) -> float:

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
-from gantrysim.dispenser import Dispenser
-from gantrysim.job import Job, ServoSettings
-from gantrysim.programs import PROGRAMS, described
-from gantrysim.saved import SavedRun
-
-__all__ = ["labels_of"]
+from gantrysim.controllers.programs import PROGRAMS, described
+from gantrysim.job.job import Job, ServoSettings
+from gantrysim.machine.dispenser import Dispenser
+from gantrysim.report.saved import SavedRun
 
 _MOST_KEYS = 3
 _LONGEST_VALUE = 24  # [letters]

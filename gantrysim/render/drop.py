@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.bead.strand import Strand
-
-__all__ = ["Drop", "drop_at"]
+from gantrysim.bead.trace import Strand
 
 _WETTED = 1.0  # of the thread's radius, that the glue climbs up the needle
 _HANGS = 3.0  # thread radii that a drop hangs down, off the surface

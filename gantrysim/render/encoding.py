@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gantrysim.errors import InputError, positive
-from gantrysim.report import partial_name
-
-__all__ = ["FILMS", "PICTURES", "film_rate", "film_writer", "save_picture", "suffix_of"]
+from gantrysim.report.folder import partial_name
 
 Picture = NDArray[np.uint8]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from gantrysim.bead import BeadSettings
 from gantrysim.errors import InputError, finite, positive
-from gantrysim.machine import Machine
+from gantrysim.machine.machine import Machine
 from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import film_rate, film_writer, save_picture
 from gantrysim.render.header import Header, headers
@@ -23,8 +23,6 @@ from gantrysim.render.overlay import Panel, run_colours
 from gantrysim.render.readout import Readout
 from gantrysim.render.renderer import Image, Renderer, checked_size
 from gantrysim.run import Run
-
-__all__ = ["COUNTS", "Cell", "Film", "Take", "save_video"]
 
 _LONGEST = 60.0  # of a film whose speed is not asked for [s]
 _MOST_FRAMES = 100_000  # of a film

@@ -12,8 +12,6 @@ from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.lettering import MUTED, PAPER, font, rgb
 from gantrysim.render.readout import Readout
 
-__all__ = ["Header", "error_text", "headers", "so_far_text"]
-
 Picture = NDArray[np.uint8]
 
 _LETTERS = 2.9  # height of a header with one line of readout in sizes of its letters

@@ -10,8 +10,6 @@ from gantrysim.plots.style import INK
 from gantrysim.render.colours import Scale
 from gantrysim.render.lettering import PAPER, Font, rgb
 
-__all__ = ["Legend"]
-
 Picture = NDArray[np.uint8]
 
 _LINE = 1.25  # of the size of the letters

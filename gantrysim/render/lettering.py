@@ -11,8 +11,6 @@ from itertools import zip_longest
 
 from PIL import ImageColor, ImageFont
 
-__all__ = ["MUTED", "PAPER", "Font", "font", "rgb"]
-
 PAPER = "#ffffff"
 MUTED = "#5b626c"  # of what is not the matter itself
 

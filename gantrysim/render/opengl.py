@@ -12,8 +12,6 @@ from typing import Any, Self
 
 from gantrysim.errors import GantryError
 
-__all__ = ["Closing", "NoOpenGLError", "offscreen"]
-
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
 _WITH_THEIR_OWN = ("darwin", "win32")

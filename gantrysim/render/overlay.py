@@ -18,8 +18,6 @@ from gantrysim.render.lettering import MUTED, PAPER, Font, font, rgb
 from gantrysim.render.readout import Readout
 from gantrysim.render.strip import Strip
 
-__all__ = ["Panel", "run_colours"]
-
 Picture = NDArray[np.uint8]
 
 _SHARE = 0.18  # of the frame's height, that a panel of one row has

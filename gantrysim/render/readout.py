@@ -6,11 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
-from gantrysim.metrics import Analysis, path_speed
+from gantrysim.arrays import Floats
+from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.run import Run
-
-__all__ = ["Readout"]
 
 _UM = 1e3
 
@@ -57,14 +55,12 @@ class Readout:
         on = np.isfinite(self.error)
         count = np.cumsum(on)
         square = np.cumsum(np.where(on, self.error, 0.0) ** 2)
-        rms: Floats = np.sqrt(np.divide(square, count, out=np.full(len(on), np.nan), where=count > 0))
-        return rms
+        return np.sqrt(np.divide(square, count, out=np.full(len(on), np.nan), where=count > 0))
 
     @cached_property
     def max(self) -> Floats:
         """Largest contour error until each tick; nan before the dispenser was on, (n,) [µm]."""
-        largest: Floats = np.fmax.accumulate(self.error)
-        return largest
+        return np.fmax.accumulate(self.error)
 
     def tick(self, time: float) -> int:
         """Return the tick at a time [s]; that of the end after the end."""

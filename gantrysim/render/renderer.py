@@ -8,14 +8,12 @@ from numpy.typing import NDArray
 
 from gantrysim.bead import BeadSettings
 from gantrysim.errors import InputError, whole
-from gantrysim.machine import Machine
+from gantrysim.machine.machine import Machine
 from gantrysim.render.closeup import CloseUp
 from gantrysim.render.colours import Scale
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
 from gantrysim.run import Run
-
-__all__ = ["Image", "Renderer", "checked_size"]
 
 Image = NDArray[np.uint8]
 

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.sweep import Sweep
 from gantrysim.errors import InputError, unknown
-from gantrysim.machine import WORK, Machine
+from gantrysim.machine.machine import WORK, Machine
 from gantrysim.render.colours import Scale, errors_along, scale_for
 from gantrysim.render.drop import drop_at
 from gantrysim.render.workpiece import workpiece
 from gantrysim.run import Run
-
-__all__ = ["Scene"]
 
 _BEAD = "gantrysim bead"
 _PIECE = "gantrysim work piece"
@@ -191,5 +189,4 @@ def _in_texture(shares: NDArray[np.float64]) -> NDArray[np.float64]:
 def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float32]:
     start = int(getattr(model, f"mesh_{part}adr")[mesh])
     count = int(getattr(model, f"mesh_{part}num")[mesh])
-    array: NDArray[np.float32] = getattr(model, f"mesh_{part}")[start : start + count]
-    return array
+    return getattr(model, f"mesh_{part}")[start : start + count]

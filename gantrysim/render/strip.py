@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.lettering import MUTED, PAPER, Font, rgb
 from gantrysim.render.readout import Readout
-
-__all__ = ["Strip", "ticks_of"]
 
 Picture = NDArray[np.uint8]
 
@@ -32,8 +30,7 @@ def ticks_of(top: float, most: float) -> Floats:
     least = top / most
     decade = 10.0 ** np.floor(np.log10(least))
     step = next(factor * decade for factor in (1, 2, 5, 10) if factor * decade >= least * (1 - 1e-9))
-    ticks: Floats = step * np.arange(np.floor(top / step * (1 + 1e-9)) + 1)
-    return ticks
+    return step * np.arange(np.floor(top / step * (1 + 1e-9)) + 1)
 
 
 class Strip:

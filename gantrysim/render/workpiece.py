@@ -14,13 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.arrays import Floats
 from gantrysim.bead import BeadSettings
-from gantrysim.bead.strand import Strand
-from gantrysim.controllers.path import Floats
-from gantrysim.metrics import Analysis
+from gantrysim.bead.trace import Strand
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
-
-__all__ = ["WorkPiece", "workpiece"]
 
 Triangles = NDArray[np.int32]
 
@@ -219,8 +217,7 @@ def _rim(faces: Triangles) -> Triangles:
     """Return the edges that only one triangle has, in its sense, (e, 2)."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, where, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
-    rim: Triangles = edges[where[count == 1]]
-    return rim
+    return edges[where[count == 1]]
 
 
 def _band(a: NDArray[np.integer], b: NDArray[np.integer], c: NDArray[np.integer], d: NDArray[np.integer]) -> Triangles:

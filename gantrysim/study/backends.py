@@ -7,8 +7,6 @@ from contextlib import contextmanager
 
 from gantrysim.errors import InputError, unknown
 
-__all__ = ["on_backend"]
-
 _DASK = "dask"
 
 

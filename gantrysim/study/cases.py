@@ -9,35 +9,20 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.metadata import version
 from typing import Any, Literal
 
 import numpy as np
 
-import gantrysim
+from gantrysim.arrays import Floats, dot
 from gantrysim.bead import Bead, BeadSettings
-from gantrysim.budget import Budget
-from gantrysim.controllers.path import Floats, dot
 from gantrysim.errors import InputError
-from gantrysim.job import Job
-from gantrysim.machine import Machine
-from gantrysim.metrics import THOUSANDTH, Analysis, speed_ripple, steady
-from gantrysim.perturbation import Perturbation
+from gantrysim.job.job import Job
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.analysis import THOUSANDTH, Analysis, speed_ripple, steady
+from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
-
-__all__ = [
-    "OK",
-    "Case",
-    "Mode",
-    "Row",
-    "Value",
-    "figures_row",
-    "forget_jobs",
-    "is_fault",
-    "judged",
-    "machine_digest",
-    "measure",
-    "simulated",
-]
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve, which goes into a file of its own
 Row = dict[str, Value]
@@ -96,7 +81,7 @@ class Case:
     @property
     def key(self) -> str:
         """What tells the case from every other with another result, tags aside: a SHA-256 in hexadecimal."""
-        content = (gantrysim.__version__, self.content, self.overrides, self.mode, repr(self.perturbation))
+        content = (version("gantrysim"), self.content, self.overrides, self.mode, repr(self.perturbation))
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
     @property
@@ -184,7 +169,7 @@ def figures_row(run: Run, bead: BeadSettings | None = None) -> Row:
     """Return the figures of a run as one flat row; a key's unit stands in its name, rms, max and p95 of magnitudes.
 
     generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement and structure are
-    the parts of the error normal to the path, of `gantrysim.budget`; lag is along it, and tracking_along the encoder's
+    the parts of the error normal to the path, of `gantrysim.Budget`; lag is along it, and tracking_along the encoder's
     share of that. steady_tracking_normal and _along are the following error, `tracking_error` at the nozzle, in the
     middle 90 % of the dispensing time, where the start and the end have died away. A figure that the run does not
     have, as the spacing of one turn, is None; so are the bead's where no glue is asked for while it moves.

@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gantrysim.engine import simulate
+from gantrysim.engine.simulate import simulate
 from gantrysim.errors import InputError
-from gantrysim.job import Job
-from gantrysim.metrics import Analysis
+from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.study.cases import OK, Row, is_fault
-
-__all__ = ["NoFiguresError", "check_figures", "check_job"]
 
 
 class NoFiguresError(InputError):

@@ -24,8 +24,6 @@ from joblib.parallel import ParallelBackendBase
 from gantrysim.errors import InputError
 from gantrysim.study.worker import WorkerError
 
-__all__ = ["Cluster", "on_cluster"]
-
 _PATIENCE = 5.0  # with the scheduler, and with a first worker [s]
 _SCHEDULER = "Scheduler"
 _LOGGERS = ("distributed", "distributed.client")

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from gantrysim.errors import positive, unknown
 from gantrysim.study.cases import OK, Row
 
-__all__ = ["Criterion"]
-
 _UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a figure's name
 _NOT_FIGURES = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
 _ERRORS = ("generation", "tracking", "measurement", "structure", "contour")

@@ -17,8 +17,6 @@ try:
 except ImportError:  # where the system has none, as Windows, nothing is locked
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["LEDGER", "Ledger"]
-
 LEDGER = ".study-progress.jsonl"
 
 

@@ -16,8 +16,6 @@ from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.worker import MeasureTogether, Origin, WorkerError, measured
 
-__all__ = ["Measure", "MeasureTogether", "Progress", "run_cases"]
-
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: it is sent to the workers by its name
 Progress = Callable[[int, int], None]  # called with the number of cases done, and of all that are known by now
 

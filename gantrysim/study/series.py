@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.study.cases import OK, Row, Value
-
-__all__ = ["series"]
 
 
 def series(rows: list[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import tomli_w
 
-from gantrysim.job import Job
-from gantrysim.report import JOB, PLOTS, Output, output_folder, versions
+from gantrysim.job.job import Job
+from gantrysim.report.folder import JOB, PLOTS, Output, output_folder, versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs
 from gantrysim.study.checks import NoFiguresError, check_figures, check_job
 from gantrysim.study.ledger import Ledger
@@ -25,9 +25,7 @@ from gantrysim.study.runner import Measure, Progress, run_cases
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gantrysim.page import Table
-
-__all__ = ["CURVES", "REPORT", "ROWS", "STUDY", "Outcome", "Plot", "Rounds", "Study", "StudyInterrupted", "run_study"]
+    from gantrysim.report import Table
 
 ROWS, CURVES, STUDY, REPORT = "study.csv", "curves.csv", "study.toml", "report.html"
 
@@ -217,7 +215,7 @@ def run_study(
 
 
 def _write(study: Study, rows: list[Row], findings: list[str], folder: Path, identity: dict[str, Any]) -> None:
-    from gantrysim.page import Section, Table, write_page
+    from gantrysim.report import Section, Table, write_page
 
     (folder / JOB).write_text(study.job.toml(), encoding="utf-8")
     described = {

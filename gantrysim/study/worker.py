@@ -21,10 +21,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from gantrysim.errors import GantryError, InputError
-from gantrysim.report import package_versions
+from gantrysim.report.folder import package_versions
 from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
-
-__all__ = ["MeasureTogether", "Origin", "WorkerError", "measured"]
 
 MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # a row per case, in order, whatever cases stand beside it
 

@@ -1,18 +1,5 @@
-"""Tuning: the gains with which a job's error is smallest, within a stability margin and on machines that differ."""
+"""Tuning: the gains with the smallest error of a job, within a stability margin and on machines that differ."""
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from gantrysim.tuning.study import TuningStudy
-
-__all__ = ["TuningStudy"]
-
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:  # imported when it is asked for: the command line needs no more of the package than a command
-        from gantrysim.tuning.study import TuningStudy
-
-        return TuningStudy
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.budget import LINKS, Budget, BudgetFigures
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
+from gantrysim.metrics.budget import LINKS, Budget, BudgetFigures
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.findings import NOTHING
@@ -21,8 +21,6 @@ from gantrysim.tuning.stability import Stability
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_gains", "draw_links", "draw_loops", "draw_machines", "draw_path", "draw_search"]
 
 _BEFORE = "#9aa0a8"
 _GAIN_COLOURS = tuple(COLOURS[link] for link in ("tracking", "generation", "structure", "measurement", "contour"))

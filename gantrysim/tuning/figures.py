@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from gantrysim.budget import LINKS, Budget
 from gantrysim.controllers.servo import Servo
-from gantrysim.page import Column, Table
+from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.style import COLOURS
+from gantrysim.report import Column, Table
 from gantrysim.study.cases import Row
 from gantrysim.study.study import Plot
 from gantrysim.tuning import drawing
@@ -20,8 +20,6 @@ from gantrysim.tuning.stability import phase_margin
 
 if TYPE_CHECKING:
     from gantrysim.tuning.study import TuningStudy
-
-__all__ = ["figures"]
 
 _UM = 1e3
 _STAGES = ("before", "after")

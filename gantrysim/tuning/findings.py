@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.budget import LINKS, Budget
 from gantrysim.controllers.servo import Servo
+from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.study.cases import OK, Row
 from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.objective import column
@@ -18,8 +18,6 @@ from gantrysim.tuning.stability import Stability
 
 if TYPE_CHECKING:
     from gantrysim.tuning.study import TuningStudy
-
-__all__ = ["NOTHING", "findings", "label", "least_margins", "unseen_figures"]
 
 NOTHING = 1e-3  # rms of an error that is none [µm]
 

@@ -31,10 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import AxisDynamics, Servo
-
-__all__ = ["GAINS", "LAWS", "Space"]
 
 GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 LAWS = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}

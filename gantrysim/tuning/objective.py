@@ -13,21 +13,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from gantrysim.batch import simulate_batch
-from gantrysim.budget import Budget
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
+from gantrysim.engine.batch import simulate_batch
 from gantrysim.errors import GantryError, InputError
-from gantrysim.job import Job, ServoSettings
-from gantrysim.machine import Machine
-from gantrysim.metrics import Analysis, torque_ripple
-from gantrysim.perturbation import Perturbation
+from gantrysim.job.job import Job, ServoSettings
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.analysis import Analysis, torque_ripple
+from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.search import Measured
-
-__all__ = ["FIGURES", "case_of", "column", "measure_together", "measured"]
 
 FIGURES = tuple(f"{link}_{statistic}" for link in ("contour", "tracking") for statistic in ("rms", "p95", "max"))
 

@@ -28,15 +28,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.tuning.laws import Space
 from gantrysim.tuning.stability import Fastest, Stability
 
 if TYPE_CHECKING:
     from cmaes import CMA
-
-__all__ = ["Candidate", "Ended", "History", "Measured", "Trial", "least_budget", "search"]
 
 Ended = Literal["budget", "converged", "no progress", "no candidate"]
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import TYPE_CHECKING
-
-import gantrysim
 
 if TYPE_CHECKING:
     from gantrysim.tuning.search import History
     from gantrysim.tuning.study import TuningStudy
-
-__all__ = ["TUNED", "UNITS", "servo_toml", "unit_of"]
 
 TUNED = "tuned.toml"
 
@@ -42,7 +39,7 @@ def servo_toml(study: TuningStudy, history: History) -> str:
     count, units = study.robust + 1, [axis.unit for axis in axes]
     lines = [
         f"# Gains for the job {job.name} on the machine {job.built_machine.name}, found by gantrysim tune "
-        f"{gantrysim.__version__}: law {study.searched_law},",
+        f"{version('gantrysim')}: law {study.searched_law},",
         f"# {study.figure} of {_micrometres(best.figure)}, before {_micrometres(history.start.figure)}"
         f"{f', the largest of {count} machines' if study.robust else ''};",
         f"# gain margin of {study.margin:g} in every direction, torque ripple of at most {study.ripple:g} % of the "

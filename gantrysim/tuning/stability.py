@@ -16,15 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, finite
-from gantrysim.linear import Complexes
-from gantrysim.machine import Machine
-from gantrysim.margins import Margins, Plant
+from gantrysim.machine.machine import Machine
+from gantrysim.stability.linear import Complexes
+from gantrysim.stability.margins import Margins, Plant
 from gantrysim.tuning.laws import Space
-
-__all__ = ["Fastest", "Stability", "phase_margin"]
 
 _UNSTABLE = 10.0  # excess of a loop that is next to stable: more than that of any that is
 _LEAST_GAIN = 1e-6
@@ -111,8 +109,7 @@ class Stability:
         """
         looked_at = range(len(self._plants)) if machines is None else machines
         excess = [[self._excess(own) for own in self.margins(servo, k)] for k in looked_at]
-        worst: Floats = np.max(excess, axis=0)
-        return worst
+        return np.max(excess, axis=0)
 
     def _excess(self, margins: Margins) -> float:
         if margins.stable:

@@ -8,17 +8,17 @@ from functools import cached_property, partial
 from typing import Any
 
 from gantrysim.controllers.servo import Servo
-from gantrysim.engine import simulate
+from gantrysim.engine.simulate import simulate
+from gantrysim.engine.simulation import positions
 from gantrysim.errors import InputError, finite, positive, unknown, whole
-from gantrysim.job import Job
-from gantrysim.machine import Machine
-from gantrysim.perturbation import Perturbation
+from gantrysim.job.job import Job
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.machine.tolerances import Spread
 from gantrysim.run import Run
-from gantrysim.simulation import positions
-from gantrysim.spread import Spread
 from gantrysim.study.cases import Case, Row, Value
-from gantrysim.study.runner import MeasureTogether
 from gantrysim.study.study import Plot, Rounds
+from gantrysim.study.worker import MeasureTogether
 from gantrysim.tuning.figures import figures
 from gantrysim.tuning.findings import findings
 from gantrysim.tuning.laws import LAWS, Space
@@ -26,8 +26,6 @@ from gantrysim.tuning.objective import FIGURES, case_of, measure_together, measu
 from gantrysim.tuning.search import Candidate, History, Search, Trial, least_budget, search
 from gantrysim.tuning.servo import TUNED, servo_toml
 from gantrysim.tuning.stability import Stability
-
-__all__ = ["TuningStudy"]
 
 _MOST_MACHINES = 64  # that a candidate is run on
 _MOST_SEED = 2**32 - 1
@@ -209,8 +207,7 @@ class TuningStudy:
             try:
                 trials = own.send([measured(row, self.figure) for row in rows])
             except StopIteration as stop:
-                history: History = stop.value
-                return history
+                return stop.value
 
     def _checked(self, history: History) -> Generator[list[Case], list[Row], None]:
         if self.unseen:
@@ -250,8 +247,7 @@ class TuningStudy:
             try:
                 cases = own.send([next(left) for _ in cases])
             except StopIteration as stop:
-                history: History = stop.value
-                return history
+                return stop.value
 
     def checked(self, rows: list[Row], stage: str) -> list[Row]:
         """Return the rows of the machines that the search has not seen, of the stage before or after."""

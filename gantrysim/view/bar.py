@@ -11,8 +11,6 @@ from PIL import Image, ImageDraw
 from gantrysim.render.colours import Scale
 from gantrysim.render.lettering import font
 
-__all__ = ["HEIGHT", "colour_bar"]
-
 HEIGHT = 34  # [pixels]
 _STRIP = 12  # of it, the colours [pixels]
 _MARGIN = 6  # [pixels]

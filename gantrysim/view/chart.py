@@ -9,9 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["POINTS", "Chart", "ceiling", "lines", "thinned"]
+from gantrysim.arrays import Floats
 
 POINTS = 1000  # that a line of MuJoCo's holds
 _LINES = 99  # the last is the mark of the present

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 
 from gantrysim.errors import at_least, finite, positive
 
-__all__ = ["FASTEST", "SLOWEST", "Clock", "Pace"]
-
 SLOWEST, FASTEST = 1e-3, 1e3  # to which keys change the speed
 _SPAN = 1.0  # of the wall's time over which the pace is taken [s]
 

@@ -9,8 +9,6 @@ from collections.abc import Mapping
 
 from gantrysim.errors import GantryError
 
-__all__ = ["NoDisplayError", "check_display"]
-
 _HINT = "`gantrysim render RUN_DIR` makes a video"
 
 

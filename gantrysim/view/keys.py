@@ -5,8 +5,6 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-__all__ = ["ACTIONS", "LEGEND", "MORE", "VIEWER", "Action", "legend"]
-
 
 class Action(Enum):
     """What a key does."""

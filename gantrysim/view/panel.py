@@ -10,8 +10,6 @@ import numpy as np
 from gantrysim.run import Fault
 from gantrysim.view.keys import MORE, legend
 
-__all__ = ["Panel", "plain", "told"]
-
 _WIDTH = 44  # of a line of the fault's text
 _BEHIND = 0.9  # of the speed that was asked for, below which the view says how fast it is
 # the viewer's font has no others than those of ASCII

@@ -18,8 +18,6 @@ from gantrysim.view.push import Bodies
 from gantrysim.view.source import Source
 from gantrysim.view.window import Window, WindowClosedError
 
-__all__ = ["Player"]
-
 _PERIOD = 1 / 60  # of pictures, at best [s]
 _JUMP = 1.0  # of the arrow keys [s]
 _LEGEND = 10.0  # for which all keys are told at the beginning; later only while it stands [s]

@@ -5,10 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-
-__all__ = ["STIFFNESS", "Bodies"]
 
 STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's own 100 moves free bodies, and no servo [N/(m·kg)]
 

@@ -10,13 +10,11 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import whole
 from gantrysim.native.hook import installed
 from gantrysim.run import Fault, Run
-from gantrysim.simulation import Simulation
-
-__all__ = ["Live", "Replay", "Source"]
 
 _CHUNK = 100  # servo ticks between two looks at the wall's clock
 _ROUNDING = 1e-6  # of a servo period
@@ -191,5 +189,4 @@ class Live:
     @property
     def forces(self) -> Floats:
         """Forces and torques that act on the bodies of the stepped model, (bodies, 6) [N, N·m]."""
-        acting: Floats = np.array(self._data.xfrc_applied)
-        return acting
+        return np.array(self._data.xfrc_applied)

@@ -13,14 +13,12 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.render.scene import Scene
 from gantrysim.view.bar import colour_bar
 from gantrysim.view.chart import Chart
 from gantrysim.view.display import NoDisplayError
 from gantrysim.view.panel import Panel
-
-__all__ = ["ViewerWindow", "Window", "WindowClosedError"]
 
 _POLL = 0.05  # how often one that waits looks whether the window is still there, and Ctrl-C may come [s]
 _LEAVING = 0.3  # that who is inside has to leave a viewer that draws no more [s]

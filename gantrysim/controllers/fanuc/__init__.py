@@ -4,5 +4,3 @@ from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.feeding import Clamp
 from gantrysim.controllers.fanuc.program import Program
-
-__all__ = ["Alarm", "Arc", "Block", "Clamp", "Dwell", "Line", "Program", "Rapid", "Spiral"]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from gantrysim.errors import InputError
 
-__all__ = ["TITLES", "Alarm"]
-
 TITLES = {
     3: "TOO MANY DIGITS",
     4: "ADDRESS NOT FOUND",

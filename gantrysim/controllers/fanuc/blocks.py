@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from gantrysim.controllers.chain import XY, YZ, ZX, Frame
+from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Frame
 from gantrysim.errors import InputError, at_least, finite, positive
-
-__all__ = ["PLANES", "Arc", "Block", "Dwell", "Line", "Motion", "Plane", "Rapid", "Spiral"]
 
 End = tuple[float | None, ...]
 Plane = Literal["xy", "zx", "yz"]

@@ -12,12 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gantrysim.controllers.chain import Chain, Coil, Frame, Line, Vector
+from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import FRAMES
 from gantrysim.controllers.fanuc.legs import Leg
-from gantrysim.controllers.path import Floats
-
-__all__ = ["compensated"]
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.pieces import Coil, Frame, Line, Vector
 
 _GAP = 1e-6  # [mm], between two ends that are one
 _SHARP = math.pi / 2 + 1e-9  # an outer corner of lines beyond it is cut off
@@ -97,8 +96,7 @@ def _normal(line: Line) -> Floats:
     way = np.subtract(line.end, line.start)
     a, b = way @ u, way @ v
     size = math.hypot(a, b)
-    normal: Floats = (a * v - b * u) / size if size > _GAP else np.zeros(3)
-    return normal
+    return (a * v - b * u) / size if size > _GAP else np.zeros(3)
 
 
 def _start_up(leg: Leg, follows: Leg) -> Leg:

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gantrysim.arrays import Floats
 from gantrysim.controllers.limits import Limited
-from gantrysim.controllers.path import Floats
 from gantrysim.errors import positive
-
-__all__ = ["Clamp", "Feeding", "Spliced"]
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,7 @@ class Clamp:
 
     def limit(self, r: ArrayLike) -> Floats:
         """Return the largest feed at radii, (n,) [mm/min]."""
-        limit: Floats = np.maximum(self.feed * np.sqrt(np.asarray(r, float) / self.radius), self.floor)
-        return limit
+        return np.maximum(self.feed * np.sqrt(np.asarray(r, float) / self.radius), self.floor)
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gantrysim.controllers.chain import Coil, Vector
-from gantrysim.controllers.chain import Line as Segment
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import FRAMES, PLANES, Arc, Line, Rapid, Spiral
-
-__all__ = ["Fail", "piece_of"]
+from gantrysim.controllers.paths.pieces import Coil, Vector
+from gantrysim.controllers.paths.pieces import Line as Segment
 
 Fail = Callable[[int, str], Alarm]  # an alarm's number and detail, to be raised
 

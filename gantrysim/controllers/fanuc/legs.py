@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gantrysim.controllers.chain import Coil, Line, Vector
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
 from gantrysim.controllers.fanuc.geometry import piece_of
 from gantrysim.controllers.fanuc.text import Sourced
-
-__all__ = ["Leg", "legs_of"]
+from gantrysim.controllers.paths.pieces import Coil, Line, Vector
 
 _SHORTEST = 1e-6  # [mm], of a line; what is less is rounding of incremental coordinates
 

@@ -11,19 +11,18 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.chain import Chain, Vector
+from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import Leg, legs_of
 from gantrysim.controllers.fanuc.speed import Planner
 from gantrysim.controllers.fanuc.text import Sourced, read
-from gantrysim.controllers.path import Floats
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.pieces import Vector
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
 from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least, finite, positive
-
-__all__ = ["Program"]
 
 _WORDS, _LINEAR = "ABC", "xyz"
 

@@ -9,14 +9,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.chain import Chain, Coil, Line
+from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.limits import Limited, fastest, nodes
-from gantrysim.controllers.path import Floats
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.pieces import Coil, Line
 from gantrysim.errors import InputError
-
-__all__ = ["Planner"]
 
 _STEP = (0.02, 2.0)  # of the way between places where the limits are looked at [mm]
 _TURN = 0.05  # at most, from one to the next [rad]
@@ -150,15 +149,13 @@ class Planner:
         """The nodes, moved off the ends of their pieces."""
         ends = np.concatenate([[0.0], self._chain.ends])
         nudge = 1e-9 * self._chain.length
-        inner: Floats = np.clip(s, ends[piece] + nudge, ends[piece + 1] - nudge)
-        return inner
+        return np.clip(s, ends[piece] + nudge, ends[piece + 1] - nudge)
 
     def _radius(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
         centre = np.array([getattr(leg.piece, "centre", (0.0, 0.0, 0.0)) for leg in self._legs])[piece]
         arm = self._chain.position(s) - centre
         plane = self._chain.frame(s)[:, :2]
-        radius: Floats = np.linalg.norm(np.einsum("ijk,ik->ij", plane, arm), axis=1)
-        return radius
+        return np.linalg.norm(np.einsum("ijk,ik->ij", plane, arm), axis=1)
 
     def _at_corners(self, s: Floats, top: Floats) -> Floats:
         """The speeds, with the stops between motions, or what blending leaves of them."""
@@ -203,8 +200,7 @@ class Planner:
         last, first = np.searchsorted(ends, ends + reach, side="right"), np.searchsorted(ends, ends - reach)
         near = summed[last] - summed[first]  # all jumps that fall into one window
         most = acceleration * self._feeding.blend_time
-        speed: Floats = np.divide(most, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
-        return speed
+        return np.divide(most, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
 
     def _rotary(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """First and second derivative of the rotary axis over the way, from within each piece, (m,) [deg/mm, deg/mm²].

@@ -10,11 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gantrysim.controllers.chain import Vector
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, Plane, Rapid, Spiral
-
-__all__ = ["Sourced", "read"]
+from gantrysim.controllers.paths.pieces import Vector
 
 _COMMENT = re.compile(r"\([^)]*\)?")
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")

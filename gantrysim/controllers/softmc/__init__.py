@@ -5,5 +5,3 @@ from gantrysim.controllers.softmc.errors import SoftMCError
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.program import Program
 from gantrysim.controllers.softmc.record import Record
-
-__all__ = ["Circle", "Group", "Move", "Program", "Record", "SoftMCError"]

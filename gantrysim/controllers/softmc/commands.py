@@ -8,8 +8,6 @@ from gantrysim.controllers.softmc.errors import SoftMCError
 from gantrysim.controllers.softmc.group import Nodal
 from gantrysim.errors import finite
 
-__all__ = ["PLANES", "Circle", "Command", "Coordinates", "Move"]
-
 Coordinates = tuple[float, ...]  # x, y[, z[, r]]; what is left out at the end stays as it is
 
 PLANES = ("XY", "XZ", "YZ")

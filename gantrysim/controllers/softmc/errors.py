@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from gantrysim.errors import InputError
 
-__all__ = ["SoftMCError"]
-
 
 class SoftMCError(InputError):
     """A command that cannot be run, with its line, its text and what is wrong."""

@@ -8,12 +8,10 @@ from typing import cast
 
 import numpy as np
 
-from gantrysim.controllers.chain import XY, XZ, YZ, Coil, Frame, Line, Vector
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, Vector
 from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates
 from gantrysim.controllers.softmc.errors import SoftMCError
-
-__all__ = ["AXES", "Way", "way"]
 
 AXES = "xyzr"
 

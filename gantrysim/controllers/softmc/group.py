@@ -9,8 +9,6 @@ from typing import Literal, get_args
 from gantrysim.controllers.setpoints import Supervision
 from gantrysim.errors import InputError, at_least, finite, positive, unknown, whole
 
-__all__ = ["PROFILE_TYPES", "Group", "Nodal", "ProfileType"]
-
 ProfileType = Literal["trapezoid", "sine", "trapezoidal acceleration", "constant", "smooth"]
 
 PROFILE_TYPES: dict[int, ProfileType] = {

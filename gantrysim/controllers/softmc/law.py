@@ -5,8 +5,6 @@ from __future__ import annotations
 from gantrysim.controllers.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Shape, Sine
 from gantrysim.controllers.softmc.group import Group
 
-__all__ = ["along", "in_place", "smoothed"]
-
 
 def along(group: Group, length: float, rotation: float) -> Profile:
     """Return the law along a path, slowed where the orientation axis could not follow.

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.controllers.chain import Chain
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.profile import Profile
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
 from gantrysim.controllers.softmc.commands import Circle, Command, Move
@@ -19,8 +19,6 @@ from gantrysim.controllers.softmc.law import along, in_place
 from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.text import Sourced, read
 from gantrysim.errors import InputError, finite
-
-__all__ = ["Leg", "Program"]
 
 
 @dataclass(frozen=True)

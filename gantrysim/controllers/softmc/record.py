@@ -10,10 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import unknown, whole
-
-__all__ = ["EXPRESSIONS", "Record", "Recorded"]
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
 

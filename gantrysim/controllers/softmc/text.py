@@ -11,8 +11,6 @@ from gantrysim.controllers.softmc.errors import SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES
 from gantrysim.errors import InputError, unknown
 
-__all__ = ["Sourced", "read"]
-
 _TOKEN = re.compile(r"\s*(?:(?P<word>[A-Za-z_]\w*)|(?P<point>\{[^{}]*\})|(?P<equals>=)|(?P<number>[^\s={}]+))")
 
 _NODAL = {

@@ -6,10 +6,8 @@ import math
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, finite, positive
-
-__all__ = ["AXES", "FREE", "Place", "Three", "axis_limits", "held", "travel"]
 
 Three = tuple[float, float, float]
 Place = tuple[float, float]

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gantrysim.controllers.arcs import ArcChain
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.errors import InputError, point
-
-__all__ = ["outline", "polygon"]
 
 _ROUNDING = 1e-9  # [mm]
 _STRAIGHT = 1e-6  # [rad]
@@ -43,8 +41,7 @@ def _crossing(z: Floats) -> tuple[int, int] | None:
 
     def side(at: Floats) -> Floats:
         """Of points to the edges, positive on the left, (edges, points)."""
-        left: Floats = (np.conj(np.roll(z, -1) - z)[:, None] * (at[None] - z[:, None])).imag
-        return left
+        return (np.conj(np.roll(z, -1) - z)[:, None] * (at[None] - z[:, None])).imag
 
     apart = side(z) * side(np.roll(z, -1)) < 0
     crossing = np.argwhere(np.triu(apart & apart.T))

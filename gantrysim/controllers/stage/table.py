@@ -15,9 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["Complex", "Table"]
+from gantrysim.arrays import Floats
 
 Complex = NDArray[np.complex128]
 
@@ -39,21 +37,17 @@ class Table:
     sigma: int
 
     def _arm(self, theta: Floats) -> Complex:
-        arm: Complex = (self.needle - self.centre) * np.exp(-1j * theta)
-        return arm
+        return (self.needle - self.centre) * np.exp(-1j * theta)
 
     def stage(self, u: Complex, theta: Floats) -> Complex:
         """Return S for places u of the work, at angles theta, (n,) complex [mm, rad]."""
-        place: Complex = self.sigma * (self.centre + self._arm(theta) - self.work - u)
-        return place
+        return self.sigma * (self.centre + self._arm(theta) - self.work - u)
 
     def rate(self, tangent: Complex, theta: Floats, turning: Floats) -> Complex:
         """Return dS/ds = sigma [-TH' j w - t], (n,) complex."""
-        rate: Complex = self.sigma * (-1j * turning * self._arm(theta) - tangent)
-        return rate
+        return self.sigma * (-1j * turning * self._arm(theta) - tangent)
 
     def bend(self, tangent: Complex, curvature: Floats, theta: Floats, turning: Floats, change: Floats) -> Complex:
         """Return d2S/ds2 = sigma [-TH'' j w - TH'^2 w - kappa j t], (n,) complex [1/mm]."""
         arm = self._arm(theta)
-        bend: Complex = self.sigma * (-1j * change * arm - turning**2 * arm - 1j * curvature * tangent)
-        return bend
+        return self.sigma * (-1j * change * arm - turning**2 * arm - 1j * curvature * tangent)

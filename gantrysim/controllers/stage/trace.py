@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.arcs import ArcChain
+from gantrysim.arrays import Floats
 from gantrysim.controllers.limits import Limited, fastest, nodes
-from gantrysim.controllers.path import Floats
+from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.profile import Constant
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, held, travel
@@ -20,8 +20,6 @@ from gantrysim.controllers.stage.outline import outline, polygon
 from gantrysim.controllers.stage.table import Complex, Table
 from gantrysim.controllers.stage.turning import Turning
 from gantrysim.errors import InputError, at_least, point, positive, whole
-
-__all__ = ["OutlineTrace"]
 
 _ANYWHERE = (-math.inf, math.inf)
 _STEP = 0.05  # of the way between places where the limits are looked at [mm]

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["Turning"]
+from gantrysim.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,7 @@ class Turning:
         if self.window == 0:
             return self._raw(at)
         half = 0.5 * self.window
-        mean: Floats = (self._integral(at + half) - self._integral(at - half)) / self.window
-        return mean
+        return (self._integral(at + half) - self._integral(at - half)) / self.window
 
     def rate(self, s: ArrayLike) -> Floats:
         """Derivative TH', (n,) [rad/mm]."""
@@ -58,25 +55,21 @@ class Turning:
         if self.window == 0:
             return np.zeros(at.shape)
         half = 0.5 * self.window
-        change: Floats = (self._slope[self._locate(at + half)] - self._slope[self._locate(at - half)]) / self.window
-        return change
+        return (self._slope[self._locate(at + half)] - self._slope[self._locate(at - half)]) / self.window
 
     @property
     def _slope(self) -> Floats:
-        slope: Floats = np.diff(self.angle) / np.diff(self.s)
-        return slope
+        return np.diff(self.angle) / np.diff(self.s)
 
     def _locate(self, s: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
         return np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, self.s.size - 2)
 
     def _raw(self, s: Floats) -> Floats:
         k = self._locate(s)
-        angle: Floats = self.angle[k] + self._slope[k] * (s - self.s[k])
-        return angle
+        return self.angle[k] + self._slope[k] * (s - self.s[k])
 
     def _integral(self, s: Floats) -> Floats:
         whole = np.concatenate([[0.0], np.cumsum(0.5 * (self.angle[1:] + self.angle[:-1]) * np.diff(self.s))])
         k = self._locate(s)
         rest = s - self.s[k]
-        area: Floats = whole[k] + rest * (self.angle[k] + 0.5 * self._slope[k] * rest)
-        return area
+        return whole[k] + rest * (self.angle[k] + 0.5 * self._slope[k] * rest)

@@ -1,5 +1,3 @@
 """Trio Motion BASIC: the "Move Spiral" method of application note AN-225."""
 
 from gantrysim.controllers.trio.spiral import MoveSpiral
-
-__all__ = ["MoveSpiral"]

@@ -6,8 +6,6 @@ import numpy as np
 
 from gantrysim.controllers.trio.loop import Passes
 
-__all__ = ["LITERAL_CIRCLES", "differences"]
-
 LITERAL_CIRCLES = 4  # in the turn counter
 
 

@@ -8,19 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.trio.virtual import Law, VirtualAxis
-
-__all__ = [
-    "LEAST_RATIO",
-    "MAX_PASSES",
-    "RATIO_BITS",
-    "Connected",
-    "EndlessError",
-    "Loop",
-    "Passes",
-    "RatioTooSmallError",
-]
 
 MAX_PASSES = 2_000_000
 
@@ -104,8 +93,7 @@ class Connected:
         k = np.clip(at, 1, self.virtual.size - 1)
         step = self.virtual[k] - self.virtual[k - 1]
         ratio = np.divide(self.real[k] - self.real[k - 1], step, out=np.zeros_like(step), where=step > 0)
-        speed: Floats = ratio * self.law.velocity(t)
-        return speed
+        return ratio * self.law.velocity(t)
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats, Path
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.controllers.spirals import Involute
 from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.track import track
 from gantrysim.errors import InputError, at_least, finite, point, positive, whole
-
-__all__ = ["MoveSpiral"]
 
 _ROUNDING = 1e-12
 

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from gantrysim.controllers.arcs import ArcChain
-from gantrysim.controllers.chain import Chain, Coil, Line, Vector
-from gantrysim.controllers.path import Floats, Path
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.arcs import ArcChain
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.pieces import Coil, Line, Vector
 from gantrysim.controllers.trio.loop import Passes
-
-__all__ = ["track"]
 
 
 def track(start: Vector, passes: Passes, radius: float, climb: float, clockwise: bool) -> Path:

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["Law", "VirtualAxis"]
+from gantrysim.arrays import Floats
 
 _ROUNDING = 1e-12
 
@@ -46,18 +44,14 @@ class Law:
         at = np.clip(np.asarray(t, float), 0.0, self.duration)
         k = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, self.speed.size - 1)
         rest = at - self.time[k]
-        way: Floats = np.minimum(
-            self.way[k] + rest * (self.speed[k] + 0.5 * self.acceleration[k] * rest), self.way[k + 1]
-        )
-        return way
+        return np.minimum(self.way[k] + rest * (self.speed[k] + 0.5 * self.acceleration[k] * rest), self.way[k + 1])
 
     def velocity(self, t: ArrayLike) -> Floats:
         """Speed at the times t, (n,) [mm/s]."""
         at = np.asarray(t, float)
         k = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, self.speed.size - 1)
         inside = (at >= 0) & (at <= self.duration)
-        speed: Floats = np.where(inside, self.speed[k] + self.acceleration[k] * (at - self.time[k]), 0.0)
-        return speed
+        return np.where(inside, self.speed[k] + self.acceleration[k] * (at - self.time[k]), 0.0)
 
 
 @dataclass

@@ -2,5 +2,3 @@
 
 from gantrysim.study.circle.rows import circle_row
 from gantrysim.study.circle.study import CircleStudy
-
-__all__ = ["CircleStudy", "circle_row"]

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
-from gantrysim.iso import CircularTest, Trace, minimum_zone
+from gantrysim.arrays import Floats
+from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import Row
 from gantrysim.study.circle.rows import AXES, SENSES
@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from gantrysim.page import Table
+    from gantrysim.report import Table
     from gantrysim.study.circle.study import CircleStudy
-
-__all__ = ["figures"]
 
 _PATHS = {"clockwise": AXIS_COLOURS[1], "counter-clockwise": AXIS_COLOURS[0]}
 _DIVISIONS = (1, 2, 5)
@@ -58,7 +56,7 @@ def figures(study: CircleStudy, rows: list[Row]) -> list[Plot]:
 
 
 def _figures_table(test: CircularTest) -> Table:
-    from gantrysim.page import Column, Table
+    from gantrysim.report import Column, Table
 
     rows: list[list[Any]] = []
     for name, trace in (("clockwise", test.clockwise), ("counter-clockwise", test.counter_clockwise)):
@@ -72,7 +70,7 @@ def _figures_table(test: CircularTest) -> Table:
 
 
 def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
-    from gantrysim.page import Column, Table
+    from gantrysim.report import Column, Table
 
     found = {name: trace.reversals(reach) for name, trace in traces.items()}
     rows = [

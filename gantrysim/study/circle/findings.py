@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gantrysim.iso import CircularTest, Trace
+from gantrysim.metrics import CircularTest, Trace
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.circle.rows import AXES, DECAY, SENSES, trace_of
 
 if TYPE_CHECKING:
     from gantrysim.study.circle.study import CircleStudy
-
-__all__ = ["findings"]
 
 _UM = 1e3
 
@@ -64,5 +62,5 @@ def _followed(study: CircleStudy) -> str:
         f"What counts is one full circle at constant speed after {study.lead:g} deg of lead. F is taken from the "
         "nominal circle about the axes' zero, G and G(b) from minimum-zone circles, D from the least-squares "
         "circle of both paths, after public descriptions of ISO 230-4:2005 and 2022; spikes and steps at reversals "
-        "are not the standard's (see gantrysim.iso)."
+        "are not the standard's (see gantrysim.metrics)."
     )

@@ -6,11 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from gantrysim.iso import Reversal, Trace
+from gantrysim.metrics import Reversal, Trace
 from gantrysim.run import Run
 from gantrysim.study.cases import Row
-
-__all__ = ["AXES", "DECAY", "SENSES", "circle_row", "trace_of"]
 
 AXES = ("x", "y")
 SENSES = {"clockwise": -1.0, "counter-clockwise": 1.0}  # of the cases, counter-clockwise positive

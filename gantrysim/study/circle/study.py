@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 
 from gantrysim.errors import InputError, positive
-from gantrysim.iso import SPIKE_REACH, Trace
-from gantrysim.job import Job
+from gantrysim.job.job import Job
+from gantrysim.metrics import SPIKE_REACH, Trace
 from gantrysim.study.cases import OK, Case, Row, measure
 from gantrysim.study.circle.figures import figures
 from gantrysim.study.circle.findings import findings
 from gantrysim.study.circle.rows import AXES, DECAY, SENSES, circle_row, trace_of
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
-
-__all__ = ["CircleStudy"]
 
 _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the circle that counts, at least: it begins and ends between two reversals [deg]

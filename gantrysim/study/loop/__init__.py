@@ -3,15 +3,3 @@
 from gantrysim.study.loop.arcs import SteppedArcs
 from gantrysim.study.loop.study import LoopStudy
 from gantrysim.study.loop.variants import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS
-
-__all__ = [
-    "AS_IT_IS",
-    "FREE",
-    "LOOP_ALONE",
-    "NO_FRICTION",
-    "NO_LOOP",
-    "PERFECT",
-    "SWEEPS",
-    "LoopStudy",
-    "SteppedArcs",
-]

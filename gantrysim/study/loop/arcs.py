@@ -14,11 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-from gantrysim.metrics import Range, Spread
-
-__all__ = ["SteppedArcs", "involute_radius", "local_pitch", "loop_error"]
+from gantrysim.metrics.analysis import Range, Spread
 
 Points = NDArray[np.complex128]
 
@@ -111,8 +109,7 @@ class SteppedArcs:
         time = wait + self.interpreter_time
         wanted = self.speed / self._ratios
         if self.acceleration == math.inf:
-            angles: Floats = wanted * time / self.radius
-            return angles
+            return wanted * time / self.radius
         way, v = np.empty(time.size), 0.0
         for k, (target, span) in enumerate(zip(wanted.tolist(), time.tolist(), strict=True)):
             ramp = min((target - v) / self.acceleration, span)
@@ -138,8 +135,7 @@ class SteppedArcs:
         at = np.asarray(phi, float)
         begin, radius, centre = self._arcs
         k = np.clip(np.searchsorted(begin, at, side="right") - 1, 0, begin.size - 1)
-        points: Points = centre[k] - radius[k] * np.exp(-1j * at)
-        return points
+        return centre[k] - radius[k] * np.exp(-1j * at)
 
     def error(self, phi: ArrayLike) -> Floats:
         """Distance of the arcs at the angles phi from the involute asked for, outwards positive, (m,) [mm]."""
@@ -147,8 +143,7 @@ class SteppedArcs:
         back = self.radius + 1j * self.a - self.position(at)  # C - p = (rho_p + i a) exp(-i phi_p)
         rho = np.sqrt(np.maximum(np.abs(back) ** 2 - self.a**2, 0.0))
         ahead = np.angle((rho + 1j * self.a) / back * np.exp(-1j * at))  # phi_p - phi
-        distance: Floats = rho - (self.radius - self.a * (at + ahead))
-        return distance
+        return rho - (self.radius - self.a * (at + ahead))
 
     def spacing(self, phi: ArrayLike) -> Floats:
         """Distance from the arcs at the angles phi to the next turn, along their own normal, (m,) [mm].
@@ -161,8 +156,7 @@ class SteppedArcs:
         k = np.clip(np.searchsorted(begin, at + 2 * math.pi, side="right") - 1, 0, begin.size - 1)
         to_centre = (centre[k] - self.position(at)) * np.exp(1j * at)
         square = radius[k] ** 2 - to_centre.imag**2
-        distance: Floats = to_centre.real - np.sqrt(np.where(square < 0, np.nan, square))
-        return distance
+        return to_centre.real - np.sqrt(np.where(square < 0, np.nan, square))
 
     @cached_property
     def _evenly(self) -> Floats:
@@ -170,8 +164,7 @@ class SteppedArcs:
         begin, radius, _ = self._arcs
         angle = np.concatenate([begin, [self._end]])
         way = np.concatenate([[0.0], np.cumsum(radius * np.diff(angle))])
-        evenly: Floats = np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * way[-1], way, angle)
-        return evenly
+        return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * way[-1], way, angle)
 
     @cached_property
     def generation(self) -> Spread:
@@ -225,8 +218,7 @@ def local_pitch(
         wait_resolution: r [s].
     """
     late = (np.asarray(interpreter_time, float) - 0.5 * wait_resolution) / (loop_period * np.asarray(ratio, float))
-    pitch: Floats = thickness / (1 + late)
-    return pitch
+    return thickness / (1 + late)
 
 
 def involute_radius(diameter: float, turns: int, thickness: float, share: ArrayLike) -> Floats:
@@ -241,5 +233,4 @@ def involute_radius(diameter: float, turns: int, thickness: float, share: ArrayL
         share: of the length, 0 to 1, (m,).
     """
     start = (0.5 * diameter) ** 2
-    rho: Floats = np.sqrt(start - np.asarray(share, float) * (start - (0.5 * diameter - turns * thickness) ** 2))
-    return rho
+    return np.sqrt(start - np.asarray(share, float) * (start - (0.5 * diameter - turns * thickness) ** 2))

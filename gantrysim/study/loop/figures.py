@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import Row
@@ -24,8 +24,6 @@ from gantrysim.study.study import Plot
 
 if TYPE_CHECKING:
     from gantrysim.study.loop.study import LoopStudy
-
-__all__ = ["figures"]
 
 _SIZE = (11.0, 6.6)
 _LINE = 60  # points of a predicted line
@@ -61,8 +59,7 @@ def figures(study: LoopStudy, rows: list[Row]) -> list[Plot]:
 def _spread(values: tuple[float, ...]) -> Floats:
     """Points from the first to the last of ascending values above zero, evenly in the logarithm."""
     positive = [value for value in values if value > 0]
-    line: Floats = np.geomspace(positive[0], positive[-1], _LINE)
-    return line
+    return np.geomspace(positive[0], positive[-1], _LINE)
 
 
 def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any]) -> dict[str, Floats]:

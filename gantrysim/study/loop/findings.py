@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop.integrator import integrator_findings
 from gantrysim.study.loop.trends import EXCESS, crossing, knee, power
@@ -16,8 +16,6 @@ from gantrysim.study.series import series
 
 if TYPE_CHECKING:
     from gantrysim.study.loop.study import LoopStudy
-
-__all__ = ["findings", "loop_knee"]
 
 _PER_CENT = 100.0
 _TURNED = 1.05  # of the least error, from which a rise is one

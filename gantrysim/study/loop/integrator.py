@@ -7,8 +7,6 @@ from gantrysim.study.loop.trends import Convergence
 from gantrysim.study.loop.variants import AS_IT_IS, NO_FRICTION
 from gantrysim.study.series import series
 
-__all__ = ["CONVERGING", "convergence", "integrator_findings"]
-
 # figures whose convergence over the physics step is looked at
 CONVERGING = {
     "contour_rms_um": "contour error",

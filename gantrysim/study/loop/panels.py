@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop.variants import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
@@ -15,8 +15,6 @@ from gantrysim.study.series import series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-__all__ = ["SHAPES", "Panels"]
 
 _LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis of errors: shown, and labelled only at each
 _WIDTH, _HANDLE = 160, 6  # of the legend, and of a sample in it, in letters

@@ -14,10 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import AxisDynamics, Servo
-
-__all__ = ["FollowingError", "circle_response", "quantisation", "sample_and_hold"]
 
 
 def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -> complex:
@@ -95,5 +93,4 @@ def quantisation(resolution: ArrayLike) -> Floats:
     Args:
         resolution: q, (m,) [mm].
     """
-    error: Floats = np.asarray(resolution, float) / math.sqrt(12)
-    return error
+    return np.asarray(resolution, float) / math.sqrt(12)

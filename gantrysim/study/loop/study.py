@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 from gantrysim.controllers.setpoints import ticks
 from gantrysim.errors import InputError
-from gantrysim.job import Job
-from gantrysim.perturbation import Perturbation
+from gantrysim.job.job import Job
+from gantrysim.machine.perturbation import Perturbation
 from gantrysim.study.cases import Case, Mode, Row, measure
 from gantrysim.study.loop.arcs import SteppedArcs
 from gantrysim.study.loop.figures import figures
@@ -19,8 +19,6 @@ from gantrysim.study.loop.findings import findings
 from gantrysim.study.loop.variants import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
-
-__all__ = ["LoopStudy"]
 
 _DECADE = (1.0, 2.0, 3.0, 5.0)
 _SPIRAL = "trio.MoveSpiral"

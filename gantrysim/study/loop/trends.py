@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["EXCESS", "Convergence", "crossing", "knee", "power"]
+from gantrysim.arrays import Floats
 
 EXCESS = 0.1  # of a floor, up to which what is swept does not matter
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-__all__ = ["AS_IT_IS", "FREE", "LOOP_ALONE", "NO_FRICTION", "NO_LOOP", "PERFECT", "SWEEPS"]
-
 # variants of a job
 AS_IT_IS = "as it is"
 LOOP_ALONE = "loop alone"  # without the controller's other limits

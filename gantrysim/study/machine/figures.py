@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
+from gantrysim.machine.tolerances import in_words
 from gantrysim.plots.style import COLOURS, INK, sheet
-from gantrysim.spread import in_words
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.machine.yields import influences
 from gantrysim.study.study import Plot
@@ -16,10 +16,8 @@ from gantrysim.study.study import Plot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gantrysim.page import Table
+    from gantrysim.report import Table
     from gantrysim.study.machine.study import MachineStudy
-
-__all__ = ["figures"]
 
 _GOOD, _BAD = COLOURS["structure"], COLOURS["fault"]
 _BINS = (12, 40)
@@ -65,7 +63,7 @@ def figures(study: MachineStudy, rows: list[Row]) -> list[Plot]:
 
 
 def _worst_table(study: MachineStudy, others: list[Row], figure: Floats, unit: str) -> Table:
-    from gantrysim.page import Column, Table
+    from gantrysim.report import Column, Table
 
     order = np.argsort(-figure, kind="stable")[:_WORST]
     columns: list[str | Column] = ["machine", Column(f"figure [{unit}]" if unit else "figure", ".4g")]

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
-from gantrysim.spread import in_words
+from gantrysim.arrays import Floats
+from gantrysim.machine.tolerances import in_words
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.machine.yields import influences, yield_of
 
 if TYPE_CHECKING:
     from gantrysim.study.machine.study import MachineStudy
-
-__all__ = ["findings"]
 
 _NAMED = 2  # factors that are spoken of after the first
 

@@ -8,19 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, whole
-from gantrysim.job import Job
-from gantrysim.perturbation import Perturbation
-from gantrysim.spread import Spread
+from gantrysim.job.job import Job
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.machine.tolerances import Spread
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.machine.figures import figures
 from gantrysim.study.machine.findings import findings
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
-
-__all__ = ["MachineStudy"]
 
 _MOST = 10_000  # samples: by then the yield is known to a hundredth
 

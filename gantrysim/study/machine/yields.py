@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["Influence", "Yield", "influences", "yield_of"]
+from gantrysim.arrays import Floats
 
 _CONFIDENCE = 0.95
 _ROUNDING = 1e-12  # of a variance
@@ -82,8 +80,7 @@ def influences(factors: dict[str, Floats], figure: Floats) -> tuple[list[Influen
     def standardised(values: Floats) -> Floats:
         ranks = rankdata(values)
         spread = ranks.std()
-        scaled: Floats = (ranks - ranks.mean()) / spread if spread > 0 else np.zeros(ranks.size)
-        return scaled
+        return (ranks - ranks.mean()) / spread if spread > 0 else np.zeros(ranks.size)
 
     n, k = figure.size, len(factors)
     x, y = np.column_stack([standardised(values) for values in factors.values()]), standardised(figure)

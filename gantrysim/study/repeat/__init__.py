@@ -9,13 +9,3 @@ from gantrysim.study.repeat.repeats import (
     places_along,
 )
 from gantrysim.study.repeat.study import RepeatStudy
-
-__all__ = [
-    "PHASES",
-    "RepeatCase",
-    "RepeatStudy",
-    "has_phase",
-    "measure_repeat",
-    "phased_setpoints",
-    "places_along",
-]

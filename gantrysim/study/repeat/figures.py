@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.iso import RepeatedPath
+from gantrysim.metrics import RepeatedPath
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import Row
 from gantrysim.study.repeat.repeats import ALL
@@ -15,10 +15,8 @@ from gantrysim.study.study import Plot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gantrysim.page import Table
+    from gantrysim.report import Table
     from gantrysim.study.repeat.study import RepeatStudy
-
-__all__ = ["figures"]
 
 
 def figures(study: RepeatStudy, rows: list[Row]) -> list[Plot]:
@@ -45,7 +43,7 @@ def figures(study: RepeatStudy, rows: list[Row]) -> list[Plot]:
 
 
 def _table(paths: dict[str, RepeatedPath]) -> Table:
-    from gantrysim.page import Column, Table
+    from gantrysim.report import Column, Table
 
     columns: list[str | Column] = ["varied", "repeats"]
     columns += [Column(head, ".2f") for head in ("ATp [µm]", "median [µm]", "RTp [µm]", "median RT [µm]")]

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.metrics import THOUSANDTH
+from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.repeat.repeats import ALL, has_phase
 
 if TYPE_CHECKING:
     from gantrysim.study.repeat.study import RepeatStudy
-
-__all__ = ["findings"]
 
 _UM = 1e3
 
@@ -69,5 +67,5 @@ def _followed(study: RepeatStudy, rows: list[Row]) -> str:
     return (
         f"ATp and RTp are formed after public descriptions of ISO 9283:1998 at {study.s.size} places along "
         "the path where glue is laid, in planes square to it; load, speed and path are the job's, not the "
-        f"standard's (see gantrysim.iso).{left}"
+        f"standard's (see gantrysim.metrics).{left}"
     )

@@ -8,16 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.engine import simulate
-from gantrysim.iso import interpolated, offset_over_length
-from gantrysim.job import Job
-from gantrysim.metrics import Analysis
+from gantrysim.engine.simulate import simulate
+from gantrysim.job.job import Job
+from gantrysim.metrics import interpolated, offset_over_length
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
 from gantrysim.study.cases import Case, Row, judged
-
-__all__ = ["ALL", "PHASES", "RepeatCase", "has_phase", "measure_repeat", "phased_setpoints", "places_along"]
 
 PHASES = 8  # of a servo period, at which a program may start
 ALL = "all"  # what is varied where everything is
@@ -70,8 +68,7 @@ def places_along(analysis: Analysis, count: int) -> Floats:
     ascending = np.sort(s)
     after = np.clip(np.searchsorted(ascending, even), 1, s.size - 1)
     distance = np.minimum(np.abs(even - ascending[after - 1]), np.abs(even - ascending[after]))
-    places: Floats = even[distance <= step]
-    return places
+    return even[distance <= step]
 
 
 def measure_repeat(case: Case, places: Sequence[float]) -> Row:

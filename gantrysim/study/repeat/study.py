@@ -8,20 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, at_least, whole
-from gantrysim.iso import RepeatedPath
-from gantrysim.job import Job
-from gantrysim.metrics import Analysis
-from gantrysim.perturbation import Perturbation
+from gantrysim.job.job import Job
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics import RepeatedPath
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.repeat.figures import figures
 from gantrysim.study.repeat.findings import findings
 from gantrysim.study.repeat.repeats import ALL, PHASES, RepeatCase, has_phase, measure_repeat, places_along
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
-
-__all__ = ["RepeatStudy"]
 
 _UM = 1e3
 _MOST = 10_000  # repeats

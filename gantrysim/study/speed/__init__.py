@@ -2,5 +2,3 @@
 
 from gantrysim.study.speed.search import SpeedAnswer, answer, next_speeds
 from gantrysim.study.speed.study import SpeedStudy
-
-__all__ = ["SpeedAnswer", "SpeedStudy", "answer", "next_speeds"]

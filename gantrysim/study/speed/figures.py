@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.budget import LINKS
+from gantrysim.metrics.budget import LINKS
 from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from gantrysim.study.speed.study import SpeedStudy
-
-__all__ = ["figures"]
 
 _LOGARITHMIC_FROM = 5.0  # times the least value
 

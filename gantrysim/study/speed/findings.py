@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gantrysim.budget import LINKS
+from gantrysim.metrics.budget import LINKS
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.speed.search import answer
 
 if TYPE_CHECKING:
     from gantrysim.study.speed.study import SpeedStudy
-
-__all__ = ["findings", "speed_of"]
 
 _SATURATED = 1.02  # times the least duration: as short as the limits let it be
 

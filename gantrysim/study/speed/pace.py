@@ -18,9 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gantrysim.errors import InputError, positive
-from gantrysim.job import Job
-
-__all__ = ["programmed_speed", "speed_overrides"]
+from gantrysim.job.job import Job
 
 _NUMBER = r"\s*\+?([0-9]+\.?[0-9]*|\.[0-9]+)"
 _FEED = re.compile(r"(\bF|(?<=[0-9.\s])F)" + _NUMBER, re.IGNORECASE)

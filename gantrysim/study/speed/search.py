@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.controllers.path import Floats
-
-__all__ = ["DIGITS", "SpeedAnswer", "answer", "next_speeds"]
+from gantrysim.arrays import Floats
 
 DIGITS = 4  # of a speed
 _SWEEP = 9  # speeds of the first round, half an octave apart, the program's own in the middle

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from gantrysim.errors import at_least
-from gantrysim.job import Job
+from gantrysim.job.job import Job
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.runner import Measure
@@ -16,8 +16,6 @@ from gantrysim.study.speed.findings import findings, speed_of
 from gantrysim.study.speed.pace import programmed_speed, speed_overrides
 from gantrysim.study.speed.search import DIGITS, next_speeds
 from gantrysim.study.study import Plot, Rounds
-
-__all__ = ["SpeedStudy"]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,23 @@
+# The public names of gantrysim, and where each lives.
+from . import env as env
+from . import metrics as metrics
+from .bead import Bead as Bead
+from .bead import BeadSettings as BeadSettings
+from .bead import HeightMap as HeightMap
+from .controllers.servo import Servo as Servo
+from .controllers.servo import Tick as Tick
+from .engine.batch import simulate_batch as simulate_batch
+from .engine.simulate import perfect_follower as perfect_follower
+from .engine.simulate import simulate as simulate
+from .errors import GantryError as GantryError
+from .errors import InputError as InputError
+from .job.job import Job as Job
+from .machine.axis import Axis as Axis
+from .machine.dispenser import Dispenser as Dispenser
+from .machine.machine import Machine as Machine
+from .machine.needle import Needle as Needle
+from .metrics.budget import Budget as Budget
+from .run import Fault as Fault
+from .run import Run as Run
+
+__version__: str

@@ -1,0 +1,84 @@
+"""The command `gantrysim`."""
+
+from __future__ import annotations
+
+import sys
+from importlib import metadata
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from gantrysim.cli.render import render as render_command
+from gantrysim.cli.run import run
+from gantrysim.cli.study import study_app
+from gantrysim.cli.terminal import INPUT_ERROR, INTERRUPTED, show, warn
+from gantrysim.cli.tune import tune
+from gantrysim.cli.view import view
+from gantrysim.errors import GantryError
+
+
+class _Commands(TyperGroup):
+    """The commands, which say that they were interrupted: typer itself would end without a word."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as interrupt:
+            warn(": ".join(["interrupted", *map(str, interrupt.args)]))
+            raise typer.Exit(INTERRUPTED) from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
+)
+app.add_typer(study_app, name="study")
+app.command()(run)
+app.command()(tune)
+app.command("render")(render_command)
+app.command()(view)
+
+
+@app.callback(invoke_without_command=True)
+def _main(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    if version:
+        typer.echo(metadata.version("gantrysim"))
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def info() -> None:
+    """List the built-in machines and jobs, the settings of servo and glue, and the servo's gains that follow."""
+    from gantrysim.cli import info
+
+    for table in (
+        info.machines_table(),
+        info.jobs_table(),
+        info.settings_table(),
+        info.glue_table(),
+        info.gains_table(),
+        info.margins_table(),
+    ):
+        show(table)
+
+
+def main() -> None:
+    """Run the command; bad input, in its words or in its values, is one line and exit status 2."""
+    try:
+        status = app(standalone_mode=False)
+    except (GantryError, typer.TyperException) as error:
+        text = error.format_message() if hasattr(error, "format_message") else str(error)
+        warn(text, "error")
+        status = INPUT_ERROR
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        warn(f"{error.strerror}{where}", "error")
+        status = INPUT_ERROR
+    sys.exit(status)

@@ -1,0 +1,1 @@
+"""Exact geometry: paths by arc length, chains of pieces, the nearest point."""

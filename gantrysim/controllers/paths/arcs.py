@@ -1,0 +1,106 @@
+"""Chains of circular arcs and lines that share their tangents, with or without a climb."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
+from gantrysim.errors import InputError
+
+
+class ArcChain(Path):
+    """Circular arcs and straight lines one behind the other, tangent-continuous in the XY plane.
+
+    Args:
+        start: first point, (2,) or (3,) [mm].
+        heading: direction of the first tangent from +x, counter-clockwise [rad].
+        curvature: signed curvature of each piece in the XY plane, 0 for a line, (m,) [1/mm].
+        lengths: length of each piece in the XY plane, (m,) [mm].
+        rise: height that each piece climbs evenly, one for all or (m,) [mm].
+    """
+
+    def __init__(
+        self, start: ArrayLike, heading: float, curvature: ArrayLike, lengths: ArrayLike, rise: ArrayLike = 0.0
+    ) -> None:
+        self._kappa = np.atleast_1d(np.asarray(curvature, float))
+        pieces = np.atleast_1d(np.asarray(lengths, float))
+        if self._kappa.shape != pieces.shape or pieces.ndim != 1 or not pieces.size or not np.all(pieces >= 0):
+            raise InputError(
+                f"arc chain: {self._kappa.size} curvatures and {pieces.size} lengths: "
+                "must be as many, at least one, and every length at least 0 mm"
+            )
+        if np.size(start) not in (2, 3):
+            raise InputError(f"arc chain: start of {np.size(start)} numbers: must be two or three")
+        if np.size(rise) not in (1, pieces.size):
+            raise InputError(f"arc chain: {np.size(rise)} rises: must be one, or as many as the {pieces.size} pieces")
+        if not all(np.isfinite(value).all() for value in (start, heading, self._kappa, pieces, rise)):
+            raise InputError("arc chain: start, heading, curvatures, lengths and rises must be finite")
+        self._flat = pieces
+        self._rise: Floats = np.broadcast_to(np.asarray(rise, float), pieces.shape).copy()
+        self._start = np.zeros(3)
+        self._start[: np.size(start)] = start
+        space = np.hypot(pieces, self._rise)
+        self._cosine = np.divide(pieces, space, out=np.ones_like(space), where=space > 0)
+        self._sine = np.divide(self._rise, space, out=np.zeros_like(space), where=space > 0)
+        self._s = np.concatenate([[0.0], np.cumsum(space)])
+        self._theta = heading + np.concatenate([[0.0], np.cumsum(self._kappa * pieces)])
+        steps = _arc(self._theta[:-1], self._kappa, pieces, self._rise)
+        self._points = self._start + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "start": self._start,
+            "heading": float(self._theta[0]),
+            "curvature": self._kappa,
+            "lengths": self._flat,
+            "rise": self._rise,
+        }
+
+    @property
+    def length(self) -> float:
+        return float(self._s[-1])
+
+    @property
+    def pieces(self) -> int:
+        """Number of arcs and lines."""
+        return self._kappa.size
+
+    @property
+    def ends(self) -> Floats:
+        """Arc length at the end of every piece, (m,) [mm]."""
+        return self._s[1:]
+
+    def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
+        arc_length = np.atleast_1d(np.asarray(s, float))
+        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, self.pieces - 1)
+        return k, arc_length - self._s[k]
+
+    def position(self, s: ArrayLike) -> Floats:
+        k, rest = self._locate(s)
+        steps = _arc(self._theta[k], self._kappa[k], rest * self._cosine[k], rest * self._sine[k])
+        return self._points[k] + steps
+
+    def heading(self, s: ArrayLike) -> Floats:
+        k, rest = self._locate(s)
+        return self._theta[k] + self._kappa[k] * self._cosine[k] * rest
+
+    def curvature(self, s: ArrayLike) -> Floats:
+        k = self._locate(s)[0]
+        return self._kappa[k] * self._cosine[k]
+
+    def climb(self, s: ArrayLike) -> Floats:
+        return self._sine[self._locate(s)[0]]
+
+
+def _arc(theta: Floats, kappa: Floats, flat: Floats, rise: Floats) -> Floats:
+    """Displacement along arcs that leave with heading theta, `flat` long in the plane, (m, 3) [mm].
+
+    The chord's form s sinc(kappa s / 2) (cos, sin)(theta + kappa s / 2) holds for lines as well.
+    """
+    half = 0.5 * kappa * flat
+    chord = flat * np.sinc(half / np.pi)
+    return np.stack([chord * np.cos(theta + half), chord * np.sin(theta + half), rise], axis=-1)

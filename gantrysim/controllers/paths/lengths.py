@@ -1,0 +1,97 @@
+"""Arc length of curves whose radius changes evenly with the angle: arcs, helices, spirals, cones, involutes.
+
+All of them have ds = sqrt(rho^2 + c^2) d(phi) with rho = r + b phi: of an involute rho is the radius of curvature
+and c the climb per radian, of a spiral about a centre rho is the distance from it and c^2 = b^2 + climb^2.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.arrays import Floats
+
+_NEWTON_STEPS = 60
+_LAST_STEP = 1e-8  # relative; the error that is left is of the order of its square
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_EVEN = 0.3  # change of the radius, in parts of sqrt(rho^2 + c^2), below which the quadrature is exact to rounding
+
+
+def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Floats:
+    """Return the length of ds = sqrt((r + b phi)^2 + c^2) d(phi) from 0 to `angle` [mm]; all broadcast.
+
+    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b; by Gauss and
+    Legendre's quadrature where the radius hardly changes and that difference would cancel.
+    """
+    values, shape = _together(r, b, c, angle)
+    return _arc_lengths(*values).reshape(shape)
+
+
+def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
+    """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
+
+    Up to there the radius r + b phi is at least 0.
+    """
+    values, shape = _together(r, b, c, s, most)
+    return _swept_angles(*values).reshape(shape)
+
+
+def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
+    """Values broadcast against each other as flat arrays, and their common shape, of one dimension at least."""
+    whole = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
+    return [np.ascontiguousarray(value).ravel() for value in whole], whole[0].shape
+
+
+@numba.njit(error_model="numpy")
+def _length(r, b, c, angle):
+    middle, square = r + 0.5 * b * angle, c * c
+    if abs(b * angle) <= _EVEN * np.sqrt(middle * middle + square):
+        total = 0.0
+        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba knows no strict
+            rho = middle + 0.5 * b * angle * node
+            total += weight * np.sqrt(rho * rho + square)  # faster than hypot
+        return 0.5 * angle * total
+    return (_antiderivative(r + b * angle, c) - _antiderivative(r, c)) / b
+
+
+@numba.njit(error_model="numpy")
+def _antiderivative(rho, c):
+    square = c * c
+    return 0.5 * (rho * np.hypot(rho, c) + square * (np.arcsinh(rho / abs(c)) if square > 0 else 0.0))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _arc_lengths(r, b, c, angle):
+    found = np.empty(r.size)
+    for k in range(r.size):
+        found[k] = _length(r[k], b[k], c[k], angle[k])
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _swept_angles(r, b, c, s, most):
+    found = np.empty(r.size)
+    for k in range(r.size):
+        found[k] = _angle(r[k], b[k], c[k], s[k], most[k])
+    return found
+
+
+@numba.njit(error_model="numpy")
+def _angle(r, b, c, s, most):
+    rate = np.hypot(r, c)
+    guess = 2 * s / max(rate + np.sqrt(max(rate * rate + 2 * b * s, 0.0)), 1e-300)
+    angle = min(max(guess, 0.0), most)
+    if b * c == 0.0:
+        return angle  # the guess is exact
+    for _ in range(_NEWTON_STEPS):
+        rate = np.hypot(r + b * angle, c)
+        step = (_length(r, b, c, angle) - s) / rate if rate > 0 else 0.0
+        moved = min(max(angle - step, 0.0), most)
+        done = abs(moved - angle) <= _LAST_STEP * moved
+        angle = moved
+        if done:
+            break
+    return angle

@@ -1,0 +1,279 @@
+"""Exact geometry of paths, by arc length.
+
+A path is a curve c(s) [mm] in the work frame with 0 <= s <= length. It runs along a plane (u, v), as a rule
+the XY plane, from which it may climb along the plane's normal w. With the heading theta in the plane and the
+angle of climb beta the unit tangent is
+
+    t = cos(beta) (cos(theta) u + sin(theta) v) + sin(beta) w,
+
+the left normal n = -sin(theta) u + cos(theta) v, and the turning kappa = d(theta)/ds, positive to the left; in
+the plane itself that is the signed curvature.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.arrays import Floats, dot
+from gantrysim.controllers.paths.nearest import AROUND, along, vertices
+from gantrysim.errors import InputError, unknown
+
+# Table of points from which a projection starts. A branch of the path can be mistaken for the nearest only
+# where the two are as far to within spacing^2 / (8 distance).
+_TABLE_SPACING = 0.05  # [mm]
+_TABLE_SIZE = (256, 1_000_000)
+_STEPS = 60
+_TOLERANCE = 1e-11  # [mm]
+_INSIDE = 1e-11  # [mm]
+_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Points projected onto a path.
+
+    Attributes:
+        s: arc length of the foot points, (n,) [mm].
+        offset: point minus foot point, (n, 3) [mm].
+        lateral: signed distance along the left normal, (n,) [mm].
+        vertical: signed distance along the binormal, tangent x left normal, up on a level path, (n,) [mm].
+        distance: distance to the path, (n,) [mm].
+    """
+
+    s: Floats
+    offset: Floats
+    lateral: Floats
+    vertical: Floats
+    distance: Floats
+
+
+@dataclass(frozen=True)
+class Local:
+    """A path and its frame at arc lengths.
+
+    Attributes:
+        position: points c, (n, 3) [mm].
+        along: directions h of the heading, in the plane, (n, 3).
+        normal: left normals n, (n, 3).
+        up: normals w of the plane, (n, 3).
+        cosine, sine: of the angle of climb beta, (n,).
+        turning: kappa = d(theta)/ds, (n,) [1/mm].
+    """
+
+    position: Floats
+    along: Floats
+    normal: Floats
+    up: Floats
+    cosine: Floats
+    sine: Floats
+    turning: Floats
+
+    @classmethod
+    def of(cls, position: Floats, heading: Floats, climb: Floats, frame: Floats, turning: Floats) -> Local:
+        """Return the frame from what `Path` gives of each."""
+        cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
+        u, v, w = frame[:, 0], frame[:, 1], frame[:, 2]
+        level = np.sqrt(np.maximum(1 - climb**2, 0.0))
+        return cls(position, cos * u + sin * v, cos * v - sin * u, w, level, climb, turning)
+
+    @property
+    def tangent(self) -> Floats:
+        """Unit tangents t, (n, 3)."""
+        return self.cosine[:, None] * self.along + self.sine[:, None] * self.up
+
+    @property
+    def bend(self) -> Floats:
+        """Curvature vectors dt/ds but for the change of climb, kappa cos(beta) n, (n, 3) [1/mm]."""
+        return (self.turning * self.cosine)[:, None] * self.normal
+
+
+class Path(ABC):
+    """A curve in the work frame, parametrised by its arc length s [mm]."""
+
+    _kinds: ClassVar[dict[str, type[Path]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        if not cls.__name__.startswith("_"):
+            Path._kinds[cls.__name__] = cls
+
+    @abstractmethod
+    def parameters(self) -> dict[str, Any]:
+        """The constructor's arguments, from which `Path.build` makes the same path again."""
+
+    @staticmethod
+    def build(kind: str, parameters: Mapping[str, Any]) -> Path:
+        """Return the path of the class named `kind`."""
+        if kind not in Path._kinds:
+            raise unknown("path", kind, Path._kinds)
+        try:
+            return Path._kinds[kind](**parameters)
+        except TypeError as error:
+            raise InputError(f"path {kind}: {error}") from None
+
+    @property
+    @abstractmethod
+    def length(self) -> float:
+        """Arc length [mm]."""
+
+    @property
+    def turn_spacing(self) -> float | None:
+        """Distance asked for between neighbouring turns [mm]; None where the path has none."""
+        return None
+
+    @abstractmethod
+    def position(self, s: ArrayLike) -> Floats:
+        """Points c(s), (n, 3) [mm]."""
+
+    @abstractmethod
+    def heading(self, s: ArrayLike) -> Floats:
+        """Angle theta of the tangent in the plane from u, counter-clockwise, not wrapped, (n,) [rad]."""
+
+    @abstractmethod
+    def curvature(self, s: ArrayLike) -> Floats:
+        """Turning kappa = d(theta)/ds, (n,) [1/mm]."""
+
+    def climb(self, s: ArrayLike) -> Floats:
+        """Sine of the angle of climb beta, (n,)."""
+        return np.zeros(np.size(s))
+
+    def frame(self, s: ArrayLike) -> Floats:
+        """Directions u, v, w of the plane, (n, 3, 3)."""
+        return np.broadcast_to(np.eye(3), (np.size(s), 3, 3))
+
+    def local(self, s: ArrayLike) -> Local:
+        """Return points and the path's frame there, for less than one after the other."""
+        return Local.of(self.position(s), self.heading(s), self.climb(s), self.frame(s), self.curvature(s))
+
+    def tangent(self, s: ArrayLike) -> Floats:
+        """Unit tangents t(s), (n, 3)."""
+        theta, sine = self.heading(s), self.climb(s)
+        cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
+        return _in_frame(self.frame(s), cosine * np.cos(theta), cosine * np.sin(theta), sine)
+
+    def normal(self, s: ArrayLike) -> Floats:
+        """Left unit normals n(s) in the plane, (n, 3)."""
+        theta = self.heading(s)
+        return _in_frame(self.frame(s), -np.sin(theta), np.cos(theta), np.zeros_like(theta))
+
+    @cached_property
+    def table(self) -> tuple[Floats, Floats]:
+        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3) [mm]."""
+        count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE)) + 1
+        s = np.linspace(0.0, self.length, count)
+        return s, self.position(s)
+
+    def project(self, points: ArrayLike) -> Projection:
+        """Project points onto the path: the nearest point of the whole curve, ends included.
+
+        Args:
+            points: in any order, (n, 3) [mm].
+        """
+        from scipy.spatial import cKDTree  # slow to import, and needed by the analysis alone
+
+        p = _points(points)
+        return self._foot(p, cKDTree(self.table[1]).query(p)[1])
+
+    def follow(self, trace: ArrayLike, begin: float | None = None) -> Projection:
+        """Project a trace onto the path in the order of its points: each foot is the nearest near the one before.
+
+        So a trace stays on its own turn of a spiral, however far off it is.
+
+        Args:
+            trace: points in the order of the motion, (n, 3) [mm].
+            begin: arc length at which the trace begins; its first foot is looked for no further along the path than
+                twice the distance to there. By default the nearest of the whole path, the earlier of two [mm].
+        """
+        p = _points(trace)
+        s_table, p_table = self.table
+        first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
+        return self._foot(p, along(p_table, p, s_table[1], first))
+
+    @cached_property
+    def corners(self) -> Floats:
+        """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
+        return np.zeros(0)
+
+    def _foot(self, p: Floats, nearest: NDArray[np.intp]) -> Projection:
+        """Project points, given the nearest entries of the table.
+
+        The foot lies between the neighbours of that entry; near a corner it may lie on either side, and is looked
+        for on both.
+        """
+        (s_table, p_table), corners = self.table, self.corners
+        low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
+        found = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
+        if corners.size:
+            edges = np.concatenate([[0.0], corners, [self.length]])
+            k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
+            reach = AROUND * s_table[1]
+            near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
+            at, before, after = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1]
+            for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
+                other = self._between(p[near], low, high, 0.5 * (low + high))
+                closer = other.distance < found.distance[near]
+                for name, values in vars(found).items():
+                    values[near[closer]] = getattr(other, name)[closer]
+        return found
+
+    def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
+        """Project points onto the stretches between two arc lengths, from a guess, (n,) [mm].
+
+        By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step would leave the
+        interval, at the path's ends, where the curvature jumps, near a centre of curvature, the end is tried, and then
+        bisection.
+        """
+        first, last = low, high
+        low, high = low.copy(), high.copy()
+        s = np.clip(guess, low, high)
+        offset, normal, tangent = np.empty((3, len(p), 3))
+        tried = np.zeros(len(p), bool)
+        active = np.arange(len(p))
+        for _ in range(_STEPS):
+            at = s[active]
+            local = self.local(at)
+            back = local.position - p[active]
+            way = local.tangent
+            ahead = dot(back, way)
+            slope = 1.0 + dot(back, local.bend)
+            beyond = ahead > 0
+            high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
+            step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
+            moved = at - step
+            lowest, highest = low[active], high[active]
+            outside = (moved < lowest) | (moved > highest)
+            # on this side of a corner, whose other side has a tangent of its own
+            end = np.where(ahead > 0, first[active] + _INSIDE, last[active] - _INSIDE)
+            first_time = outside & ~tried[active] & (lowest < end) & (end < highest)
+            moved[outside] = np.where(first_time, end, 0.5 * (lowest + highest))[outside]
+            tried[active] |= outside
+            s[active] = moved
+            # after the last step, which is short, the path is straight enough to go there from here
+            offset[active] = -back - (moved - at)[:, None] * way
+            normal[active], tangent[active] = local.normal, way
+            active = active[np.abs(moved - at) > np.where(outside, _TOLERANCE, _LAST_STEP)]
+            if not active.size:
+                break
+        else:  # to and fro about a corner that has no foot on either side
+            local = self.local(s[active])
+            offset[active], normal[active], tangent[active] = p[active] - local.position, local.normal, local.tangent
+        s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
+        vertical = dot(offset, np.cross(tangent, normal))
+        return Projection(s, offset, dot(offset, normal), vertical, np.sqrt(dot(offset, offset)))
+
+
+def _points(points: ArrayLike) -> Floats:
+    p = np.atleast_2d(np.asarray(points, float))
+    if p.shape[-1] != 3 or not np.isfinite(p).all():
+        raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
+    return p
+
+
+def _in_frame(frame: Floats, along: Floats, across: Floats, up: Floats) -> Floats:
+    return np.einsum("ij,ijk->ik", np.stack([along, across, up], axis=1), frame)

@@ -1,0 +1,218 @@
+"""Many simulations at once: each on a row of MuJoCo's batch, stepped on threads without Python in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.simulate import CALLS
+from gantrysim.engine.simulation import Row, Simulation
+from gantrysim.errors import GantryError, InputError, whole
+from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.machine import Machine
+from gantrysim.native.hook import installed
+from gantrysim.native.row import ROW
+from gantrysim.run import Run
+
+
+def simulate_batch(
+    machine: Machine | Sequence[Machine],
+    servo: Servo | Sequence[Servo],
+    setpoints: Setpoints | Sequence[Setpoints],
+    *,
+    physics_step: float | Sequence[float | None] | NDArray[Any] | None = None,
+    dispenser: Dispenser | Sequence[Dispenser | None] | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[Run]:
+    """Run many simulations on threads and return their records, each the same to the last bit as by `simulate`.
+
+    Every argument is one for all, or a list, a tuple or an array with one for each simulation. Machines of different
+    MJCF files, servo periods and lengths may stand side by side; those of one file, perturbed or not, share a batch of
+    MuJoCo's.
+
+    Args:
+        machine: the machines.
+        servo: the servos.
+        setpoints: the commanded positions.
+        physics_step: longest physics step, as for `simulate` [s].
+        dispenser: of the glue, as for `simulate`.
+        threads: number of threads; by default all cores.
+        progress: called now and then with the share of all servo ticks that is done, 0 to 1.
+
+    Returns:
+        The records, in order. A fault ends its own simulation only: see `Run.fault`.
+
+    Raises:
+        InputError: an argument that is neither one nor a list, a tuple or an array of them; lists of different
+            lengths, no simulation at all, or what `simulate` would refuse, with the number of the simulation.
+    """
+    simulations = _simulations(
+        {
+            "machine": machine,
+            "servo": servo,
+            "setpoints": setpoints,
+            "physics_step": physics_step,
+            "dispenser": dispenser,
+        }
+    )
+    places: dict[Path, dict[int, int]] = {}  # by MJCF file: place in the fleet to number of the simulation
+    for number, simulation in enumerate(simulations):
+        group = places.setdefault(simulation.machine.source, {})
+        group[len(group)] = number
+    every = sum(len(simulation.position) for simulation in simulations)
+    records: dict[int, Run] = {}
+    before = 0
+    for group in places.values():
+        own = {place: simulations[number] for place, number in group.items()}
+        fleet = Fleet(own[0].machine, len(own), threads)
+        fleet.load(own)
+
+        def tell(done: int, before: int = before) -> None:
+            if progress is not None:
+                progress((before + done) / every)
+
+        fleet.finish(own, tell)
+        before += sum(len(simulation.position) for simulation in own.values())
+        records |= {number: own[place].record(fleet.rows[place]) for place, number in group.items()}
+    return [records[number] for number in range(len(simulations))]
+
+
+def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
+    several = {name: list(value) for name, value in arguments.items() if _is_several(value)}
+    for name, value in arguments.items():
+        for number, one in enumerate(several.get(name, [value])):
+            _check(name, one, number if name in several else None)
+    lengths = {name: len(values) for name, values in several.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{length} of {name}" for name, length in lengths.items())
+        raise InputError(f"a batch of {said}: must be one for all, or as many of each")
+    count = min(lengths.values(), default=1)
+    if not count:
+        raise InputError("a batch of no simulation: must have at least one")
+    simulations = []
+    for k in range(count):
+        own = {name: several[name][k] if name in several else value for name, value in arguments.items()}
+        try:
+            simulations.append(Simulation.of(**own))
+        except InputError as error:
+            raise InputError(f"simulation {k} of the batch: {error}") from None
+    return simulations
+
+
+def _is_several(value: Any) -> bool:
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
+def _check(name: str, value: Any, number: int | None) -> None:
+    """Raise InputError where an argument, or the one of a simulation by its number, is of another type."""
+    types, words = _ONE[name]
+    if not isinstance(value, types) or isinstance(value, bool):
+        where, more = ("", ", or a list, a tuple or an array of them") if number is None else (f"[{number}]", "")
+        raise InputError(f"{name}{where} is of type {type(value).__name__}: must be {words}{more}")
+
+
+_ONE: dict[str, tuple[tuple[type, ...], str]] = {
+    "machine": ((Machine,), "a Machine"),
+    "servo": ((Servo,), "a Servo"),
+    "setpoints": ((Setpoints,), "Setpoints"),
+    "physics_step": ((Real, NoneType), "a number or None"),
+    "dispenser": ((Dispenser, NoneType), "a Dispenser or None"),
+}
+
+
+class Fleet:
+    """Places for simulations of one machine, perturbed or not, that are stepped together.
+
+    Args:
+        machine: whose MJCF all simulations share.
+        places: number of simulations.
+        threads: number of threads; by default all cores.
+
+    Attributes:
+        rows: the servos' rows by place, once they are loaded; live views of the state.
+
+    Raises:
+        InputError: a number of places or threads below one.
+    """
+
+    def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
+        whole("places", places, 1)
+        threads = 0 if threads is None else whole("threads", threads, 1)
+        self._batch = Batch(machine.physics, places, nthread=threads)
+        self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
+        self._models = [machine.physics] * places
+        self._source = machine.source
+        self._loaded: dict[int, Simulation] = {}  # kept, for the servos read and write their arrays
+        self.rows: dict[int, Row] = {}
+
+    def load(self, simulations: Mapping[int, Simulation]) -> None:
+        """Put simulations at their start into places, over whatever is there.
+
+        Args:
+            simulations: by place; their logs are written to as the fleet steps.
+
+        Raises:
+            GantryError: a simulation of a machine of another MJCF.
+        """
+        for place, simulation in simulations.items():
+            if simulation.machine.source != self._source:
+                raise GantryError(f"a fleet of {self._source} cannot take a simulation of {simulation.machine.source}")
+            self._models[place] = simulation.model
+        self._batch.set_models(self._models)
+        self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
+        for place, simulation in simulations.items():
+            self._loaded[place] = simulation  # before its row is armed with addresses of its arrays
+            self.rows[place] = simulation.start(self._qpos[place], self._userdata[place])
+
+    def step(self, steps: int, places: Sequence[int] | None = None) -> None:
+        """Step simulations; one that is done does no more than idle.
+
+        Args:
+            steps: number of physics steps of each.
+            places: of those to be stepped, by default all.
+        """
+        with installed():
+            self._batch.step(places, nstep=steps)
+
+    def finish(self, places: Iterable[int], tell: Callable[[int], None] | None = None) -> None:
+        """Step simulations until all are done, in calls that Ctrl-C can come between.
+
+        Args:
+            places: of the simulations.
+            tell: called after every call with the number of setpoints that all of them have sent.
+        """
+        simulations = {place: self._loaded[place] for place in places}
+        rows = self.rows
+        most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
+        begun = -1
+        while left := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
+            steps = sum(int(rows[place][0]["steps"]) for place in simulations)
+            if steps == begun:  # MuJoCo does not call the servo: a record says so
+                return
+            begun = steps
+            self.step(min(max(simulations[place].steps_left(rows[place]) for place in left), most), left)
+            if tell is not None:
+                tell(sum(int(rows[place][0]["index"]) for place in simulations))
+
+    def field(self, name: str) -> NDArray[Any]:
+        """Return a field of all servos' rows, a live view of the state, (places,) or of the axes (places, MAX_AXES).
+
+        Args:
+            name: as in `gantrysim.native.row`.
+        """
+        assert ROW.fields is not None  # that of a structure
+        kind, offset = ROW.fields[name][:2]
+        numbers: NDArray[Any] = self._userdata.view(kind.base)
+        first = offset // numbers.itemsize
+        return numbers[:, first : first + kind.shape[0]] if kind.shape else numbers[:, first]

@@ -1,0 +1,1 @@
+"""A job: one file that describes a run completely, and overrides of its values."""

@@ -1,0 +1,149 @@
+"""Where the nozzle is in the work frame, for many positions of the axes at once.
+
+Bodies hang in a tree. From the nearest body above both, the nozzle's body is reached through bodies 1 to n, the
+work through bodies 1 to m. With T_i the pose of a body in its parent and J_i(q) the motion of its joints, the point
+p of the nozzle's body is in the work frame at
+
+    J_m(q)^-1 T_m^-1 ... J_1(q)^-1 T_1^-1   T_1 J_1(q) ... T_n J_n(q)  p
+    (down to the work)                      (up from the nozzle)
+
+Everything here is in SI, as the compiled model is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from gantrysim.arrays import Floats
+
+
+@dataclass(frozen=True)
+class _Rigid:
+    """p -> R p + t."""
+
+    rotation: Floats
+    offset: Floats
+
+    def move(self, points: Floats, _: Floats) -> Floats:
+        return points @ self.rotation.T + self.offset
+
+    def then(self, other: _Rigid) -> _Rigid:
+        return _Rigid(other.rotation @ self.rotation, other.rotation @ self.offset + other.offset)
+
+
+@dataclass(frozen=True)
+class _Slide:
+    """p -> p + (q - q0) a."""
+
+    column: int
+    reference: float
+    axis: Floats
+
+    def move(self, points: Floats, q: Floats) -> Floats:
+        return points + (q[:, self.column] - self.reference)[:, None] * self.axis
+
+
+@dataclass(frozen=True)
+class _Hinge:
+    """p -> o + R(a, q - q0) (p - o), with R(a, w) v = a a.v + cos(w) (v - a a.v) + sin(w) a x v."""
+
+    column: int
+    reference: float
+    axis: Floats
+    anchor: Floats
+
+    def move(self, points: Floats, q: Floats) -> Floats:
+        angle = (q[:, self.column] - self.reference)[:, None]
+        v = points - self.anchor
+        along = (v @ self.axis)[:, None] * self.axis
+        return along + np.cos(angle) * (v - along) + np.sin(angle) * np.cross(self.axis, v) + self.anchor
+
+
+class Kinematics:
+    """Where a site is in the frame of a body, whatever moves the one or the other.
+
+    Joints that no axis drives stay at their reference.
+
+    Args:
+        model: the compiled model.
+        site: the nozzle.
+        body: the work.
+        driven: address in qpos of each axis' joint, a slide or a hinge.
+    """
+
+    def __init__(self, model: mujoco.MjModel, site: int, body: int, driven: Sequence[int]) -> None:
+        columns = {address: column for column, address in enumerate(driven)}
+        up, down = _to_world(model, int(model.site_bodyid[site])), _to_world(model, body)
+        while up and down and up[-1] == down[-1]:
+            up.pop()
+            down.pop()
+        self._site: Floats = model.site_pos[site].copy()
+        self._steps: list[_Rigid | _Slide | _Hinge] = []
+        for b in up:
+            for joint in reversed(_joints(model, b, columns)):
+                self._append(_joint(model, joint, columns, 1.0))
+            self._append(_Rigid(_rotation(model, b), model.body_pos[b].copy()))
+        risen = len(self._steps)
+        for b in reversed(down):
+            back = _rotation(model, b).T
+            self._append(_Rigid(back, -back @ model.body_pos[b]))
+            for joint in _joints(model, b, columns):
+                self._append(_joint(model, joint, columns, -1.0))
+        self.turns_body = any(isinstance(step, _Hinge) for step in self._steps[risen:])
+        # where slides alone move the site, it is at origin + q . directions
+        self._linear: tuple[Floats, Floats] | None = None
+        if not any(isinstance(step, _Hinge) for step in self._steps):
+            origin = self(np.zeros((1, len(columns))))
+            self._linear = origin, self(np.eye(len(columns))) - origin
+
+    def _append(self, step: _Rigid | _Slide | _Hinge) -> None:
+        if self._steps and isinstance(step, _Rigid) and isinstance(last := self._steps[-1], _Rigid):
+            self._steps[-1] = last.then(step)
+        else:
+            self._steps.append(step)
+
+    def __call__(self, q: Floats) -> Floats:
+        """Return the site in the frame of the body, (n, 3) [m].
+
+        Args:
+            q: positions of the axes' joints, (n, axes) [m or rad].
+        """
+        if self._linear is not None:
+            origin, directions = self._linear
+            return origin + q @ directions
+        points = np.broadcast_to(self._site, (len(q), 3))
+        for step in self._steps:
+            points = step.move(points, q)
+        return points
+
+
+def _to_world(model: mujoco.MjModel, body: int) -> list[int]:
+    way = [body]
+    while way[-1]:
+        way.append(int(model.body_parentid[way[-1]]))
+    return way
+
+
+def _joints(model: mujoco.MjModel, body: int, columns: dict[int, int]) -> list[int]:
+    """The driven joints of a body, in their order."""
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    return [joint for joint in range(first, first + count) if int(model.jnt_qposadr[joint]) in columns]
+
+
+def _joint(model: mujoco.MjModel, joint: int, columns: dict[int, int], sense: float) -> _Slide | _Hinge:
+    """The motion of a joint, or with sense -1 its inverse."""
+    address = int(model.jnt_qposadr[joint])
+    reference, axis = float(model.qpos0[address]), sense * model.jnt_axis[joint]
+    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+        return _Slide(columns[address], reference, axis)
+    return _Hinge(columns[address], reference, axis, model.jnt_pos[joint].copy())
+
+
+def _rotation(model: mujoco.MjModel, body: int) -> Floats:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, model.body_quat[body])
+    return matrix.reshape(3, 3)

@@ -1,0 +1,169 @@
+"""Circular tests in the manner of ISO 230-4.
+
+ISO 230-4 "Test code for machine tools, part 4: Circular tests for numerically controlled machine tools", editions of
+2005 and 2022. Its terms and symbols are used as they are publicly described; the standard's own text was not at hand:
+
+- radial deviation F, its largest and smallest value Fmax and Fmin: from the actual path to the nominal path
+- circular deviation G: least radial separation of two concentric circles that envelop the actual path (minimum zone)
+- bidirectional circular deviation G(b): the same of two paths, one run clockwise and one counter-clockwise
+- mean bidirectional radial deviation D: radius of the least-squares circle of both paths less the nominal radius
+
+Sizes of reversal spikes and steps are not in the standard; instruments for circular tests give such figures, each in
+a way of its own. The way taken here is that of `Trace.reversals`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError, positive
+from gantrysim.metrics.zone import least_squares_circle, minimum_zone, plane_points
+
+SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
+_LARGEST_REACH = 45.0  # [deg]
+_LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """What the radial deviation does where an axis reverses.
+
+    Attributes:
+        axis: 0 for that along x, 1 for that along y.
+        angle: of the reversal on the circle, counter-clockwise from x [deg].
+        step: change of the radial deviation from before to after, outward positive; backlash b makes it b [mm].
+        spike: what the deviation is off beyond that, shortly after the reversal, where it is most [mm].
+        spike_at: how far after the reversal [deg].
+    """
+
+    axis: int
+    angle: float
+    step: float
+    spike: float
+    spike_at: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One actual path round a nominal circle, run one way.
+
+    Args:
+        points: a full circle, in the order of the motion, evenly over the angle, (n, 2) [mm].
+        centre: of the nominal path [mm].
+        radius: of the nominal path [mm].
+
+    Raises:
+        InputError: points that do not go all the way round.
+    """
+
+    points: Floats
+    centre: tuple[float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        positive("radius", self.radius, "mm")
+        object.__setattr__(self, "points", plane_points(self.points))
+        gap = float(np.diff(np.sort(self.angle), append=self.angle.min() + 360).max())
+        if gap > _LARGEST_GAP:
+            raise InputError(
+                f"actual path: leaves out {gap:.4g} deg of the circle, must be at most {_LARGEST_GAP:g} deg"
+            )
+
+    @property
+    def angle(self) -> Floats:
+        """Of the points about the nominal centre, counter-clockwise from x, 0 to 360, (n,) [deg]."""
+        x, y = (self.points - self.centre).T
+        return np.degrees(np.arctan2(y, x)) % 360
+
+    @property
+    def clockwise(self) -> bool:
+        """Whether it is run clockwise."""
+        turned = (np.diff(self.angle) + 180) % 360 - 180
+        return bool(turned.sum() < 0)
+
+    @property
+    def deviation(self) -> Floats:
+        """Radial deviation F, (n,) [mm]."""
+        return np.linalg.norm(self.points - self.centre, axis=1) - self.radius
+
+    @cached_property
+    def circular_deviation(self) -> float:
+        """Circular deviation G [mm]."""
+        return minimum_zone(self.points).width
+
+    def reversals(self, reach: float = SPIKE_REACH) -> tuple[Reversal, ...]:
+        """Return what happens at the four reversals of the axes, in the order of their angle.
+
+        With psi_k the angle passed since reversal k, negative before it, the deviation is fitted by
+
+            F = a0 + a1 cos(theta) + b1 sin(theta) + a2 cos(2 theta) + b2 sin(2 theta)
+                + sum over k of h_k sign(psi_k) cos(psi_k) / 2, where |psi_k| < 90 deg:
+
+        size, eccentricity, the axes' scales and their square angle, and at each reversal a jump h_k of the axis that
+        reverses, as backlash makes it, seen along the radius. The reach after each reversal is left out of the fit. The
+        step is h_k; the spike is the largest magnitude of F less the fit within the reach.
+
+        Args:
+            reach: after a reversal, within which a spike is looked for [deg].
+
+        Raises:
+            InputError: a reach beyond 45 deg, which leaves too little for the fit.
+        """
+        if not 0 < reach <= _LARGEST_REACH:
+            raise InputError(f"reach = {reach:g} deg: must be above 0 deg and at most {_LARGEST_REACH:g} deg")
+        theta, sense = np.radians(self.angle), -1.0 if self.clockwise else 1.0
+        since = [sense * ((self.angle - 90.0 * k + 180) % 360 - 180) for k in range(4)]
+        smooth = [np.ones(theta.size), np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)]
+        jumps = [0.5 * np.sign(psi) * np.maximum(np.cos(np.radians(psi)), 0.0) for psi in since]
+        model = np.column_stack(smooth + jumps)
+        within = [(psi >= 0) & (psi < reach) for psi in since]
+        undisturbed = ~np.any(within, axis=0)
+        deviation = self.deviation
+        fit = np.linalg.lstsq(model[undisturbed], deviation[undisturbed], rcond=None)[0]
+        rest = deviation - model @ fit
+        found = []
+        for k, (psi, near) in enumerate(zip(since, within, strict=True)):
+            most = int(np.flatnonzero(near)[np.abs(rest[near]).argmax()])
+            found.append(Reversal(k % 2, 90.0 * k, float(fit[5 + k]), float(rest[most]), float(psi[most])))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class CircularTest:
+    """Both paths of a circular test.
+
+    Args:
+        clockwise: the path run clockwise.
+        counter_clockwise: the other.
+
+    Raises:
+        InputError: paths of other senses, or about other circles.
+    """
+
+    clockwise: Trace
+    counter_clockwise: Trace
+
+    def __post_init__(self) -> None:
+        one, other = self.clockwise, self.counter_clockwise
+        if not one.clockwise or other.clockwise:
+            raise InputError("circular test: must have one path clockwise and one counter-clockwise")
+        if (one.centre, one.radius) != (other.centre, other.radius):
+            raise InputError("circular test: both paths must have one nominal circle")
+
+    @property
+    def _both(self) -> Floats:
+        return np.concatenate([self.clockwise.points, self.counter_clockwise.points])
+
+    @cached_property
+    def bidirectional_circular_deviation(self) -> float:
+        """G(b) [mm]."""
+        return minimum_zone(self._both).width
+
+    @property
+    def mean_bidirectional_radial_deviation(self) -> float:
+        """D: positive where the paths are too large [mm]."""
+        return least_squares_circle(self._both)[1] - self.clockwise.radius

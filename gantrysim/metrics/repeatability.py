@@ -1,0 +1,109 @@
+"""Path accuracy and repeatability in the manner of ISO 9283.
+
+ISO 9283:1998 "Manipulating industrial robots, performance criteria and related test methods", clause 8 as publicly
+described: path accuracy ATp and path repeatability RTp. With n cycles, m places along the command path, and the points
+x_ij in which the j-th attained path meets the plane square to the command path at its i-th place c_i:
+
+    xbar_i = mean over j of x_ij            barycentre
+    ATp = max over i of |xbar_i - c_i|
+    l_ij = |x_ij - xbar_i|,  lbar_i = mean over j of l_ij,  S_i^2 = sum over j of (l_ij - lbar_i)^2 / (n - 1)
+    RTp = max over i of (lbar_i + 3 S_i)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
+from gantrysim.errors import InputError
+
+_LEAST_CYCLES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedPath:
+    """Path accuracy and repeatability along a path that was run several times.
+
+    Attributes:
+        s: places on the command path by arc length, (m,) [mm].
+        command: the same as points c_i, (m, 3) [mm].
+        attained: where each attained path passes them, x_ij, (n, m, 3) [mm].
+    """
+
+    s: Floats
+    command: Floats
+    attained: Floats
+
+    def __post_init__(self) -> None:
+        if self.attained.ndim != 3 or self.attained.shape[1:] != self.command.shape:
+            raise InputError(
+                f"attained paths of shape {self.attained.shape}: must be (n, {len(self.command)}, 3), as the command"
+            )
+        if len(self.attained) < _LEAST_CYCLES:
+            raise InputError(f"{len(self.attained)} attained path: must be at least {_LEAST_CYCLES}, for a scatter")
+
+    @classmethod
+    def of(cls, path: Path, traces: Sequence[ArrayLike], places: int) -> RepeatedPath:
+        """Return the figures of traces held against a path.
+
+        Args:
+            path: the command path.
+            traces: attained paths in the order of the motion, each (k, 3) [mm].
+            places: number m of places, evenly from where the last trace begins to where the first one ends.
+        """
+        offsets = [offset_over_length(path, trace) for trace in traces]
+        s = np.linspace(max(at[0] for at, _ in offsets), min(at[-1] for at, _ in offsets), places)
+        command = path.position(s)
+        attained = [command + interpolated(s, at, offset) for at, offset in offsets]
+        return cls(s, command, np.array(attained))
+
+    @property
+    def barycentre(self) -> Floats:
+        """xbar_i, (m, 3) [mm]."""
+        return self.attained.mean(axis=0)
+
+    @property
+    def accuracy(self) -> Floats:
+        """|xbar_i - c_i|, (m,) [mm]."""
+        return np.linalg.norm(self.barycentre - self.command, axis=1)
+
+    @property
+    def repeatability(self) -> Floats:
+        """lbar_i + 3 S_i, (m,) [mm]."""
+        distance = np.linalg.norm(self.attained - self.barycentre, axis=2)
+        return distance.mean(axis=0) + 3 * distance.std(axis=0, ddof=1)
+
+    @property
+    def path_accuracy(self) -> float:
+        """ATp [mm]."""
+        return float(self.accuracy.max())
+
+    @property
+    def path_repeatability(self) -> float:
+        """RTp [mm]."""
+        return float(self.repeatability.max())
+
+
+def offset_over_length(path: Path, trace: ArrayLike) -> tuple[Floats, Floats]:
+    """Return how far a trace is from a path, over the path's arc length, where it goes forward.
+
+    Args:
+        path: the command path.
+        trace: in the order of the motion, (k, 3) [mm].
+
+    Returns:
+        Arc lengths, ascending (r,) [mm], and offsets square to the path, (r, 3) [mm].
+    """
+    foot = path.follow(trace, begin=0.0)
+    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
+    return foot.s[forward], foot.offset[forward]
+
+
+def interpolated(at: Floats, s: Floats, offset: Floats) -> Floats:
+    """Return offsets (r, 3) given over s (r,) at other arc lengths (m,), (m, 3) [mm]."""
+    return np.stack([np.interp(at, s, offset[:, i]) for i in range(3)], axis=1)

@@ -1,0 +1,139 @@
+"""The spacing of neighbouring turns of a trace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.arrays import Floats, dot
+from gantrysim.controllers.paths.path import Local, Path, Projection
+
+_NEWTON_STEPS = 20
+_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
+_SLOPE_REACH = 0.25  # [mm]
+_LEAST_SLOPE = 0.3
+_CORNER = 0.5  # least jump of the heading from one point to the next that is a corner [rad]
+_CORNER_LENGTH = 1.0  # beyond which the points are that far apart because some are left out [mm]
+_LEAST_OVERLAP = 0.02  # of the second turn over the first, for a spacing to speak of [rad]
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Distance from each point of a spiral's trace to the next turn, along the trace's normal.
+
+    Attributes:
+        s: arc length of the points on the requested path, (m,) [mm].
+        turn: turns of the tangent since the start of the requested path, (m,).
+        distance: to the neighbouring turn, (m,) [mm].
+        next_s: arc length of the points of the neighbouring turn on the requested path, (m,) [mm].
+        link: both points on the trace, (m, 2, 3) [mm].
+    """
+
+    s: Floats
+    turn: Floats
+    distance: Floats
+    next_s: Floats
+    link: Floats
+
+
+def spacing(path: Path, trace: ArrayLike) -> Spacing:
+    """Return the distance of neighbouring turns of a trace, along the trace's own normal in the path's plane.
+
+    With s the foot of a point on the requested path and e(s) its lateral error the trace is, but for what it is off
+    the plane, q(s) = c(s) + e(s) n(s), and its direction in the plane is along (cos(beta) - kappa e) h + e' n, with
+    h the heading, beta the climb and e' taken over a quarter millimetre to both sides. From each point p the normal is
+    followed to where it meets the trace again a turn later: (q(s') - p).direction = 0, solved by Newton's method.
+    Points with no turn after them are left out. Of a path that turns now left, now right it is the stretch that
+    turns furthest one way.
+
+    Args:
+        path: the requested path.
+        trace: points in the order of the motion, (n, 3) [mm].
+    """
+    foot = path.follow(trace)
+    return spacing_of(path, foot, np.arange(foot.s.size))
+
+
+def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
+    """Return the spacing of a trace as `spacing` does, from its projection.
+
+    Args:
+        path: the requested path.
+        foot: the trace's projection onto it.
+        ticks: of the trace's points, ascending; where some are left out there is no trace, (n,).
+    """
+    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
+    s, lateral = foot.s[forward], foot.lateral[forward]
+    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[forward]
+
+    def offset(at: Floats) -> Floats:
+        return np.interp(at, s, lateral)
+
+    def slope(at: Floats) -> Floats:
+        low, high = np.maximum(at - _SLOPE_REACH, s[0]), np.minimum(at + _SLOPE_REACH, s[-1])
+        return (offset(high) - offset(low)) / (high - low)
+
+    def trace(at: Floats) -> tuple[Floats, Floats, Local]:
+        """The trace's points and its derivative over s in the plane, (m, 3) each, and the path there."""
+        here, error = path.local(at), offset(at)
+        point = here.position + error[:, None] * here.normal
+        ahead = here.cosine - here.turning * error
+        return point, ahead[:, None] * here.along + slope(at)[:, None] * here.normal, here
+
+    heading, (first, last) = one_way(path.heading(s), s)
+    s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
+    if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
+        nothing = np.zeros(0)
+        return Spacing(nothing, nothing, nothing, nothing, np.zeros((0, 2, 3)))
+    inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
+    at = s[inner]
+    point, tangent, here = trace(at)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    normal = np.cross(here.up, tangent)
+    guess = np.interp(heading[inner] + 2 * np.pi, heading, s)
+    met_at = guess.copy()
+    active = np.arange(at.size)
+    for _ in range(_NEWTON_STEPS):
+        ahead = tangent[active]
+        there, direction, _ = trace(met_at[active])
+        # where the two turns' directions differ much the step is kept short
+        step = dot(there - point[active], ahead) / np.maximum(dot(direction, ahead), _LEAST_SLOPE)
+        met_at[active] -= step
+        active = active[np.abs(step) >= _LAST_STEP]
+        if not active.size:
+            break
+    met = (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
+    met[active] = False
+    after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
+    met &= parts[after] == parts[after - 1]
+    link = np.stack([point, trace(met_at)[0]], axis=1)
+    distance = np.abs(dot(link[:, 1] - point, normal))
+    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met], link[met])
+
+
+def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:
+    """Return the angle turned along the stretch of a heading that turns furthest one way, and where that is.
+
+    Args:
+        heading: in the order of the motion, not wrapped, (n,) [rad]; a jump is a corner, which ends a stretch.
+        s: arc lengths, (n,) [mm].
+
+    Returns:
+        The angle since the stretch begins, (k,) [rad], and the indices at which it begins and before which it ends.
+    """
+    change = np.diff(heading)
+    sense = np.sign(change)
+    # a straight stretch goes with the turning before it
+    turning = np.flatnonzero(sense)
+    if not turning.size:
+        return np.zeros(0), (0, 0)
+    sense = sense[turning[np.maximum(np.searchsorted(turning, np.arange(sense.size), side="right") - 1, 0)]]
+    sense[(np.abs(change) > _CORNER) & (np.diff(s) < _CORNER_LENGTH)] = 0  # a corner belongs to no stretch
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(sense)) + 1, [sense.size]])
+    turned = [abs(heading[high] - heading[low]) * abs(sense[low]) for low, high in pairwise(edges.tolist())]
+    k = int(np.argmax(turned))
+    low, high = edges[k : k + 2].tolist()
+    return np.abs(heading[low : high + 1] - heading[low]), (low, high + 1)

@@ -1,0 +1,453 @@
+"""The command, as a person at a terminal meets it."""
+
+import contextlib
+import ctypes
+import dataclasses
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+import gantrysim
+from gantrysim import Fault, Job, Run, metrics
+from gantrysim.cli.start import last_words
+from gantrysim.cli.tables import outcome_table
+from gantrysim.cli.terminal import interruptible
+from gantrysim.job.job import builtin_jobs
+from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.report import folder as report
+
+from support.runs import turn, turntable
+
+SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
+QUICK = [*SHORT, "--no-report"]
+
+
+def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
+    out = tmp_path / "deep" / "out"
+    status, printed, _ = gantrysim_command("run", "an225", "--out", out, *SHORT)
+    assert status == 0
+    assert sorted(p.name for p in out.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
+    drawn = ["bead.png", "budget.png", "error.png", "plan.png", "spacing.png"]
+    assert sorted(p.name for p in (out / "plots").iterdir()) == drawn
+    assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
+    links = (*LINKS, "by x", "contour")
+    outcome = ("following error x", "asked for 5", "path speed", "end point", "error comes from")
+    for word in (
+        *links,
+        *outcome,
+        "bead's width",
+        "gap of turns",
+        "% covered",
+        "missing at the start",
+        "too much at the stop",
+        "volume error",
+    ):
+        assert word in printed
+
+
+def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert list(summary) == [
+        "job",
+        "machine",
+        "error_budget",
+        "requested_spacing_mm",
+        "bead_spacing_mm",
+        "tracking_error_um",
+        "generation_error_um",
+        "contour_error_um",
+        "path_speed_mm_s",
+        "path_length_mm",
+        "duration_s",
+        "end_point_mm",
+        "servo",
+        "bead",
+        "notes",
+        "fault",
+        "versions",
+    ]
+    assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
+    assert list(summary["tracking_error_um"]) == ["x", "y", "path"]
+    assert list(summary["path_speed_mm_s"]) == ["mean", "min", "max"]
+    for group in (summary["generation_error_um"], summary["contour_error_um"], *summary["tracking_error_um"].values()):
+        assert list(group) == ["rms", "max"]
+    run = Run.load(tmp_path / "run.npz")
+    figures = metrics.figures(run)
+    written = summary["error_budget"]
+    assert list(written) == [*LINKS, "contour", "tracking_by_axis", "lag_um", "turns"]
+    assert sum(written[link]["share"] for link in LINKS) == pytest.approx(1)
+    part = Budget(metrics.Analysis(run)).figures.parts["tracking"]
+    assert [written["tracking"][f"{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx(
+        [1e3 * part.rms, 1e3 * part.p95, 1e3 * part.max]
+    )
+    assert written["tracking"]["at_max"] == {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)}
+    assert list(written["tracking_by_axis"]) == ["x", "y"]
+    assert [turn["turn"] for turn in written["turns"]] == [1, 2]
+    assert written["turns"][0]["generation"]["rms_um"] > written["turns"][0]["structure"]["rms_um"]
+    assert summary["job"] == "an225"
+    assert summary["machine"] == "xy"
+    assert summary["requested_spacing_mm"] == 5.0
+    assert summary["contour_error_um"]["max"] == pytest.approx(1e3 * figures.contour.max)
+    assert summary["bead_spacing_mm"]["std"] == pytest.approx(figures.spacing.std)
+    assert summary["end_point_mm"] == pytest.approx(run.nozzle[-1].tolist())
+    assert summary["duration_s"] == pytest.approx(run.time[run.dispense][-1])
+    assert summary["fault"] is None
+    assert summary["versions"]["gantrysim"] == gantrysim.__version__
+
+
+def test_the_written_job_repeats_the_run_to_the_last_bit(gantrysim_command, tmp_path):
+    bare = ["--no-video", "--no-report"]
+    gantrysim_command("run", "an225", "--out", tmp_path / "a", *QUICK, "--set", "loop_period=0.07")
+    status, _, _ = gantrysim_command("run", tmp_path / "a" / "job.toml", "--out", tmp_path / "b", *bare)
+    assert status == 0
+    first, second = Run.load(tmp_path / "a" / "run.npz"), Run.load(tmp_path / "b" / "run.npz")
+    for name in ("commanded", "encoder", "nozzle", "demand", "current", "flow"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert (tmp_path / "a" / "job.toml").read_text() == (tmp_path / "b" / "job.toml").read_text()
+
+
+def test_a_later_run_leaves_nothing_of_an_earlier_one(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    (tmp_path / "video.mp4").write_bytes(b"of the earlier run")
+    (tmp_path / "notes.txt").write_text("mine")
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")  # has no neighbouring turns
+    assert not (tmp_path / "video.mp4").exists()
+    assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == ["bead.png", "budget.png", "error.png", "plan.png"]
+    assert json.loads((tmp_path / "summary.json").read_text())["bead_spacing_mm"] is None
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_plots_are_pictures_with_something_on_them(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    for plot in ("plan", "error", "budget", "spacing", "bead"):
+        picture = np.asarray(Image.open(tmp_path / "plots" / f"{plot}.png").convert("RGB"), float)
+        assert min(picture.shape[:2]) > 500
+        drawn = picture.min(axis=2) < 150  # not the paper, nor the grid
+        assert 0.005 < drawn.mean() < 0.5
+
+
+def test_without_a_report_there_are_no_plots_and_those_of_an_earlier_run_go(gantrysim_command, tmp_path):
+    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    assert (tmp_path / "plots" / "plan.png").exists()
+    gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["job.toml", "run.npz", "summary.json"]
+
+
+def test_another_machine_by_name_and_by_file(gantrysim_command, tmp_path, rigid):
+    gantrysim_command("run", "an225", "--out", tmp_path / "a", *QUICK, "--model", "xyz")
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["machine"] == "xyz"
+    source = rigid().source
+    gantrysim_command("run", "an225", "--out", tmp_path / "b", *QUICK, "--model", source)
+    assert json.loads((tmp_path / "b" / "summary.json").read_text())["machine"] == "rigid"
+    assert Job.load(tmp_path / "b" / "job.toml").machine == str(source)
+
+
+def test_a_fault_is_reported_recorded_and_has_its_own_exit_status(gantrysim_command, tmp_path):
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK, "--set", "frequency=300")
+    assert status == 3
+    fault = json.loads((tmp_path / "summary.json").read_text())["fault"]
+    assert fault["axis"] in ("x", "y")
+    assert 0 < fault["time"] < 2
+    assert f"fault: {fault['text']}" in errors.replace("\n", " ")
+
+
+BAD = {
+    "inner diameter below zero": (["--set", "turns=9"], "inner_diameter = -60 mm"),
+    "NaN": (["--set", "speed=nan"], "speed = nan mm/s: must be finite"),
+    "zero turns": (["--set", "turns=0"], "turns = 0: must be at least 1"),
+    "speed above the limit": (
+        ["--set", "speed=3000", "--set", "acceleration=inf"],
+        "must be at most 1000 mm/s, the limit of machine xy",
+    ),
+    "path outside the travel": (["--set", "start=[100.0, 0.0]"], "must lie in the travel -150 to 150 mm of machine xy"),
+    "unknown model": (["--model", "yx"], "unknown model 'yx': did you mean xy"),
+    "unknown key": (["--set", "thicknes=3"], "unknown key 'thicknes': did you mean program.thickness"),
+    "missing file": (["--model", "none/such.xml"], "none/such.xml: no such file"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_input_is_one_line_and_exit_status_2_and_writes_nothing(gantrysim_command, tmp_path, arguments, text):
+    out = tmp_path / "out"
+    status, printed, errors = gantrysim_command("run", "an225", "--out", out, "--no-video", *arguments)
+    assert status == 2
+    assert printed == ""
+    assert errors.startswith("error: ")
+    assert text in errors
+    assert errors.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_bad_job_and_bad_mjcf_and_bad_folder(gantrysim_command, tmp_path, rigid):
+    status, _, errors = gantrysim_command("run", "an226")
+    assert (status, errors) == (
+        2,
+        f"error: unknown job 'an226': did you mean an225? known: {', '.join(builtin_jobs())}\n",
+    )
+    source = rigid().source
+    source.write_text(source.read_text().replace('name="nozzle"', 'name="tip"'))
+    status, _, errors = gantrysim_command("run", "an225", "--model", source, "--out", tmp_path / "out")
+    assert status == 2
+    assert "has no site named 'nozzle'; it has: tip" in errors
+    (tmp_path / "file").write_text("")
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "file", *SHORT)
+    assert status == 2
+    assert "is a file, must be a folder" in errors
+
+
+def test_the_installed_command_from_another_folder(tmp_path):
+    """One real process: no traceback, status and streams as promised."""
+    command = [sys.executable, "-m", "gantrysim", "run", "an225", "--set", "turns=-1"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "error: job an225: turns = -1: must be at least 1\n"
+    version = subprocess.run([*command[:3], "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert version.stdout.strip() == gantrysim.__version__
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [(["run", "--speed", "3"], "error: No such option: --speed"), (["runn"], "error: No such command 'runn'")],
+)
+def test_a_word_the_command_does_not_know_is_one_line_too(gantrysim_command, arguments, text):
+    status, printed, errors = gantrysim_command(*arguments)
+    assert status == 2
+    assert printed == ""
+    assert errors.startswith(text)
+    assert errors.count("\n") == 1
+
+
+def test_without_words_the_command_shows_its_help(gantrysim_command):
+    status, printed, _ = gantrysim_command()
+    assert status == 0
+    assert "run" in printed
+
+
+def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypatch):
+    def interrupted(*arguments, **keywords):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("gantrysim.plots.save_plots", interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert stopped == (130, "", "interrupted: nothing is written\n")
+    assert not list(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_in_the_midst_of_a_conversion_is_one_too(gantrysim_command, tmp_path, monkeypatch, number):
+    """ctypes makes an error of its own of whatever ends the conversion of an argument, as of OpenGL's."""
+
+    class Argument:
+        @classmethod
+        def from_param(cls, value):
+            signal.raise_signal(number)
+
+    function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
+    monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
+    stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert stopped == (130, "", "interrupted: nothing is written\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_that_is_lost_on_its_way_ends_the_next_step(gantrysim_command, tmp_path, monkeypatch):
+    def lost(*_, progress, **__):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        progress(0.5)
+        pytest.fail("went on")
+
+    monkeypatch.setattr("gantrysim.plots.save_plots", lost)
+    assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
+
+
+def test_a_finaliser_that_loses_an_interrupt_is_silent_and_others_are_not(monkeypatch):
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda lost: told.append(lost.exc_type))
+
+    class Final:
+        def __init__(self, leave):
+            self.leave = leave
+
+        def __del__(self):
+            self.leave()
+
+    def interrupted():
+        with interruptible("what is left") as go_on:
+            Final(lambda: 1 / 0)
+            Final(lambda: signal.raise_signal(signal.SIGINT))
+            go_on()
+
+    with pytest.raises(KeyboardInterrupt, match="what is left"):
+        interrupted()
+    Final(lambda: 1 / 0)
+    assert told == [ZeroDivisionError, ZeroDivisionError]
+
+
+def test_other_errors_stay_what_they_are_where_nothing_was_interrupted(gantrysim_command, tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise ctypes.ArgumentError("argument 1")
+
+    monkeypatch.setattr("gantrysim.plots.save_plots", broken)
+    with pytest.raises(ctypes.ArgumentError, match="argument 1"):
+        gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+
+
+def test_any_command_says_that_it_was_interrupted(gantrysim_command, monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gantrysim.cli.info.machines_table", interrupted)
+    assert gantrysim_command("info") == (130, "", "interrupted\n")
+
+
+def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
+    """A module that is imported early sends it; so it does not matter how fast this computer is."""
+    (tmp_path / "tomli_w.py").write_text(
+        "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "gantrysim", "info"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted: nothing is written\n")
+
+
+def test_a_mujoco_gl_that_mujoco_does_not_know_is_one_line():
+    environment = {**os.environ, "MUJOCO_GL": "foo"}
+    command = [sys.executable, "-m", "gantrysim", "--version"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    said = "error: MUJOCO_GL = foo: must be egl, osmesa or off, or not be set\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    program = subprocess.run(
+        [sys.executable, "-c", "import gantrysim; gantrysim.Machine"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert program.stderr.startswith("Traceback")  # who imports the package sees where it failed
+
+
+def test_an_error_that_is_no_interrupt_keeps_its_traceback(capsys):
+    error = RuntimeError("another")
+    last_words(RuntimeError, error, None)
+    assert capsys.readouterr().err == "RuntimeError: another\n"
+    error.__cause__ = ImportError("numpy")
+    error.__cause__.__context__ = KeyboardInterrupt()
+    with pytest.raises(SystemExit, match="130"):
+        last_words(RuntimeError, error, None)
+
+
+def test_the_help_shows_what_stands_in_brackets(gantrysim_command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert "TOML file whose table [servo] is taken" in gantrysim_command("run", "--help")[1]
+
+
+def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command, tmp_path, monkeypatch):
+    (tmp_path / "job.toml").write_text("# mine\n" + Job.load("an225", ["diameter=40", "turns=2", "thickness=5"]).toml())
+    monkeypatch.chdir(tmp_path)
+    status, _, errors = gantrysim_command("run", "job.toml", "--out", ".", "--no-video", "--no-report")
+    assert status == 2
+    assert "--out .: holds job.toml, which no run has written" in errors
+    assert (tmp_path / "job.toml").read_text().startswith("# mine")
+    out = tmp_path / "out"
+    (out / "plots").mkdir(parents=True)
+    (out / "plots" / "my-own.png").write_bytes(b"mine")
+    for _ in range(2):
+        assert gantrysim_command("run", "job.toml", "--out", out, "--no-video", "--no-report")[0] == 0
+    assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
+    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
+
+
+def test_what_a_killed_run_has_left_goes_and_that_of_one_at_work_stays(gantrysim_command, tmp_path):
+    killed = subprocess.Popen([sys.executable, "-c", ""])
+    killed.wait()
+    left, at_work, other = (tmp_path / f".partial-{name}" for name in (f"{killed.pid}-ab", f"{os.getpid()}-ab", "mine"))
+    for folder in (left, at_work, other):
+        folder.mkdir()
+        (folder / "run.npz").write_bytes(b"half of it")
+    assert gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)[0] == 0
+    assert not left.exists()
+    assert (at_work / "run.npz").exists()
+    assert (other / "run.npz").exists()
+
+
+def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
+    folder = tmp_path / "o[red]x"
+    status, printed, _ = gantrysim_command("run", "an225", "--out", folder, *QUICK)
+    assert status == 0
+    assert "o[red]x/: job.toml, run.npz, summary.json" in printed
+
+
+def test_a_machine_without_cameras_gets_its_video_all_the_same(gantrysim_command, tmp_path, rigid):
+    arguments = [word for word in SHORT if word != "--no-video"]
+    status, _, errors = gantrysim_command(
+        "run", "an225", "--out", tmp_path / "out", "--model", rigid().source, *arguments, "--no-report"
+    )
+    assert (status, errors) == (0, "")
+    assert (tmp_path / "out" / "video.mp4").stat().st_size > 1000
+
+
+def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
+    run = Job.load("an225", ["diameter=40", "turns=1"]).run()
+    faulted = dataclasses.replace(run, fault=Fault("diverged", "x", 0.1, math.nan, math.inf, "mm"))
+    job = Job.load("an225")
+    written = report.summary(job, job.built_machine, Budget(metrics.Analysis(faulted)))
+    assert written["fault"] == {
+        "kind": "diverged",
+        "axis": "x",
+        "time": 0.1,
+        "value": None,
+        "limit": None,
+        "unit": "mm",
+        "reaction": "",
+        "text": str(faulted.fault),
+    }
+    json.dumps(written, allow_nan=False)
+
+
+def test_what_cannot_be_written_is_one_line(gantrysim_command, tmp_path, monkeypatch):
+    def full(*arguments, **keywords):
+        raise OSError(28, "No space left on device", "run.npz")
+
+    monkeypatch.setattr(Run, "save", full)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "a" / "b", *SHORT)
+    assert (status, errors) == (2, "error: No space left on device (run.npz)\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_errors_of_rotary_axes_are_told_in_thousandths_of_a_degree(tmp_path, capsys):
+    machine = turntable(tmp_path)
+    run = turn(machine, 90.0)
+    budget = Budget(metrics.Analysis(run))
+    figures = budget.analysis.figures
+    error = 1e3 * (run.commanded - run.encoder)
+    assert figures.tracking["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
+    job = Job.load("an225")
+    written = report.summary(job, machine, budget)
+    assert list(written["tracking_error_um"]) == ["x", "path"]
+    assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
+    assert list(written)[5:7] == ["tracking_error_um", "tracking_error_mdeg"]
+    Console().print(outcome_table(run, figures, None))
+    printed = capsys.readouterr().out
+    rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()
+    assert f"{rms:.1f} mdeg" in printed
+    assert f"{largest:.1f} mdeg" in printed
+    assert printed.count("mdeg") == 2

@@ -1,0 +1,329 @@
+"""The command `gantrysim render`, as a person at a terminal meets it."""
+
+import ctypes.util
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+from PIL import Image
+
+from gantrysim import InputError, Job
+from gantrysim.cli.render import size_of
+from gantrysim.plots.style import INK
+from gantrysim.render import Film, Take
+from gantrysim.render.comparison import labels_of
+from gantrysim.render.overlay import run_colours
+from gantrysim.report.saved import SavedRun
+
+from support.films import cut, saved, shows, small_job
+
+SMALLEST = ("--size", "300x200")
+LITTLE = 10_000  # less than any of these pictures and films [bytes]
+QUICK = (*SMALLEST, "--fps", "4")
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Two saved runs, the second one shorter and with another loop."""
+    folder = tmp_path_factory.mktemp("runs")
+    saved(folder / "slow", small_job())
+    fast = small_job("loop_period=0.02")
+    saved(folder / "fast", fast, cut(fast.run(), 900))
+    return folder
+
+
+@pytest.fixture
+def folder(kept, tmp_path):
+    """The same, to be written into."""
+    for name in ("slow", "fast"):
+        (tmp_path / name).mkdir()
+        for item in (kept / name).iterdir():
+            if item.is_file():
+                (tmp_path / name / item.name).write_bytes(item.read_bytes())
+    return tmp_path
+
+
+@pytest.fixture
+def no_simulation(monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("simulated")
+
+    monkeypatch.setattr("gantrysim.job.job.simulate", refuse)
+    monkeypatch.setattr("gantrysim.job.job.perfect_follower", refuse)
+    monkeypatch.setattr(Job, "run", refuse)
+
+
+def names(folder):
+    return sorted(item.name for item in folder.iterdir())
+
+
+def test_a_saved_run_becomes_a_video_without_being_run_again(gantrysim_command, folder, no_simulation):
+    before = names(folder / "slow")
+    status, printed, errors = gantrysim_command("render", folder / "slow", *QUICK)
+    assert (status, errors) == (0, "")
+    assert names(folder / "slow") == sorted([*before, "render.mp4"])
+    with imageio.get_reader(folder / "slow" / "render.mp4") as reader:
+        frames = [np.asarray(frame) for frame in reader]
+    end = SavedRun.load(folder / "slow").run.time[-1]
+    assert len(frames) == int(np.ceil(4 * end)) + 1
+    assert frames[0].shape == (200, 300, 3)
+    said = f"written to {folder}/slow/render.mp4: {len(frames)} frames, {len(frames) / 4:.1f} s"
+    assert printed.splitlines() == [said]
+
+
+def test_options_reach_the_film(gantrysim_command, folder):
+    out = folder / "a.gif"
+    status, printed, _ = gantrysim_command(
+        "render", folder / "slow", "--size", "400x200", "--fps", "30", "--speed", "4", "--colour", "error",
+        "--camera", "top", "--label", "my own", "--out", out,
+    )  # fmt: skip
+    assert status == 0
+    back = SavedRun.load(folder / "slow")
+    take = Take(back.machine, back.run, "my own", back.job.bead)
+    with Film([take], camera="top", size=(400, 200), colour="error") as film, Image.open(out) as gif:
+        count = len(film.times(100 / 3, 4))
+        assert gif.n_frames == count
+        assert gif.info["duration"] == 30
+        gif.seek(count - 1)
+        shown = np.asarray(gif.convert("RGB"), float)
+        assert np.abs(shown - film.frame(film.end, 4.0)).mean() < 2
+    assert printed.endswith(f"{count} frames, {0.03 * count:.1f} s\n")
+
+
+def test_at_draws_one_picture(gantrysim_command, folder):
+    assert gantrysim_command("render", folder / "slow", *SMALLEST, "--at", "0.5")[0] == 0
+    picture = np.asarray(Image.open(folder / "slow" / "render.png"))
+    back = SavedRun.load(folder / "slow")
+    with Film([Take(back.machine, back.run, "an225", back.job.bead)], size=(300, 200)) as film:
+        np.testing.assert_array_equal(picture, film.frame(0.5))
+        status, printed, _ = gantrysim_command("render", folder / "slow", *SMALLEST, "--out", folder / "b.png")
+        assert (status, printed) == (0, f"written to {folder}/b.png: picture\n")
+        np.testing.assert_array_equal(np.asarray(Image.open(folder / "b.png")), film.frame(film.end))
+
+
+def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, folder, no_simulation):
+    runs = folder / "slow", folder / "fast"
+    status, printed, errors = gantrysim_command("render", *runs, "--size", "640x320", "--at", "0.5")
+    assert (status, errors) == (0, "")
+    assert printed == f"written to {folder}/comparison.png: picture\n"
+    picture = np.asarray(Image.open(folder / "comparison.png"))
+    for text, colour in zip(("loop_period = 0.1 s", "loop_period = 0.02 s"), run_colours(2), strict=True):
+        assert shows(picture[:40], text, 10, colour, bold=True)
+    assert gantrysim_command("render", *runs, "--size", "480x240", "--fps", "2", "--speed", "2")[0] == 0
+    with imageio.get_reader(folder / "comparison.mp4") as reader:
+        assert sum(1 for _ in reader) == len(np.arange(0, SavedRun.load(runs[0]).run.time[-1], 1.0)) + 1
+    assert not list(folder.glob("*/render*"))
+
+
+def test_a_comparison_of_the_folder_one_stands_in_lies_beside_it(gantrysim_command, folder, monkeypatch):
+    monkeypatch.chdir(folder / "slow")
+    arguments = ("--size", "480x240", "--at", "0.2", "--label", "one", "--label", "two")
+    assert gantrysim_command("render", ".", "../fast", *arguments)[0] == 0
+    picture = np.asarray(Image.open(folder / "comparison.png"))
+    assert shows(picture[:40], "two", 10, run_colours(2)[1], bold=True)
+
+
+def test_a_later_run_removes_what_was_drawn_of_an_earlier_one(gantrysim_command, folder):
+    for name in ("render.mp4", "render.gif", "render.png", "mine.gif"):
+        (folder / "slow" / name).write_bytes(b"of the earlier run")
+    small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
+    out = ("--out", folder / "slow", "--no-video", "--no-report")
+    assert gantrysim_command("run", "an225", *small, *out)[0] == 0
+    assert names(folder / "slow") == ["job.toml", "mine.gif", "run.npz", "summary.json"]
+
+
+def test_bad_input_is_one_line_and_nothing_is_written(gantrysim_command, folder, tmp_path):
+    slow, fast = folder / "slow", folder / "fast"
+    (tmp_path / "empty").mkdir()
+    before = names(folder), names(slow)
+    for arguments, text in (
+        ((slow, fast, slow), "number of runs = 3: must be 1, 2 or 4"),
+        ((slow,) * 5, "number of runs = 5: must be 1, 2 or 4"),
+        ((slow, "--label", "a", "--label", "b"), "number of labels = 2: must be 1, one for each run"),
+        ((folder / "none",), f"run {folder}/none: no such folder; gantrysim run JOB --out {folder}/none makes one"),
+        ((tmp_path / "empty",), f"run {tmp_path}/empty: holds no run: job.toml and run.npz missing"),
+        ((slow, "--camera", "topp"), "unknown camera 'topp': did you mean top? known: "),
+        ((slow, "--colour", "eror"), "unknown colour 'eror': did you mean error? known: error, plain, width"),
+        ((slow, "--size", "960"), "--size 960: must be width x height in pixels, as in 960x720"),
+        ((slow, "--size", "0x0"), "width of the film = 0: must be at least 1"),
+        ((slow, "--size", "301x200"), "size of the video = 301 x 200: must be even numbers of pixels"),
+        ((slow, "--fps", "0"), "frames per second = 0 1/s: must be greater than 0 1/s"),
+        ((slow, "--speed", "-1"), "speed of the film = -1: must be greater than 0"),
+        ((slow, "--at", "0.5", "--fps", "-3"), "frames per second = -3 1/s: must be greater than 0 1/s"),
+        ((slow, "--at", "0.5", "--speed", "-3"), "speed of the film = -3: must be greater than 0"),
+        ((slow, "--size", "9" * 5000 + "x9"), "--size 9"),
+        ((slow, "--out", "a.avi"), "--out a.avi: suffix = '.avi': must be .mp4, .gif or .png"),
+        ((slow, "--out", folder / "no" / "a.mp4"), f"file {folder}/no/a.mp4: no such folder {folder}/no"),
+        (
+            (slow, "--at", "0.5", "--out", "a.mp4"),
+            "--at 0.5 with --out a.mp4: --at is of a single picture: must be .png",
+        ),
+        ((slow, "--at", "20"), "time = 20 s: must be from 0 s to the end of the run, 1.444 s"),
+        ((slow, "--fps", "many"), "Invalid value for '--fps'"),
+        ((), "Missing argument 'RUN_DIR'"),
+    ):
+        status, printed, errors = gantrysim_command("render", *arguments)
+        assert (status, printed) == (2, ""), arguments
+        assert errors.startswith(f"error: {text}"), errors
+        assert errors.count("\n") == 1
+    assert (names(folder), names(slow)) == before
+
+
+def test_without_opengl_the_packages_are_named(gantrysim_command, folder, monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    find = ctypes.util.find_library
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None if name in ("EGL", "OSMesa") else find(name))
+    before = names(folder / "slow")
+    status, printed, errors = gantrysim_command("render", folder / "slow")
+    assert (status, printed) == (2, "")
+    assert errors.startswith("error: no OpenGL that needs no display")
+    assert "libegl1" in errors
+    assert errors.count("\n") == 1
+    assert names(folder / "slow") == before
+
+
+def test_a_machine_that_has_changed_since_is_told(gantrysim_command, folder):
+    summary = folder / "slow" / "summary.json"
+    summary.write_text(summary.read_text().replace('"machine_sha256": "', '"machine_sha256": "0'))
+    status, _, errors = gantrysim_command("render", folder / "slow", *SMALLEST, "--at", "0.1")
+    assert status == 0
+    assert errors == f"note: machine xy has changed since {folder}/slow was run\n"
+
+
+def test_an_interrupt_leaves_what_was_there(folder):
+    (folder / "slow" / "render.mp4").write_bytes(b"earlier")
+    before = names(folder / "slow")
+    arguments = [sys.executable, "-m", "gantrysim", "render", str(folder / "slow"), "--speed", "0.02", *SMALLEST]
+    process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts)
+    while not list((folder / "slow").glob(".partial-*")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "interrupted: nothing is written\n"
+    assert names(folder / "slow") == before
+    assert (folder / "slow" / "render.mp4").read_bytes() == b"earlier"
+
+
+@pytest.mark.parametrize("arguments", [("--out", "a.mp4"), ("--out", "a.gif"), ("--at", "1", "--out", "a.png")])
+def test_what_does_not_fit_is_told_with_file_and_reason(folder, arguments):
+    """A bound on the size of files fails as a full disk does, in the words of another errno."""
+    resource = pytest.importorskip("resource")
+    before = names(folder), names(folder / "slow")
+    done = subprocess.run(
+        [sys.executable, "-m", "gantrysim", "render", "slow", *SMALLEST, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (LITTLE, LITTLE)),
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: file {arguments[-1]}: cannot be written: "), done.stderr
+    assert done.stderr.endswith("File too large\n")
+    assert done.stderr.count("\n") == 1
+    assert (names(folder), names(folder / "slow")) == before
+
+
+def _heed_interrupts():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_what_a_killed_process_has_left_is_cleared_away_by_a_later_run(gantrysim_command, folder):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left = folder / "slow" / f".partial-{gone.pid}-xyz"
+    of_another = folder / "slow" / f".partial-{os.getppid()}-xyz"
+    for place in (left, of_another):
+        place.mkdir()
+        (place / "render.mp4").write_bytes(b"half")
+    small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
+    gantrysim_command("run", "an225", *small, "--out", folder / "slow", "--no-video", "--no-report")
+    assert not left.exists()
+    assert of_another.exists()
+
+
+def test_the_video_of_a_run_is_headed_by_its_job(gantrysim_command, tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr("gantrysim.render.save_video", lambda machine, run, file, **named: seen.update(named))
+    small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
+    gantrysim_command("run", "an225", *small, "--out", tmp_path, "--no-report")
+    assert seen["label"] == "an225"
+
+
+def test_sizes_are_read():
+    assert size_of("960x720") == size_of(" 960×720 ") == (960, 720)
+    for text in ("960", "x720", "960x", "9.5x7", "-1x10", "960 720"):
+        with pytest.raises(InputError, match=r"must be width x height in pixels, as in 960x720"):
+            size_of(text)
+
+
+def labelled(*jobs, folders=None):
+    """Labels of runs of these jobs; what the machine did makes no difference."""
+
+    class Kept:
+        def __init__(self, job, folder):
+            self.job, self.folder = job, folder
+
+    from pathlib import Path
+
+    folders = folders or [f"out/run-{k}" for k in range(len(jobs))]
+    return labels_of([Kept(job, Path(folder)) for job, folder in zip(jobs, folders, strict=True)])
+
+
+def test_runs_are_called_by_what_their_jobs_differ_in():
+    base = Job.load("an225")
+    assert labelled(base) == ["an225"]
+
+    def against(*settings):
+        return labelled(base, base.overridden(settings))
+
+    assert against("loop_period=1.0") == ["loop_period = 0.1 s", "loop_period = 1 s"]
+    assert against("feedforward=0") == ["feedforward = 1", "feedforward = 0"]
+    assert against("servo.period=0.0005") == ["period = 0.001 s", "period = 0.0005 s"]
+    assert against("servo.frequency=12") == ["frequency = default", "frequency = 12 Hz"]
+    assert against("servo.integral_time=inf") == ["integral_time = 0.03 s", "integral_time = inf s"]
+    assert against("dispenser.flow=100") == ["flow = 200 mm³/s", "flow = 100 mm³/s"]
+    assert against("bead.contact_angle=45") == ["contact_angle = 60 deg", "contact_angle = 45 deg"]
+    assert against("simulation.settle=0.5") == ["settle = 0.25 s", "settle = 0.5 s"]
+    assert against("clockwise=false") == ["clockwise = true", "clockwise = false"]
+    assert against("machine=xyz") == ["machine = xy", "machine = xyz"]
+    assert against("name=other") == ["run-0", "run-1"]
+    assert against("speed=50", "turns=3") == ["turns = 4, speed = 100 mm/s", "turns = 3, speed = 50 mm/s"]
+    # one word for two keys says the keys in full
+    assert against("servo.period=0.0005", "servo.damping=0.9", "speed=50") == [
+        "speed = 100 mm/s, period = 0.001 s, damping = 1",
+        "speed = 50 mm/s, period = 0.0005 s, damping = 0.9",
+    ]
+    # more than can be read is left to the folders
+    assert against("speed=50", "turns=3", "diameter=100", "feedforward=0") == ["run-0", "run-1"]
+    four = [base.overridden([f"loop_period={period}"]) for period in (1.0, 0.3, 0.1, 0.01)]
+    assert labelled(*four) == [f"loop_period = {period} s" for period in ("1", "0.3", "0.1", "0.01")]
+
+
+def test_parts_of_a_program_have_their_units_and_words_that_two_keys_share_are_said_in_full():
+    base = Job.load("softmc-arc")
+    assert labelled(base, base.overridden(["program.group.velocity=120"]))[1] == "velocity = 120 mm/s"
+    recorded = base.changed({"program.record": {"points": 10, "gap": 2, "what": ["PCMD"]}})
+    other = recorded.overridden(["program.record.gap=4", "bead.gap=0.4"])
+    assert labelled(recorded, other)[1] == "program.record.gap = 4, bead.gap = 0.4 mm"
+
+
+def test_programs_too_long_to_be_read_leave_it_to_the_folders():
+    base = Job.load("fanuc-spiral")
+    other = base.changed({"program.program": str(base.program["program"]).replace("F6000", "F5000")})
+    assert labelled(base, other) == ["run-0", "run-1"]
+    assert labelled(base, base, folders=["a/out", "b/out"]) == ["a/out", "b/out"]
+    assert labelled(base, base, folders=["a", "../b"]) == ["a", "b"]
+
+
+def test_the_picture_says_the_job(gantrysim_command, folder):
+    gantrysim_command("render", folder / "slow", "--size", "480x360", "--at", "0.3")
+    picture = np.asarray(Image.open(folder / "slow" / "render.png"))
+    assert shows(picture[-66:], "an225", 10, INK, bold=True)

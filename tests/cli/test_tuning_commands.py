@@ -1,0 +1,189 @@
+"""The commands `gantrysim tune` and `gantrysim run --servo`, in this process and interrupted in one of their own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.study.ledger import LEDGER
+from gantrysim.tuning.servo import TUNED
+
+from support.studies import PATIENCE, content, spoken
+from support.tunings import circle, detuned
+
+SMALL = ("--budget", 24, "--robust", 1, "--unseen", 2, "--workers", 1)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """The file of a job with gains ten times too low."""
+    path = tmp_path / "poor.toml"
+    path.write_text(detuned(0.1).toml())
+    return path
+
+
+def test_a_job_is_tuned_and_runs_with_the_servo_found(gantrysim_command, tmp_path, file, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, output, said = gantrysim_command("tune", file, *SMALL)
+    assert status == 0
+    assert said == ""
+    out = " ".join(output.split())
+    assert "The gains found bring the rms contour error from " in out
+    assert "On 2 machines that the search has not seen" in out
+    assert "written to out/tune-circle/: job.toml, plots, report.html, study.csv, study.toml, tuned.toml" in out
+    tuned = tmp_path / "out" / "tune-circle" / TUNED
+    run = ("run", file, "--servo", tuned, "--no-video", "--no-report", "--out")
+    status, _, said = gantrysim_command(*run, tmp_path / "a")
+    assert (status, said) == (0, "")
+    table = tomllib.loads(tuned.read_text())["servo"]
+    job = Job.load(tmp_path / "a" / "job.toml")  # holds the servo, so that it can be run again
+    assert all(dict(job.servo)[name] == value for name, value in table.items())
+    status, _, _ = gantrysim_command("run", tmp_path / "a" / "job.toml", "--no-video", "--no-report", "--out", "b")
+    assert status == 0
+    assert (tmp_path / "b" / "summary.json").read_bytes() == (tmp_path / "a" / "summary.json").read_bytes()
+
+
+def test_settings_can_be_changed_and_another_search_takes_the_folder(gantrysim_command, tmp_path, file):
+    few = ("--budget", 4, "--robust", 0, "--unseen", 1, "--workers", 1, "--out", tmp_path / "a")
+    assert gantrysim_command("tune", file, *few)[0] == 0
+    first = content(tmp_path / "a")
+    few = (*few[:5], 0, *few[6:])
+    overrides = (
+        "--set",
+        "servo.kp=[0.1, 0.2]",
+        "--model",
+        "xy",
+        "--law",
+        "pd",
+        "--figure",
+        "contour_max",
+        "--per-axis",
+    )
+    status, output, _ = gantrysim_command("tune", file, *few, *overrides)
+    assert status == 0
+    assert "largest contour error" in " ".join(output.split())
+    described = tomllib.loads((tmp_path / "a" / "study.toml").read_text())["settings"]
+    assert (described["law"], described["figure"], described["per_axis"]) == ("pd", "contour_max", True)
+    assert Job.load(tmp_path / "a" / "job.toml").servo.kp == [0.1, 0.2]
+    second = content(tmp_path / "a")
+    assert set(first) - set(second) == {"plots/machines.png"}
+    assert first[TUNED] != second[TUNED]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--budget", 9), "budget = 9: must be at least 10, the start and one candidate on 5 machines each"),
+        (("--spread", "mass=1"), "unknown spread 'mass'"),
+        (("--law", "p"), "unknown law 'p': did you mean pd? known: pd, pid"),
+        (("--budget", "many"), "Invalid value for '--budget'"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(gantrysim_command, tmp_path, file, arguments, said):
+    status, output, error = gantrysim_command("tune", file, *arguments, "--out", tmp_path / "a")
+    assert (status, output) == (2, "")
+    assert error.startswith("error: ")
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_job_whose_runs_all_fault_has_the_status_of_a_fault(gantrysim_command, tmp_path):
+    job = circle().changed({"servo.following_error_limit": 1e-6})
+    (tmp_path / "lost.toml").write_text(job.toml())
+    status, output, error = gantrysim_command(
+        "tune", tmp_path / "lost.toml", "--budget", 4, "--robust", 0, "--workers", 1, "--out", tmp_path / "a"
+    )
+    assert (status, output) == (3, "")
+    assert "fault: none of the study's" in error
+    assert "following error on axis" in error
+    assert not (tmp_path / "a").exists()
+
+
+def begun(folder, file, rows):
+    """A search in a process group of its own that has finished some runs."""
+    command = [sys.executable, "-m", "gantrysim", "tune", str(file), "--budget", "30", "--robust", "1", "--unseen", "0"]
+    process = subprocess.Popen(
+        [*command, "--out", str(folder), "--workers", "2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    until = time.monotonic() + PATIENCE
+    while spoken(folder) < rows:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    return process
+
+
+def test_ctrl_c_keeps_the_runs_and_the_same_command_goes_on(gantrysim_command, tmp_path, file):
+    folder = tmp_path / "tune"
+    process = begun(folder, file, 10)
+    os.killpg(process.pid, signal.SIGINT)
+    output, said = (text.decode() for text in process.communicate(timeout=PATIENCE))
+    assert (process.returncode, output) == (130, "")
+    done = spoken(folder)
+    assert done >= 10
+    assert f"the rows of {done} finished cases are kept in {folder}/; the same command goes on" in said
+    assert list(content(folder)) == [LEDGER]
+    settings = ("--budget", 30, "--robust", 1, "--unseen", 0, "--workers", 1)
+    status, _, error = gantrysim_command("tune", file, *settings, "--out", folder)
+    assert status == 0
+    assert f"note: the rows of {done} cases were there from an interrupted start" in error
+    rows = (folder / "study.csv").read_text().splitlines()
+    assert done < len(rows) - 1 <= 30
+
+
+# gantrysim run --servo
+
+SERVO = "[servo]\nperiod = 0.001\nkp = [0.4, 0.5]\nkd = [0.004, 0.005]\n"
+
+
+def test_a_servo_s_file_takes_the_place_of_the_job_s_table(tmp_path):
+    (tmp_path / "s.toml").write_text(SERVO)
+    own = Job.load("fanuc-spiral")
+    job = Job.load("fanuc-spiral", servo=tmp_path / "s.toml")
+    assert (own.servo.integral_time, job.servo.integral_time) == (0.03, float("inf"))
+    assert job.built_servo.kp == (0.4, 0.5)
+    assert job.built_servo.ki == (0.0, 0.0)
+    assert job.program == own.program
+    after = Job.load("fanuc-spiral", ["servo.kp=0.3"], servo=tmp_path / "s.toml")
+    assert after.built_servo.kp == (0.3, 0.3)
+    assert after.built_servo.kd == (0.004, 0.005)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, r"no such file"),
+        ("kp = [", r"is not TOML: .*"),
+        ("", r"has no table \[servo\]; it has: nothing"),
+        ("name = 'a'\n[program]\n", r"has no table \[servo\]; it has: name, program"),
+        ("servo = 3\n", r"has no table \[servo\]; it has: servo"),
+        ("[servo]\nkpp = 1.0\n", r"unknown key kpp"),
+        ("[servo]\nkp = 'high'\n", r"kp = 'high': .*"),
+        ("[servo]\nkp = [1.0]\n", r"kp has 1 values: must be one or 2, of the axes x, y of machine xy"),
+        ("[servo]\nkd = [1.0, 2.0, 3.0]\n", r"kd has 3 values: must be one or 2, of the axes x, y of machine xy"),
+    ],
+)
+def test_a_servo_s_file_that_will_not_do_is_one_line(gantrysim_command, tmp_path, text, said):
+    file = tmp_path / "s.toml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(InputError, match=rf"^servo {file}: {said}$"):
+        Job.load("fanuc-spiral", servo=file)
+    status, output, error = gantrysim_command("run", "fanuc-spiral", "--servo", file, "--out", tmp_path / "a")
+    assert (status, output, error.count("\n")) == (2, "", 1)
+    assert error.startswith(f"error: servo {file}: ")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_servo_s_file_that_is_a_folder_cannot_be_read(tmp_path):
+    with pytest.raises(InputError, match=f"^servo {tmp_path}: cannot be read: "):
+        Job.load("an225", servo=tmp_path)

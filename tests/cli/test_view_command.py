@@ -1,0 +1,239 @@
+"""The command gantrysim view, with a window that only takes down what it is told."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from types import FunctionType, SimpleNamespace
+
+import mujoco.viewer
+import numpy as np
+import pytest
+
+from gantrysim.cli.view import view
+from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.view.display import NoDisplayError
+from gantrysim.view.push import STIFFNESS
+from gantrysim.view.window import ViewerWindow, WindowClosedError
+
+from support.views import write_run
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    return write_run(tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture
+def no_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_nothing_is_simulated_without_a_display(saved, no_display, monkeypatch, gantrysim_command):
+    monkeypatch.setattr(Job, "load", lambda *_: pytest.fail("a job was loaded"))
+    monkeypatch.setattr("gantrysim.report.saved.SavedRun.load", lambda *_: pytest.fail("a run was loaded"))
+    for shown in ("an225", saved):
+        status, out, err = gantrysim_command("view", shown)
+        assert (status, out) == (2, "")
+        assert err.count("\n") == 1
+        assert "gantrysim render" in err
+
+
+@pytest.mark.parametrize("setting", [["--set", "speed=50"], ["--model", "xy"]])
+def test_a_saved_run_is_replayed_as_it_was(saved, gantrysim_command, setting):
+    status, _, err = gantrysim_command("view", saved, *setting)
+    assert status == 2
+    said = "is replayed as it was; --model and --set are for a job that runs live"
+    assert " ".join(err.split()) == f"error: run {saved}: {said}"
+
+
+def test_speed_of_nothing(gantrysim_command):
+    assert gantrysim_command("view", "an225", "--speed", "0")[::2] == (2, "error: speed = 0: must be greater than 0\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["no-such-job"], "unknown job 'no-such-job'"),
+        (["an225", "--camera", "behind"], "unknown camera 'behind'"),
+        (["an225", "--colour", "red"], "unknown colour 'red'"),
+        (["{folder}"], "holds no run"),
+    ],
+)
+def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantrysim_command):
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.view.window.ViewerWindow._launch", lambda _: pytest.fail("a window was opened"))
+    status, _, err = gantrysim_command("view", *[text.format(folder=tmp_path) for text in arguments])
+    assert status == 2
+    assert said in err
+
+
+def test_a_folder_with_the_name_of_a_job_is_the_run_that_it_holds(saved, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.cli.view._replay", lambda *_: seen.append("replay"))
+    monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
+    (tmp_path / "an225").mkdir()
+    view("an225")
+    shutil.copy(saved / "run.npz", tmp_path / "an225")
+    view("an225")
+    assert seen == ["live", "replay"]
+
+
+@pytest.mark.parametrize("name", ["run.npz", "video.mp4"])
+def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command, tmp_path, name):
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    shutil.copy(saved / "run.npz", tmp_path)
+    (tmp_path / "video.mp4").write_bytes(b"\xff")
+    status, out, err = gantrysim_command("view", tmp_path / name)
+    said = f"error: run {tmp_path / name}: is a file, must be a folder that gantrysim run has written\n"
+    assert (status, out, err) == (2, "", said)
+
+
+def test_the_job_of_a_run_is_a_job(saved, monkeypatch):
+    seen = []
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
+    view(str(saved / "job.toml"))
+    assert seen == ["live"]
+
+
+def test_importing_the_command_imports_no_viewer():
+    code = "import sys, gantrysim.cli.main, gantrysim.cli.view; print('mujoco.viewer' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+@pytest.fixture
+def window(monkeypatch):
+    """What the command does with its window, which is closed once it says that the run is over."""
+    seen = []
+
+    class Window:
+        def __init__(self, scene, camera):
+            self.scene = scene
+            seen.append(("opened", scene, camera))
+
+        def pressed(self):
+            if "over" in (said := [entry[1] for entry in seen if entry[0] == "said"])[-1:] or len(said) > 2000:
+                raise WindowClosedError
+            return []
+
+        def pose(self, change):
+            change()
+
+        def show(self, panel, chart):
+            seen.append(("said", panel.figures[-1][1], panel))
+
+        def pushes(self):
+            return np.zeros((self.scene.model.nbody, 6))
+
+        def close(self):
+            seen.append(("closed",))
+
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.view.window.ViewerWindow", Window)
+    return seen
+
+
+def test_a_live_run_ends_well(saved, window, gantrysim_command):
+    status, out, err = gantrysim_command("view", saved / "job.toml", "--speed", "50", "--camera", "top")
+    assert (status, out, err) == (0, "", "")
+    kind, scene, camera = window[0]
+    assert (kind, camera) == ("opened", "top")
+    assert scene.model.vis.map.stiffness == STIFFNESS
+    assert window[-1] == ("closed",)
+    assert window[-2][2].figures[0] == ("live", "short")
+
+
+def test_a_fault_of_a_live_run_is_told(saved, window, gantrysim_command):
+    arguments = ["--speed", "50", "--set", "following_error_limit=0.05", "--set", "feedforward=0", "--model", "xy"]
+    status, out, err = gantrysim_command("view", saved / "job.toml", *arguments)
+    assert (status, out) == (3, "")
+    assert err.startswith("fault: following error on axis ")
+    assert err.count("\n") == 1
+    assert window[-1] == ("closed",)
+
+
+@pytest.mark.parametrize("digest", [None, "another"])
+def test_a_replay_warns_where_the_machine_has_changed(saved, window, gantrysim_command, tmp_path, digest):
+    for name in ("job.toml", "run.npz"):
+        shutil.copy(saved / name, tmp_path)
+    digest = digest or Job.load(saved / "job.toml").built_machine.digest
+    (tmp_path / "summary.json").write_text(json.dumps({"versions": {"machine_sha256": digest}}))
+    status, out, err = gantrysim_command("view", tmp_path, "--speed", "50", "--colour", "error")
+    assert (status, out) == (0, "")
+    changed = "machine xy has changed since it ran: what is shown of it is as it is now\n"
+    assert err == (changed if digest == "another" else "")
+    assert window[0][1].scale.title == "contour error"
+    assert window[0][1].model.vis.map.stiffness != STIFFNESS
+
+
+def test_a_coloured_live_run_has_the_scale_of_the_run_to_come(saved, window, gantrysim_command):
+    assert gantrysim_command("view", saved / "job.toml", "--speed", "50", "--colour", "error")[0] == 0
+    scale = window[0][1].scale
+    error = 1e3 * Analysis(Job.load(saved / "job.toml").run()).nozzle.distance
+    assert np.percentile(error, 95) <= scale.high <= 1.2 * error.max()
+
+
+def test_a_window_that_is_closed_while_it_opens(saved, window, monkeypatch, gantrysim_command):
+    def closed(*_):
+        raise WindowClosedError
+
+    monkeypatch.setattr("gantrysim.view.window.ViewerWindow", closed)
+    assert gantrysim_command("view", saved) == (0, "", "")
+    assert gantrysim_command("view", saved / "job.toml") == (0, "", "")
+
+
+def broken():
+    raise RuntimeError("no such\nthing")
+
+
+def launched(monkeypatch, launch_passive):
+    """Open a window by a viewer that is this function; what it returns, and what other threads had to say."""
+    told = []
+    monkeypatch.setattr("mujoco.viewer.launch_passive", launch_passive)
+    monkeypatch.setattr(threading, "excepthook", lambda error: told.append(error.thread.name))
+    bare = SimpleNamespace(_scene=SimpleNamespace(model=None, data=None), _keys=deque(), _guard=threading.Lock())
+    hook = threading.excepthook
+    try:
+        return ViewerWindow._launch(bare), told
+    finally:
+        assert threading.excepthook is hook
+
+
+def test_a_thread_that_fails_while_the_window_opens_does_not_close_it(monkeypatch):
+    def launch_passive(*_, **__):
+        other = threading.Thread(target=broken, name="another")
+        other.start()
+        other.join()
+        return "window"
+
+    assert launched(monkeypatch, launch_passive) == ("window", ["another"])
+
+
+def test_a_viewer_that_fails_is_no_display_whichever_thread_it_is_in(monkeypatch):
+    inside = FunctionType(broken.__code__, vars(mujoco.viewer))  # as if it stood there
+
+    def launch_passive(*_, **__):
+        threading.Thread(target=inside).start()
+        threading.Event().wait()  # as the viewer's own, for a window that never comes
+
+    for launch in (launch_passive, lambda *_, **__: broken()):
+        with pytest.raises(NoDisplayError, match=r"^no display to open a window on: no such thing; "):
+            launched(monkeypatch, launch)
+
+
+def test_an_interrupt_closes_the_window(saved, window, monkeypatch, gantrysim_command):
+    monkeypatch.setattr("gantrysim.view.player.Player.picture", lambda _: signal.raise_signal(signal.SIGINT))
+    before = signal.getsignal(signal.SIGINT)
+    for shown in (saved, saved / "job.toml"):
+        assert gantrysim_command("view", shown) == (130, "", "interrupted\n")
+        assert window[-1] == ("closed",)
+    assert signal.getsignal(signal.SIGINT) is before

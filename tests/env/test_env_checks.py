@@ -1,0 +1,82 @@
+"""Gymnasium's and stable-baselines3's checkers have nothing to say of the environments.
+
+Every warning is an error in these tests, those of Gymnasium's logger too as long as it is not silenced.
+"""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import logger
+from gymnasium.utils.env_checker import check_env
+
+import gantrysim.env
+
+from support.episodes import BANDIT, BOLD, MEEK, SHORT, TUNING, episode
+
+IDS = [TUNING, BANDIT]
+
+
+@pytest.fixture(autouse=True)
+def logger_speaks():
+    assert logger.min_level <= logger.WARN
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        (TUNING, {}),
+        (TUNING, {"job": "an225", "spread": None}),
+        (BANDIT, SHORT),
+        (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
+    ],
+)
+def test_gymnasiums_checker_has_nothing_to_say(name, settings):
+    env = gymnasium.make(name, **settings)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasiums_checker_has_nothing_to_say_of_the_pictures(name):
+    env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
+    check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize("made", [gantrysim.env.SpiralTuningEnv, gantrysim.env.GainBanditEnv])
+def test_the_checkers_have_nothing_to_say_of_an_environment_that_is_not_made_by_its_id(made):
+    from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
+
+    env = made(**SHORT)
+    check_env(env, skip_render_check=True, skip_close_check=True)
+    check_env_of_baselines(env)
+    env.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_stable_baselines_checker_has_nothing_to_say(name):
+    from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
+
+    env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
+    check_env_of_baselines(env.unwrapped, skip_render_check=False)
+    check_env_of_baselines(env)
+    env.close()
+
+
+def test_a_warning_of_a_checker_would_be_seen():
+    class Boundless(gantrysim.env.SpiralTuningEnv):
+        def __init__(self):
+            super().__init__(**SHORT)
+            self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, self.observation_space.shape, np.float32)
+
+    with pytest.raises(UserWarning, match="observation space minimum value is -infinity"):
+        check_env(Boundless(), skip_render_check=True)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_passive_checker_has_nothing_to_say_of_whole_episodes(name):
+    env = gymnasium.make(name, **SHORT)
+    assert "PassiveEnvChecker" in str(env)
+    for seed, scale in enumerate((BOLD, MEEK)):
+        episode(env, seed, np.random.default_rng(seed), scale)
+    env.close()

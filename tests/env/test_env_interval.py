@@ -1,0 +1,129 @@
+"""What is measured between two decisions, tick by tick, against paths and numbers given by hand."""
+
+import numpy as np
+import pytest
+
+from gantrysim.controllers.paths.arcs import ArcChain
+from gantrysim.controllers.paths.spirals import Involute
+from gantrysim.env.interval import PER_AXIS, SHARED, measure
+from gantrysim.env.observation import Measured
+from gantrysim.native.row import log_width
+
+CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
+AXES = 2
+
+
+def log_of(tips, encoder=None, demand=None):
+    """A servo's log with the nozzle at these points."""
+    log = np.zeros((len(tips), log_width(AXES)))
+    log[:, :AXES] = tips[:, :AXES] if encoder is None else encoder
+    log[:, AXES : AXES + 3] = tips
+    log[:, AXES + 3 : 2 * AXES + 3] = 0.0 if demand is None else demand
+    log[:, -1] = np.arange(len(tips))
+    return log
+
+
+def measured(path, tips, dispense=None, foot=-1, log=None, cuts=()):
+    """The rows of one interval after the other, and the last foot."""
+    log = log_of(tips) if log is None else log
+    on = np.ones(len(tips), bool) if dispense is None else dispense
+    s, points = path.table
+    rows = []
+    for first, last in zip((0, *cuts), (*cuts, len(tips)), strict=True):
+        row = np.full(len(SHARED) + AXES * len(PER_AXIS), 7.0)  # nothing of what was there before may stay
+        foot = measure(log, first, last, np.ascontiguousarray(tips[:, :AXES]), on, points, s[1], foot, row)
+        rows.append(row)
+    return np.array(rows), foot
+
+
+def value(rows, name):
+    return rows[:, SHARED.index(name)]
+
+
+def test_a_trace_nearer_to_the_next_turn_stays_on_its_own():
+    path = Involute(40.0, 8.0, 3, start=(0.0, 0.0))
+    s = np.linspace(0, path.length, 6001)
+    off = 0.7 * 8.0  # to the outside, where the turn before lies nearer; the first turn has none
+    tips = path.position(s) + off * path.normal(s)
+    rows, foot = measured(path, tips, cuts=(2000, 4000))
+    assert np.allclose(np.sqrt(value(rows, "contour_square") / value(rows, "dispensing")), off, atol=1e-3)
+    assert np.allclose(value(rows, "contour_max"), off, atol=CHORD)
+    assert np.allclose(value(rows, "lateral") / value(rows, "dispensing"), off, atol=1e-3)
+    assert foot == pytest.approx(len(path.table[0]) - 1, abs=3)
+
+
+def test_a_trace_begins_at_the_begin_of_a_path_that_ends_there_too():
+    circle = ArcChain((10.0, 0.0), 0.5 * np.pi, [0.1], [2 * np.pi * 10.0])
+    s = np.linspace(0, 20.0, 201)
+    tips = circle.position(s) - 0.02 * circle.tangent(s[:1])  # a little behind: the end of the path is nearer
+    _, foot = measured(circle, tips)
+    assert foot * circle.table[0][1] == pytest.approx(20.0, abs=0.1)
+
+
+def test_where_the_dispenser_is_off_there_is_no_contour_error_but_a_following_error():
+    line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
+    tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, 0.3, 0.0])
+    on = np.zeros(101, bool)
+    on[50:] = True
+    log = log_of(tips, encoder=tips[:, :AXES] - [0.1, -0.2])
+    rows, _ = measured(line, tips, on, log=log, cuts=(50, 60))
+    assert value(rows, "ticks").tolist() == [50, 10, 41]
+    assert value(rows, "dispensing").tolist() == [0, 10, 41]
+    seen = Measured.of(rows, 1e-3, np.array([1.0, 2.0]))
+    assert seen.contour_rms == pytest.approx([0.0, 0.3, 0.3])
+    assert seen.contour_max == pytest.approx([0.0, 0.3, 0.3])
+    assert seen.lateral == pytest.approx([0.0, 0.3, 0.3])
+    assert seen.tracking_mean == pytest.approx(np.array([[0.1, -0.2]] * 3))
+    assert seen.tracking_rms == pytest.approx(np.array([[0.1, 0.2]] * 3))
+    assert seen.tracking_max == pytest.approx(np.array([[0.1, 0.2]] * 3))
+
+
+def test_the_mean_contour_error_is_of_the_ticks_with_the_dispenser_on_alone():
+    line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
+    tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, -0.3, 0.0])
+    on = np.arange(101) >= 75
+    rows, _ = measured(line, tips, on)
+    seen = Measured.of(rows, 1e-3, np.ones(AXES))
+    assert seen.lateral == pytest.approx([-0.3])
+    assert seen.contour_rms == pytest.approx([0.3])
+
+
+def test_the_tick_of_a_divergence_counts_for_nothing():
+    line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
+    tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, 0.3, 0.0])
+    whole, _ = measured(line, tips[:100])
+    tips[100] = np.nan
+    rows, _ = measured(line, tips)
+    assert np.isfinite(rows).all()
+    assert np.array_equal(rows, whole)
+
+
+def test_torque_use_and_ripple_of_given_demands():
+    line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
+    tips = line.position(np.linspace(0, 10.0, 101))
+    demand = np.stack([0.1 * (-1.0) ** np.arange(101), np.linspace(0, -0.5, 101)], axis=1)
+    rows, _ = measured(line, tips, log=log_of(tips, demand=demand), cuts=(40,))
+    seen = Measured.of(rows, 1e-3, np.array([1.0, 2.0]))
+    assert seen.torque == pytest.approx(np.array([[0.1, 0.0975], [0.1, 0.25]]))
+    assert value(rows, "pairs").tolist() == [39, 61]  # the very first tick has no change before it
+    assert seen.ripple[:, 0] == pytest.approx(np.sqrt(0.5) * 0.2)
+    assert seen.ripple[:, 1] == pytest.approx(np.sqrt(0.5) * 0.005 / 2)
+
+
+def test_speed_heading_and_turning_are_those_of_an_arc():
+    arc = ArcChain((0.0, 0.0), 0.25 * np.pi, [-0.05], [15.0])
+    s = np.linspace(0, 15.0, 151)
+    rows, _ = measured(arc, arc.position(s), cuts=(76,))
+    seen = Measured.of(rows, 1e-3, np.ones(AXES))
+    assert seen.curvature == pytest.approx([-0.05, -0.05], rel=1e-3)
+    assert seen.heading == pytest.approx(0.25 * np.pi - 0.05 * np.array([7.5, 14.6]), abs=2e-3)
+    assert seen.speed == pytest.approx([75 / 76 * 100, 100.0], rel=1e-4)
+
+
+def test_before_the_first_interval_nothing_is_measured():
+    arc = ArcChain((0.0, 0.0), 0.0, [0.1], [15.0])
+    rows, foot = measured(arc, arc.position(np.linspace(0, 15, 151)), cuts=(0,))
+    assert foot > 0
+    seen = Measured.of(rows[:1], 1e-3, np.ones(AXES))
+    assert all(np.all(np.asarray(v) == 0) for v in (seen.contour_rms, seen.tracking_rms, seen.ripple, seen.speed))
+    assert seen.curvature == pytest.approx([0.1], rel=1e-3)  # but where the path begins is known

@@ -1,0 +1,113 @@
+"""Seeds and places: the same numbers to the last bit, from the scalar and the vector environments."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, episode
+
+NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
+
+
+def same(one, other):
+    """Whether two returns are the same to the last bit, infos with all their entries too."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, np.ndarray):
+        alike = isinstance(other, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
+        if alike and one.dtype == object:
+            return all(map(same, one.ravel(), other.ravel()))
+        return alike and one.tobytes() == other.tobytes()
+    return type(one) is type(other) and one == other
+
+
+@pytest.mark.parametrize("name", [TUNING, BANDIT])
+def test_one_seed_gives_one_episode_and_another_seed_another(name):
+    env, again = gymnasium.make(name, **SHORT), gymnasium.make(name, **SHORT)
+    for seed in (0, 12345):
+        first = episode(env, seed, np.random.default_rng(seed), MEEK)
+        assert same(first, episode(again, seed, np.random.default_rng(seed), MEEK))
+        assert same(first, episode(env, seed, np.random.default_rng(seed), MEEK))  # whatever was before
+    zero, one = (episode(env, seed, np.random.default_rng(0), MEEK) for seed in (0, 1))
+    assert zero[0][1] != one[0][1]  # what was drawn
+    assert not same(zero[1][:2], one[1][:2])
+
+
+def test_one_seed_gives_one_series_of_episodes():
+    first, second = (gymnasium.make(TUNING, **SHORT) for _ in range(2))
+    drawn = []
+    for env in (first, second):
+        env.reset(seed=3)
+        drawn.append([env.reset()[1] for _ in range(5)])
+    assert same(*drawn)
+    assert len({own["diameter"] for own in drawn[0]}) == 5
+
+
+@pytest.mark.parametrize("name", [TUNING, BANDIT])
+def test_without_a_seed_episodes_differ(name):
+    drawn = [gymnasium.make(name, **SHORT).reset()[1]["diameter"] for _ in range(2)]
+    assert drawn[0] != drawn[1]
+
+
+def both(mode, count, threads, name=TUNING, **settings):
+    """The native vector environment, and its oracle: Gymnasium's own of as many scalar ones."""
+    settings = {**SHORT, **settings}
+    scalar = SyncVectorEnv([lambda: gymnasium.make(name, **settings) for _ in range(count)], autoreset_mode=mode)
+    native = gymnasium.make_vec(name, num_envs=count, threads=threads, autoreset_mode=mode, **settings)
+    return scalar, native
+
+
+@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 1), (NEXT, 3), (SAME, None)])
+def test_the_native_vector_environment_is_gymnasiums_own_of_scalar_ones(mode, threads):
+    scalar, native = both(mode, 5, threads)
+    random = np.random.default_rng(7)
+    assert same(scalar.reset(seed=11), native.reset(seed=11))
+    ends = np.zeros(2, int)
+    for step in range(40):
+        actions = actions_of(native, random)
+        expected, got = scalar.step(actions), native.step(actions)
+        assert same(expected, got), step
+        ends += [got[2].sum(), got[3].sum()]
+    assert (ends > 3).all()  # faults, and ends of paths
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_without_autoreset_it_is_gymnasiums_own_too(threads):
+    scalar, native = both(AutoresetMode.DISABLED, 4, threads)
+    random = np.random.default_rng(5)
+    assert same(scalar.reset(seed=[4, 3, 2, 1]), native.reset(seed=[4, 3, 2, 1]))
+    resets = 0
+    for _ in range(30):
+        actions = actions_of(native, random)
+        expected, got = scalar.step(actions), native.step(actions)
+        assert same(expected, got)
+        over = got[2] | got[3]
+        if over.any():
+            resets += over.sum()
+            options = {"reset_mask": over}
+            assert same(scalar.reset(options=dict(options)), native.reset(options=dict(options)))
+    assert resets > 3
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+def test_the_bandits_too_with_gains_for_each_axis(mode):
+    scalar, native = both(mode, 3, 2, BANDIT, per_axis=True, detune=3.0)
+    random = np.random.default_rng(5)
+    assert same(scalar.reset(seed=0), native.reset(seed=0))
+    for _ in range(6):
+        actions = actions_of(native, random)
+        assert same(scalar.step(actions), native.step(actions))
+
+
+def test_a_place_is_the_same_whoever_stands_beside_it():
+    alone, among = (gymnasium.make_vec(TUNING, num_envs=count, **SHORT) for count in (1, 4))
+    first, fourth = alone.reset(seed=[9]), among.reset(seed=[1, 2, 3, 9])
+    assert np.array_equal(first[0][0], fourth[0][3])
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        actions = actions_of(among, random)
+        own, others = alone.step(actions[3:]), among.step(actions)
+        assert all(np.array_equal(one[0], other[3]) for one, other in zip(own[:4], others[:4], strict=True))

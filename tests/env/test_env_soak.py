@@ -1,0 +1,114 @@
+"""Random actions, episode after episode: no exception, no number out of bounds, nothing left behind."""
+
+import ctypes
+import gc
+import os
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from gantrysim.env.episodes import Episode
+
+from support.episodes import BANDIT, BOLD, MEEK, SHORT, TUNING, episode
+
+GROWTH = 16.0  # of the resident memory over 900 episodes [MB]
+
+
+class Holdings:
+    """What this process holds: memory [MB], threads, open files, and episodes of the environments."""
+
+    def __init__(self):
+        gc.collect()
+        library = ctypes.CDLL(None)
+        if hasattr(library, "malloc_trim"):
+            library.malloc_trim(0)  # what is free but kept for later is not held
+        status = Path("/proc/self/statm").read_text().split()
+        self.memory = int(status[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+        self.threads = len(list(Path("/proc/self/task").iterdir()))
+        self.files = len(list(Path("/proc/self/fd").iterdir()))
+        self.episodes = sum(type(thing) is Episode for thing in gc.get_objects())
+
+    def __repr__(self):
+        return f"{self.memory:.1f} MB, {self.threads} threads, {self.files} files, {self.episodes} episodes"
+
+
+def soak_alone(env, count, when):
+    """Run episodes of random actions, every second one meek; every number must be in order.
+
+    Returns:
+        How many ended in a fault, and how many with their path.
+    """
+    random, ends = np.random.default_rng(0), [0, 0]
+    for k in range(count):
+        for observation, *rest in episode(env, None if k else 1, random, (BOLD, MEEK)[k % 2]):
+            assert env.observation_space.contains(observation)
+            numbers = [value for value in rest[-1].values() if isinstance(value, float | int)]
+            assert np.isfinite([*rest[:-1], *numbers]).all()
+        ends[rest[-1]["fault"] is None] += 1
+        when(k + 1)
+    return ends
+
+
+def soak_vector(envs, count, when):
+    """The same side by side: a place that was bold in one episode is meek in the next."""
+    random, ends = np.random.default_rng(0), [0, 0]
+    scale = np.where(np.arange(envs.num_envs) % 2, BOLD, MEEK)[:, None]
+    envs.reset(seed=1)
+    while sum(ends) < count:
+        actions = (scale * random.uniform(-1, 1, envs.action_space.shape)).astype(np.float32)
+        observations, reward, terminated, truncated, info = envs.step(actions)
+        assert envs.observation_space.contains(observations)
+        assert np.isfinite(reward).all()
+        for name, values in info.items():
+            if values.dtype.kind == "f":
+                assert np.isfinite(values).all(), name
+        for place in np.flatnonzero(terminated | truncated):
+            ends[info["fault"][place] is None] += 1
+            scale[place] = BOLD + MEEK - scale[place]
+            when(sum(ends))
+    return ends
+
+
+def soak(env, count, early):
+    """What is held after `early` and after `count` episodes, and how these ended."""
+    held = {}
+
+    def look(done):
+        if done in (early, count):
+            held[done] = Holdings()
+
+    ends = (soak_vector if isinstance(env, gymnasium.vector.VectorEnv) else soak_alone)(env, count, look)
+    env.close()
+    return held[early], held[count], ends
+
+
+linux = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory and threads are read from /proc")
+
+
+def environment(kind, **settings):
+    if kind == "vector":
+        return gymnasium.make_vec(TUNING, num_envs=16, threads=2, **settings)
+    return gymnasium.make(TUNING if kind == "scalar" else BANDIT, **settings)
+
+
+@linux
+@pytest.mark.parametrize("kind", ["scalar", "vector", "bandit"])
+def test_random_actions_break_nothing_and_leave_nothing_behind(kind):
+    early, late, ends = soak(environment(kind, **SHORT), 40, 20)
+    assert (late.threads, late.files, late.episodes) == (early.threads, early.files, early.episodes)
+    assert min(ends) > 3
+
+
+@linux
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["scalar", "vector", "bandit"])
+def test_a_thousand_episodes_break_nothing_and_leave_nothing_behind(kind, capsys):
+    early, late, ends = soak(environment(kind), 1000, 100)
+    with capsys.disabled():
+        print(f"\n{kind}: after 100 episodes {early}; after 1000 {late}; {ends[0]} faults, {ends[1]} whole paths")
+    assert (late.threads, late.files, late.episodes) == (early.threads, early.files, early.episodes)
+    assert late.memory - early.memory < GROWTH
+    assert sum(ends) >= 1000
+    assert min(ends) > 100

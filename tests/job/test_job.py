@@ -1,0 +1,138 @@
+"""Job files: what they say, what may be changed, what is refused."""
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.job.job import builtin_jobs, job_text
+
+SHORT = ["diameter=40", "turns=1", "settle=0.05"]
+
+
+def test_builtin_jobs_load_and_spell_out_every_default():
+    assert "an225" in builtin_jobs()
+    for name in builtin_jobs():
+        job = Job.load(name)
+        assert job.name == name
+        assert Job(**tomllib.loads(job.toml())) == job
+
+
+def test_the_written_job_repeats_the_run_to_the_last_bit(tmp_path):
+    job = Job.load("an225", [*SHORT, "interpreter_time=0.001", "servo.delay=0.00025", "kp=[0.2, 0.3]"])
+    file = tmp_path / "job.toml"
+    file.write_text(job.toml())
+    first, second = job.run(), Job.load(file).run()
+    for name in ("commanded", "encoder", "nozzle", "demand", "current", "flow"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_overrides_take_dotted_keys_and_unique_last_parts():
+    job = Job.load(
+        "an225", ["program.diameter=100", "loop_period=0.5", "servo.kp=[1, 2]", "name=mine", "frequency = 12"]
+    )
+    assert job.program["diameter"] == 100.0
+    assert job.program["loop_period"] == 0.5
+    assert job.servo.kp == [1.0, 2.0]
+    assert job.name == "mine"
+    assert job.servo.frequency == 12.0
+
+
+def test_infinity_survives_the_file():
+    job = Job.load("an225", ["integral_time=inf"])
+    assert math.isinf(tomllib.loads(job.toml())["servo"]["integral_time"])
+
+
+def test_a_relative_machine_is_found_and_written_down_in_full(rigid, tmp_path, monkeypatch):
+    rigid()
+    file = tmp_path / "mine.toml"
+    file.write_text(Job.load("an225", SHORT).toml().replace('machine = "xy"', 'machine = "rigid.xml"'))
+    monkeypatch.chdir(tmp_path.parent)
+    job = Job.load(f"{tmp_path.name}/mine.toml")
+    assert job.machine == str(tmp_path / "rigid.xml")
+    assert Job.load("an225", [f"machine={tmp_path.name}/rigid.xml"]).machine == job.machine
+    assert Job.load("an225", machine=f"{tmp_path.name}/rigid.xml").machine == job.machine
+    assert job.built_machine.name == "rigid"
+    assert job.run().machine == "rigid"
+
+
+def test_settings_reach_the_run():
+    job = Job.load("an225", [*SHORT, "period=0.0005", "flow=33", "physics_step=0.0001"])
+    run = job.run()
+    assert run.period == 0.0005
+    assert run.asked.max() == 33.0
+    assert run.flow.max() == pytest.approx(33.0)
+    assert len(run.time) == len(job.setpoints.position)
+    assert (~run.dispense).sum() == 100
+
+
+BAD = {
+    "inner diameter": (
+        ["turns=8"],
+        r"inner_diameter = -40 mm .*must be at least 0 mm; use turns at most 5 or thickness below 7.5 mm",
+    ),
+    "nan": (["speed=nan"], "speed = nan mm/s: must be finite"),
+    "zero turns": (["turns=0"], "turns = 0: must be at least 1"),
+    "text": (["diameter=wide"], "program.diameter = 'wide': input should be a valid number"),
+    "key": (["loop_perod=1"], "unknown key 'loop_perod': did you mean program.loop_period\\? known: "),
+    "no value": (["turns"], "--set turns: must be key=value"),
+    "ambiguous": (["controller=trio.Spiral"], "unknown controller 'trio.Spiral': did you mean trio.MoveSpiral"),
+    "servo": (["damping=-1"], "damping = -1: must be greater than 0"),
+    "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
+    "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
+    "no speed that is": (["speed=1e300"], "ratio x = .* on pass 1 of 1: must be at least"),
+    "tiny period": (["servo.period=1e-9"], "10.1527 s in periods of 1e-09 s: makes 1.02e.10 ticks, at most 5e.07"),
+    "endless settling": (["settle=1e9"], "1e.09 s in periods of 0.001 s: makes 1e.12 ticks"),
+    "said once": (["kp=abc"], "^job an225: servo.kp = 'abc': input should be a valid number[^;]*$"),
+    "machine": (["machine=xyq"], "unknown model 'xyq': did you mean xy"),
+}
+
+
+@pytest.mark.parametrize(("overrides", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_values_are_refused_in_one_line(overrides, text):
+    with pytest.raises(InputError, match=text) as caught:
+        Job.load("an225", overrides).run()
+    assert "\n" not in str(caught.value)
+
+
+FILES = {
+    "no TOML": ("name = ", "is not TOML"),
+    "no program": ('name = "a"', "program is missing"),
+    "unknown section": (
+        'name = "a"\n[program]\ncontroller="trio.MoveSpiral"\n[sevro]\n',
+        "unknown key sevro|diameter is missing",
+    ),
+    "missing argument": ('name = "a"\n[program]\ncontroller="trio.MoveSpiral"\ndiameter=100\n', "turns is missing"),
+    "unknown argument": (
+        'name = "a"\n[program]\ncontroller="trio.MoveSpiral"\ndiameter=100\nturns=1\nthickness=5\nspeed=9\npitch=3\n',
+        "unknown key .*pitch",
+    ),
+    "controller in a list": ('name = "a"\n[program]\ncontroller=["trio.MoveSpiral"]\n', "unknown controller"),
+    "no table": ('name = "a"\nservo = 3\n[program]\n', r"servo = 3: must be a table, \[servo\]"),
+    "name": ('name = "../../a"\n[program]\ncontroller="trio.MoveSpiral"\n', "name = '../../a': string should match"),
+    "no controller": ('name = "a"\n[program]\ndiameter=100\n', "unknown controller 'None'"),
+}
+
+
+@pytest.mark.parametrize(("content", "text"), FILES.values(), ids=FILES.keys())
+def test_bad_files_are_refused_in_one_line(tmp_path, content, text):
+    file = tmp_path / "job.toml"
+    file.write_text(content)
+    with pytest.raises(InputError, match=text) as caught:
+        Job.load(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_key_inside_what_is_no_table_is_refused(tmp_path):
+    file = tmp_path / "job.toml"
+    file.write_text(job_text("an225").replace("[program]", "[program]\ngroup = 3"))
+    changes = ["program.controller=softmc.Program", "velocity=30"]
+    with pytest.raises(InputError, match=r"^--set velocity=30: group is no table in this job$"):
+        Job.load(file, changes)
+
+
+def test_unknown_jobs_are_refused_with_the_alternatives():
+    with pytest.raises(InputError, match="unknown job 'an224': did you mean an225"):
+        Job.load("an224")

@@ -1,0 +1,159 @@
+"""Every built-in job runs on its machine, with the figures that an engineer would expect of it."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from gantrysim import Job, Machine
+from gantrysim.cli import terminal
+from gantrysim.controllers.programs import PROGRAMS, build
+from gantrysim.job.job import builtin_jobs
+from gantrysim.machine.machine import builtin_models
+from gantrysim.metrics.analysis import Analysis
+
+JOBS = (
+    "an225",
+    "an225-3d",
+    "fanuc-conical",
+    "fanuc-spiral",
+    "softmc-arc",
+    "softmc-helical",
+    "stage-outline",
+)
+SPACING = {"an225": 10.0, "an225-3d": 10.0, "fanuc-conical": 25.0, "fanuc-spiral": 20.0, "softmc-helical": 25.0}
+# what friction at the reversals of the axes leaves, without a controller's own errors [mm]
+SERVO_RMS = 0.02
+SERVO_MAX = 0.12
+COMMANDED = 1e-9  # a controller without errors of its own is on the requested path [mm]
+ROUNDED = 0.06  # one that blends cuts a corner [mm]
+
+
+@pytest.fixture(scope="module")
+def analyses():
+    """Runs of the jobs by their names, each made once."""
+    made = {}
+
+    def analysis(name):
+        if name not in made:
+            made[name] = Analysis(Job.load(name).run())
+        return made[name]
+
+    return analysis
+
+
+def test_the_jobs_that_come_along():
+    assert tuple(builtin_jobs()) == JOBS
+    assert {Job.load(name).program["controller"] for name in JOBS} == set(PROGRAMS)
+    assert {Job.load(name).machine for name in JOBS} == set(builtin_models())
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_a_job_runs_with_tracking_contour_and_spacing_figures(analyses, name):
+    analysis = analyses(name)
+    run, figures = analysis.run, analysis.figures
+    assert run.fault is None
+    assert set(figures.tracking) == set(Job.load(name).built_machine.axis_names)
+    for axis, unit in zip(run.axes, run.units, strict=True):
+        spread = figures.tracking[axis]
+        assert 0 < spread.rms < SERVO_RMS * (2 if unit == "deg" else 1)
+    # servo and mechanics, apart from what the controller itself is off
+    beyond = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)[analysis.ticks]
+    assert np.sqrt(np.mean(beyond**2)) < SERVO_RMS
+    assert beyond.max() < SERVO_MAX
+    if not name.startswith("an225"):
+        assert figures.generation.max < (ROUNDED if name == "fanuc-conical" else COMMANDED)
+    if name in SPACING:
+        assert figures.spacing.mean == pytest.approx(SPACING[name], rel=0.01)
+    else:
+        assert figures.spacing is None
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_a_jobs_record_is_repeated_from_its_own_toml(analyses, name, tmp_path):
+    (tmp_path / "again.toml").write_text(Job.load(name).toml(), encoding="utf-8")
+    again = Job.load(tmp_path / "again.toml")
+    assert again == Job.load(name)
+    assert np.array_equal(again.run().nozzle, analyses(name).run.nozzle)
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_a_jobs_program_is_rebuilt_from_its_plain_arguments(name):
+    job = Job.load(name)
+    values = {key: value for key, value in job.program.items() if key != "controller"}
+    again = build(job.program["controller"], json.loads(json.dumps(values)))
+    assert np.array_equal(again.setpoints(1e-3).position, job.controller.setpoints(1e-3).position)
+
+
+def test_the_stages_bead_is_measured_in_the_work_frame(analyses):
+    """The needle stands still; on the work it goes round the outline."""
+    run = analyses("stage-outline").run
+    outline = run.requested.position(np.linspace(0, run.requested.length, 50))
+    for place in outline:
+        assert np.linalg.norm(run.nozzle - place, axis=1).min() < 0.1
+    machine = Machine("stage")
+    assert np.abs(machine.tip(run.encoder) - run.nozzle).max() < SERVO_MAX
+
+
+def test_a_bead_of_turns_keeps_the_volume_of_glue(analyses):
+    run = analyses("softmc-arc").run
+    assert np.any(~run.dispense[run.dispense.argmax() :])  # the dispenser is off on the way home
+    after = round(0.2 / run.period)  # a dead time and ten time constants
+    off = np.flatnonzero(run.dispense)[-1] + 1
+    assert run.flow[off + after :].max() < 1e-3 * run.asked.max()
+    assert run.flow.sum() == pytest.approx(run.asked.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
+    status, printed, _ = gantrysim_command("run", name, "--no-video", "--out", tmp_path / "out")
+    assert status == 0
+    assert "contour" in printed
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert written["job"] == name
+    assert written["fault"] is None
+    assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("stage", "xyzr"))
+    glue = written["bead"]
+    assert glue["volume_mm3"] - glue["volume_asked_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
+    assert (glue["clearance_of_turns_mm"] is None) == (written["bead_spacing_mm"] is None)
+    if glue["clearance_of_turns_mm"] is not None:
+        assert glue["gapping_share"] > 0.97 > 0.03 > glue["overlapping_share"]
+    for note in written["notes"]:
+        assert note.split()[0] in printed
+    if name == "softmc-arc":
+        with (tmp_path / "out" / "record.csv").open() as stream:
+            rows = list(csv.reader(stream))
+        assert rows[0][:3] == ["time [s]", "PCMD x [mm]", "PCMD y [mm]"]
+        assert float(rows[2][0]) == pytest.approx(0.004)
+
+
+def test_info_lists_machines_jobs_and_settings(gantrysim_command, monkeypatch):
+    monkeypatch.setattr(terminal._output, "width", 160)
+    status, printed, _ = gantrysim_command("info")
+    assert status == 0
+    for word in (*JOBS, *builtin_models(), "damping", "integral_time", "kp N·m/u", "deg/s", "mm/s²"):
+        assert word in printed
+    for word in (
+        "dispenser.start_lead",
+        "time-pressure",
+        "needle.consistency",
+        "bead.contact_angle",
+        "[mm³/s]",
+        "[kPa]",
+    ):
+        assert word in printed
+
+
+def test_the_record_compares_with_the_command_that_the_controller_compares_with(tmp_path, gantrysim_command):
+    """PE is of the command `position_error_delay` ticks ago; here every tick is recorded."""
+    settings = ["program.record.gap=1", "program.group.position_error_delay=3"]
+    arguments = [word for setting in settings for word in ("--set", setting)]
+    bare = ["--no-video", "--no-report"]
+    status, _, _ = gantrysim_command("run", "softmc-arc", *bare, "--out", tmp_path / "out", *arguments)
+    assert status == 0
+    rows = np.genfromtxt(tmp_path / "out" / "record.csv", delimiter=",", names=True)
+    sent, measured, error = (rows[f"{name}_x_mm"] for name in ("PCMD", "PFB", "PE"))
+    assert len(rows) == 1000
+    assert error[3:] == pytest.approx(sent[:-3] - measured[3:], abs=1e-12)
+    assert np.abs(sent[3:] - sent[:-3]).max() > 0.1

@@ -1,0 +1,312 @@
+"""Ctrl-C at any point of putting MuJoCo's hooks in and taking them out: nothing is left installed, nothing waits."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import mujoco
+import pytest
+
+from gantrysim import simulate
+from gantrysim.engine.simulation import Simulation
+from gantrysim.native import hook, interrupts
+from gantrysim.native.hook import installed, installed_law
+
+from support.runs import plain, ramp
+
+OURS = (hook.__file__, interrupts.__file__)
+MOST = 4000  # points of one enter and exit, by far
+PATIENCE = 60.0  # for what must not wait at all [s]
+
+
+class Interrupted:
+    """Has Ctrl-C come at one bytecode of the hook's own code, by number from the start of tracing.
+
+    It does what Python does there: it calls the handler with the frame. The storm of real signals is below.
+    """
+
+    def __init__(self, point):
+        self.point = point
+        self.seen = 0
+
+    def __call__(self, frame, event, argument):
+        if frame.f_code.co_filename not in OURS:
+            return None
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        self.seen += 1
+        if self.seen - 1 == self.point:
+            sys.settrace(None)
+            signal.getsignal(signal.SIGINT)(signal.SIGINT, frame)
+        return self
+
+    def __enter__(self):
+        sys.settrace(self)
+
+    def __exit__(self, *error):
+        sys.settrace(None)
+
+
+def shared(machine):
+    return lambda: installed()
+
+
+def alone(machine):
+    simulation = Simulation.of(machine, plain(machine), ramp(50.0, 1.0))
+    data = mujoco.MjData(simulation.model)
+    simulation.start(data.qpos, data.userdata)
+    return lambda: installed_law(data, lambda tick: 0.0 * tick.error)
+
+
+def state():
+    return (
+        mujoco.get_mjcb_control(),
+        mujoco.get_mju_user_warning(),
+        signal.getsignal(signal.SIGINT),
+        hook._users,
+        hook._changed.acquire(blocking=False) and hook._changed.release(),
+        getattr(hook._thread, "depth", 0),
+        getattr(hook._thread, "law", False),
+    )
+
+
+def within(seconds, work):
+    """What work returns in a thread of its own, that must end."""
+    found = []
+    thread = threading.Thread(target=lambda: found.append(work()), daemon=True)
+    thread.start()
+    thread.join(seconds)
+    assert found, "it waits for ever"
+    return found[0]
+
+
+@pytest.fixture
+def machine(rigid):
+    return rigid()
+
+
+@pytest.fixture
+def before():
+    """What is there before a run, a user's own warning handler included."""
+    own = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    signal_before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield state()
+    sys.settrace(None)
+    mujoco.set_mju_user_warning(own)
+    signal.signal(signal.SIGINT, signal_before)
+
+
+@pytest.mark.parametrize(("kind", "nested"), [(shared, False), (shared, True), (alone, False)])
+def test_an_interrupt_at_any_bytecode_of_enter_and_exit_leaves_all_as_it_was(machine, before, kind, nested):
+    make = kind(machine)
+
+    def once(point):
+        interrupt = Interrupted(point)
+        with interrupt, make():
+            pass
+        return interrupt
+
+    def points():
+        """Number of points, each tried; at every one the interrupt must come and nothing be left."""
+        inside = state()
+        for point in range(MOST):
+            try:
+                interrupt = once(point)
+            except KeyboardInterrupt:
+                assert state() == inside, point
+            else:
+                assert state() == inside, point
+                assert interrupt.seen <= point, f"the interrupt at {point} was lost"
+                return point
+        raise AssertionError("never came to the end")
+
+    if nested:
+        with installed():
+            count = points()
+    else:
+        count = points()
+    assert count > 100
+    assert state() == before
+    assert within(PATIENCE, lambda: simulate(machine, plain(machine), ramp(50.0, 1.0))).fault is None
+
+
+def test_an_interrupt_in_the_block_comes_at_once(machine, before):
+    reached = []
+
+    def body():
+        with installed():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("the next line")
+
+    with pytest.raises(KeyboardInterrupt):
+        body()
+    assert not reached
+    assert state() == before
+
+
+def test_a_users_own_handler_sees_the_interrupt_and_may_go_on(machine, before):
+    seen = []
+    signal.signal(signal.SIGINT, lambda number, frame: seen.append(number))
+    with installed():
+        signal.raise_signal(signal.SIGINT)
+    assert seen == [signal.SIGINT]
+    points = 0
+    while True:
+        interrupt = Interrupted(points)
+        with interrupt, installed():
+            assert mujoco.get_mjcb_control() is not None
+        if interrupt.seen <= points:
+            break
+        points += 1
+        assert seen == [signal.SIGINT] * (1 + points)
+    assert points > 100
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    assert state() == before
+
+
+def test_a_handler_that_is_set_in_the_block_stays(before):
+    def mine(number, frame):
+        pass
+
+    with installed():
+        signal.signal(signal.SIGINT, mine)
+    assert signal.getsignal(signal.SIGINT) is mine
+
+
+def test_who_waits_for_its_turn_can_be_interrupted(machine, before):
+    make, entered, leave = alone(machine), threading.Event(), threading.Event()
+
+    def hold():
+        with make():
+            entered.set()
+            leave.wait(PATIENCE)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    entered.wait(PATIENCE)
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            simulate(machine, plain(machine), ramp(50.0, 1.0))
+        assert thread.is_alive()
+    finally:
+        leave.set()
+        thread.join()
+    assert state() == before
+
+
+def test_a_law_waits_for_those_that_are_there_and_they_for_it(machine, before):
+    make, order = alone(machine), []
+    first, second = threading.Event(), threading.Event()
+
+    def law():
+        with make():
+            order.append("law")
+            second.set()
+            time.sleep(0.1)
+            order.append("law ends")
+
+    def tick():
+        with installed():
+            first.set()
+            thread = threading.Thread(target=law)
+            thread.start()
+            time.sleep(0.1)
+            order.append("tick ends")
+        second.wait(PATIENCE)
+        with installed():
+            order.append("next")
+        thread.join()
+        return order
+
+    assert within(PATIENCE, tick) == ["tick ends", "law", "law ends", "next"]
+    assert state() == before
+
+
+@pytest.mark.parametrize("function", ["on_control", "_tick"])
+def test_an_interrupt_in_the_callback_of_a_law_is_not_lost(machine, before, function):
+    """MuJoCo calls it from C, where an exception would be told and dropped."""
+    calls = []
+
+    def law(tick):
+        calls.append(tick)
+        return 0.0 * tick.error
+
+    def run():
+        calls.clear()
+        simulate(machine, plain(machine), ramp(50.0, 2.0), law=law)
+
+    run()
+    assert len(calls) > 20
+
+    class InCallback(Interrupted):
+        def __call__(self, frame, event, argument):
+            return super().__call__(frame, event, argument) if frame.f_code.co_name == function else None
+
+    for points in range(MOST):
+        interrupt = InCallback(points)
+        try:
+            with interrupt:
+                run()
+        except KeyboardInterrupt:
+            assert state() == before, points
+            assert len(calls) < 5, f"the interrupt at {points} came late"
+            if points > 150:
+                break
+        else:
+            assert interrupt.seen <= points, f"the interrupt at {points} was lost"
+            break
+    assert points > 30
+    assert state() == before
+
+
+STORM = """
+import faulthandler, os, random, signal, threading, time
+import mujoco
+from gantrysim import Machine, Servo, simulate
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.native.hook import installed
+
+faulthandler.dump_traceback_later(60, exit=True)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what starts the tests may ignore it
+handler = signal.getsignal(signal.SIGINT)
+machine = Machine("xy")
+setpoints = MoveSpiral(40, 1, 10, 100).setpoints(1e-3)
+servo = Servo.derive(machine.axes)
+run = simulate(machine, servo, setpoints)
+go = threading.Semaphore(0)
+
+def send():
+    chance = random.Random(1)
+    while True:
+        go.acquire()
+        time.sleep(chance.uniform(0, 3e-4))
+        os.kill(os.getpid(), signal.SIGINT)
+
+threading.Thread(target=send, daemon=True).start()
+came, end = 0, time.monotonic() + 2
+while time.monotonic() < end:
+    try:
+        go.release()
+        patience = time.monotonic() + 1
+        while time.monotonic() < patience:  # where C code of others has swallowed one, the next comes
+            with installed():
+                pass
+    except KeyboardInterrupt:
+        came += 1
+    left = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning(), signal.getsignal(signal.SIGINT)
+    assert left == (None, None, handler), left
+again = simulate(machine, servo, setpoints)
+print(came, (again.nozzle == run.nozzle).all())
+"""
+
+
+def test_a_storm_of_interrupts_leaves_a_process_that_simulates():
+    done = subprocess.run([sys.executable, "-c", STORM], capture_output=True, text=True, timeout=2 * PATIENCE)
+    assert done.returncode == 0, done.stderr
+    came, equal = done.stdout.split()
+    assert int(came) > 100
+    assert equal == "True"

@@ -1,0 +1,404 @@
+"""Films: frames, times, sizes, and files that are whole or not there at all."""
+
+import dataclasses
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from gantrysim import InputError
+from gantrysim.plots.style import INK
+from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_video
+from gantrysim.render.colours import scale_for
+from gantrysim.render.lettering import MUTED
+from gantrysim.render.overlay import run_colours
+
+from support.films import SHAPES, cut, shows, small_job
+
+SIZE = (300, 200)
+PAIR = (480, 240)
+CODED = 6.0  # mean difference of a picture that was coded and decoded again, of 255
+PALETTE = 2.0  # and of one in 256 colours
+FURTHEST = 40  # of a pixel of it, in its worst channel
+
+
+@pytest.fixture(scope="module")
+def run():
+    return small_job().run()
+
+
+@pytest.fixture(scope="module")
+def short(run):
+    return cut(run, 800)
+
+
+@pytest.fixture(scope="module")
+def alone(xy, run):
+    with Film([Take(xy, run, "one")], size=SIZE) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def pair(xy, run, short):
+    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR) as opened:
+        yield opened
+
+
+def decoded(file):
+    with imageio.get_reader(file) as reader:
+        return [np.asarray(frame) for frame in reader], reader.get_meta_data()
+
+
+def of_gif(file):
+    with Image.open(file) as gif:
+        frames, durations = [], []
+        for k in range(gif.n_frames):
+            gif.seek(k)
+            durations.append(gif.info["duration"])
+            frames.append(np.asarray(gif.convert("RGB")))
+        return frames, durations, gif.info.get("loop")
+
+
+def apart(first, second):
+    return np.abs(first.astype(float) - second).mean()
+
+
+def test_the_picture_in_the_film_is_the_renderers_to_the_last_bit(xy, run, alone, tmp_path):
+    (cell,) = alone.cells
+    assert (cell.left, cell.top, cell.width) == (0, 0, SIZE[0])
+    assert cell.height + alone.panel.size[1] == SIZE[1]
+    alone.save_picture(tmp_path / "a.png", 0.7)
+    picture = np.asarray(Image.open(tmp_path / "a.png"))
+    assert picture.shape == (SIZE[1], SIZE[0], 3)
+    with Renderer(xy, run, size=(cell.width, cell.height)) as renderer:
+        np.testing.assert_array_equal(cell.of(picture), renderer.frame(700))
+    np.testing.assert_array_equal(picture[cell.height :], alone.panel.picture(0.7))
+    played = alone.frame(0.7, 4.0)[cell.height :]
+    np.testing.assert_array_equal(played, alone.panel.picture(0.7, 4.0))
+    assert shows(played, "×4", alone.panel.font.size, INK)
+    alone.save_picture(tmp_path / "b.png")
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "b.png")), alone.frame(run.time[-1]))
+
+
+@given(st.floats(0.5, 200), st.floats(0.05, 50))
+def test_frame_k_shows_the_time_k_speed_over_fps_and_the_last_the_end(alone, fps, speed):
+    times = alone.times(fps, speed)
+    np.testing.assert_allclose(times[:-1], np.arange(len(times) - 1) * speed / fps, rtol=1e-12)
+    assert times[-1] == alone.end
+    assert times[0] == 0
+    steps = np.diff(times) * fps / speed
+    assert steps.size == 0 or (steps.max() <= 1 + 1e-6 and steps.min() > 0)
+
+
+def test_an_mp4_has_its_frames_its_rate_and_its_pictures(alone, run, tmp_path):
+    seen = []
+    count = alone.save(tmp_path / "a.mp4", fps=8, speed=1, progress=seen.append)
+    frames, meta = decoded(tmp_path / "a.mp4")
+    assert meta["fps"] == 8
+    assert meta["codec"] == "h264"
+    assert meta["pix_fmt"].startswith("yuv420p(tv, bt709")  # what browsers play, in colours that they cannot mistake
+    assert len(frames) == count == int(np.ceil(run.time[-1] * 8)) + 1
+    assert meta["duration"] == pytest.approx(count / 8, abs=0.01)
+    assert seen == pytest.approx(np.arange(1, count + 1) / count)
+    for k in (0, 5, count - 1):
+        time = min(k / 8, run.time[-1])
+        assert apart(frames[k], alone.frame(time, 1.0)) < CODED
+    assert apart(frames[5], alone.frame(6 / 8, 1.0)) > apart(frames[5], alone.frame(5 / 8, 1.0))
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.mp4"]
+    # the index stands in front of the frames
+    content = (tmp_path / "a.mp4").read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat")
+
+
+@pytest.mark.parametrize(("fps", "duration"), [(10, 100), (30, 30), (500, 20)])
+def test_a_gif_says_hundredths_and_shows_the_right_times_at_them(alone, run, tmp_path, fps, duration):
+    speed = {10: 2.0, 30: 8.0, 500: 10.0}[fps]
+    count = alone.save(tmp_path / "a.gif", fps=fps, speed=speed)
+    frames, durations, loop = of_gif(tmp_path / "a.gif")
+    assert set(durations) == {duration}
+    assert loop == 0
+    assert len(frames) == count == int(np.ceil(run.time[-1] / (speed * 1e-3 * duration) - 1e-9)) + 1
+    for k in (0, 2, count - 1):
+        assert apart(frames[k], alone.frame(min(k * speed * 1e-3 * duration, alone.end), speed)) < PALETTE
+
+
+def test_a_gif_keeps_the_few_pixels_of_a_colour_of_their_own(xy, run, tmp_path):
+    with Film([Take(xy, run)], size=(420, 200), colour="width") as coloured:
+        coloured.save(tmp_path / "a.gif", fps=2)
+        frames, _, _ = of_gif(tmp_path / "a.gif")
+        away = np.abs(frames[2].astype(int) - coloured.frame(1.0, 1.0)).max(axis=2)
+    assert away.max() <= FURTHEST
+    assert away.mean() < PALETTE
+
+
+def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
+    alone.save(tmp_path / "a.mp4", fps=4)
+    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one")
+    first, second = (decoded(tmp_path / name)[0] for name in ("a.mp4", "b.mp4"))
+    assert len(first) == len(second) > 5
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_film_is_played_at_one_to_one_and_faster_where_it_would_last_over_a_minute(xy, run, alone, tmp_path):
+    assert alone.save(tmp_path / "a.mp4", fps=2) == int(np.ceil(2 * run.time[-1])) + 1
+    slow = dataclasses.replace(run, time=run.time * 90, period=run.period * 90)  # 130 s
+    assert save_video(xy, slow, tmp_path / "b.mp4", size=SIZE, fps=0.2) == int(np.ceil(0.2 * slow.time[-1] / 3)) + 1
+
+
+def test_runs_side_by_side_are_at_the_same_time(xy, run, short, pair):
+    first, second = pair.cells
+    assert (first.top, first.width, first.height) == (second.top, second.width, second.height)
+    assert first.left + first.width <= second.left
+    assert second.left + second.width == PAIR[0]
+    assert pair.end == run.time[-1]
+    size = first.width, first.height
+    with Renderer(xy, run, size=size) as renderer, Renderer(xy, short, size=size) as other:
+        for time in (0.35, 0.7, 1.2):
+            frame = pair.frame(time)
+            tick = round(time / run.period)
+            np.testing.assert_array_equal(first.of(frame), renderer.frame(tick))
+            # the shorter run keeps its last picture
+            np.testing.assert_array_equal(second.of(frame), other.frame(min(tick, len(short.time) - 1)))
+
+
+def test_each_picture_is_headed_by_its_label_and_says_when_it_is_over(pair, short):
+    letters = 10
+    colours = run_colours(2)
+    cells = pair.cells
+    for time, over in ((0.5, False), (1.2, True)):
+        frame = pair.frame(time)
+        heads = [frame[: cell.top, cell.left : cell.left + cell.width] for cell in cells]
+        for head, label, colour, other in zip(heads, ("long", "short"), colours, colours[::-1], strict=True):
+            assert shows(head, label, letters, colour, bold=True)
+            assert not shows(head, label, letters, other, bold=True)
+        assert shows(heads[1], f"over at {short.time[-1]:.2f} s", letters, MUTED) is over
+        assert not shows(heads[0], f"over at {short.time[-1]:.2f} s", letters, MUTED)
+        assert shows(frame[-pair.panel.size[1] :], f"{time:.2f} s", pair.panel.font.size, INK)
+
+
+def test_four_runs_are_drawn_each_by_itself_again_and_again(xy, run, short):
+    bare = dataclasses.replace(run, flow=np.zeros(len(run.time)))
+    takes = [Take(xy, one, name) for one, name in ((run, "a"), (short, "b"), (bare, "c"), (cut(run, 400), "d"))]
+    with Film(takes, size=(400, 300), colour="error") as four:
+        frames = [four.frame(time) for time in (1.0, 0.2, 1.0)]
+        scale = scale_for("error", [take.run for take in takes])
+        cells = four.cells
+    np.testing.assert_array_equal(frames[0], frames[2])
+    assert not np.array_equal(frames[0], frames[1])
+    assert len({(cell.left, cell.top) for cell in cells}) == 4
+    for cell, take in zip(cells, takes, strict=True):
+        with Renderer(xy, take.run, size=(cell.width, cell.height), colour="error", scale=scale) as renderer:
+            tick = min(1000, len(take.run.time) - 1)
+            np.testing.assert_array_equal(cell.of(frames[0]), renderer.frame(tick))
+
+
+class BrokenError(Exception):
+    """Of the caller."""
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.gif"])
+@pytest.mark.parametrize("error", [BrokenError, KeyboardInterrupt])
+def test_an_interrupted_film_leaves_the_earlier_one_and_nothing_else(alone, tmp_path, error, name):
+    (tmp_path / name).write_bytes(b"earlier")
+
+    def interrupt(share):
+        assert len(list(tmp_path.iterdir())) == 2
+        if share > 0.4:
+            raise error
+
+    with pytest.raises(error):
+        alone.save(tmp_path / name, fps=5, progress=interrupt)
+    assert (tmp_path / name).read_bytes() == b"earlier"
+    assert list(tmp_path.iterdir()) == [tmp_path / name]
+
+
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        ("exit 1", "the encoder stopped"),
+        ("cat > $0.all; echo 'No space left' >&2; exit 28", "No space left"),
+        ('head -c 400000 | "$REAL" "$@"; echo "Killed" >&2; exit 9', "Killed"),
+    ],
+)
+def test_an_encoder_that_fails_leaves_no_half_film(alone, tmp_path, monkeypatch, script, said):
+    import imageio_ffmpeg
+
+    monkeypatch.setenv("REAL", imageio_ffmpeg.get_ffmpeg_exe())
+    encoder = tmp_path / "encoder"
+    encoder.write_text(f"#!/bin/sh\n{script}\n")
+    encoder.chmod(0o755)
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(encoder))
+    with pytest.raises(InputError, match=f"a.mp4: cannot be written: {said}$"):
+        alone.save(tmp_path / "a.mp4", fps=4)
+    assert [item.name for item in tmp_path.iterdir() if not item.name.startswith("encoder")] == []
+
+
+def test_bad_films_are_refused(xy, run, alone, tmp_path):
+    take = Take(xy, run)
+    for wrong, text in (
+        ({"takes": [take] * 3}, "number of runs = 3: must be 1, 2 or 4"),
+        ({"takes": []}, "number of runs = 0: must be 1, 2 or 4"),
+        ({"size": (0, 100)}, "width of the film = 0: must be at least 1"),
+        ({"size": (300.5, 200)}, "width of the film = 300.5: must be a whole number"),
+        ({"size": (300, 90)}, "height of the film = 90: must be at least 106, for the pictures"),
+        (
+            {"takes": [take] * 4, "size": (400, 200)},
+            r"height of the film = 200: must be at least \d+, for the pictures",
+        ),
+        ({"size": (100, 200)}, r"width of the film = 100: must be at least \d+, for readout and error strip"),
+        ({"camera": "topp"}, "unknown camera 'topp': did you mean top"),
+        ({"colour": "eror"}, "unknown colour 'eror': did you mean error"),
+    ):
+        with pytest.raises(InputError, match=text):
+            Film(**{"takes": [take], "size": SIZE, **wrong})
+    for name, wrong, text in (
+        ("a.avi", {}, "suffix = '.avi': must be .mp4 or .gif"),
+        ("a", {}, "suffix = '': must be .mp4 or .gif"),
+        ("no/a.mp4", {}, "no such folder .*/no"),
+        ("a.mp4", {"fps": 0}, "frames per second = 0 1/s: must be greater than 0"),
+        ("a.gif", {"fps": -1}, "frames per second = -1 1/s: must be greater than 0"),
+        ("a.mp4", {"fps": float("nan")}, "frames per second = nan 1/s: must be finite"),
+        ("a.mp4", {"speed": 0}, "speed of the film = 0: must be greater than 0"),
+        (
+            "a.mp4",
+            {"fps": 1e9},
+            r"number of frames = 1.\d+e\+09, with 1e\+09 frames per second and speed 1: must be at most 100000",
+        ),
+        ("a.gif", {"speed": 1e-9}, r"with 25 frames per second and speed 1e-09: must be at most 100000: ask for fewer"),
+        ("a.mp4", {"speed": 1e-320}, "number of frames = inf, .* must be at most 100000"),
+    ):
+        with pytest.raises(InputError, match=text):
+            alone.save(tmp_path / name, **wrong)
+    (tmp_path / "folder.png").mkdir()
+    for name, at, text in (
+        ("a.mp4", 0.5, "suffix = '.mp4': must be .png"),
+        ("folder.png", 0.5, "folder.png: is a folder"),
+        ("a.png", 9.0, f"time = 9 s: must be from 0 s to the end of the run, {run.time[-1]:g} s"),
+        ("a.png", -0.1, "time = -0.1 s: must be from 0 s"),
+        ("a.png", float("nan"), "time = nan s: must be finite"),
+    ):
+        with pytest.raises(InputError, match=text):
+            alone.save_picture(tmp_path / name, at)
+    with Film([take], size=(301, 201)) as odd:
+        with pytest.raises(InputError, match="size of the video = 301 x 201: must be even numbers of pixels"):
+            odd.save(tmp_path / "a.mp4")
+        assert odd.save(tmp_path / "odd.gif", fps=2) > 2
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["folder.png", "odd.gif"]
+
+
+class Unopened:
+    """Stands for a renderer where only places matter."""
+
+    def __init__(self, *_):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("colour", ["plain", "error"])
+def test_a_film_of_any_shape_has_its_pictures_in_places_of_their_own(xy, run, monkeypatch, count, colour):
+    monkeypatch.setattr(film, "Renderer", Unopened)
+    scale = scale_for(colour, [run])
+    monkeypatch.setattr(film, "scale_for", lambda *_: scale)
+    takes = [Take(xy, run, f"run {k}") for k in range(count)]
+    for size in SHAPES:
+        opened = Film(takes, size=size, colour=colour)
+        taken = np.zeros(size[::-1], int)
+        taken[size[1] - opened.panel.size[1] :] += 1
+        for cell in opened.cells:
+            assert cell.height >= 0.2 * size[1]
+            assert cell.width >= 0.45 * size[0]
+            cell.of(taken)[:] += 1
+        assert taken.max() == 1
+        assert taken.mean() > 0.7
+        assert opened.cells[0].of(taken).sum() == opened.cells[0].width * opened.cells[0].height
+    if count == 4:
+        heads = [Film(takes, size=size).cells[0].top for size in ((720, 1280), (1280, 720))]
+        assert heads[0] > 1.2 * heads[1]  # two lines of readout, and letters about as large
+    two = Film(takes, size=(400, 700), colour=colour).cells
+    assert len({cell.left for cell in two}) == (2 if count == 4 else 1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_a_film_as_high_as_the_least_that_is_named_is_taken(xy, run, monkeypatch, count):
+    monkeypatch.setattr(film, "Renderer", Unopened)
+    takes = [Take(xy, run)] * count
+    for width in (240, 400, 1000):
+        with pytest.raises(InputError, match="for the pictures") as refused:
+            Film(takes, size=(width, 60))
+        least = int(str(refused.value).split("at least ")[1].split(",")[0])
+        assert Film(takes, size=(width, least)).cells[0].height == 40
+        with pytest.raises(InputError, match=f"height of the film = {least - 1}: must be at least {least}, "):
+            Film(takes, size=(width, least - 1))
+
+
+def test_a_read_only_folder_is_named(alone, tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    for save, name in ((alone.save, "a.mp4"), (alone.save_picture, "a.png")):
+        with pytest.raises(InputError, match=f"{name}: cannot be written: Permission denied"):
+            save(tmp_path / name)
+
+
+def test_without_opengl_nothing_is_left_open(xy, run, monkeypatch):
+    opened = []
+    monkeypatch.setattr(film.Renderer, "close", lambda self: opened.remove(self))
+
+    def limited(self, *_, **__):
+        if len(opened) == 2:
+            raise NoOpenGLError("no more")
+        opened.append(self)
+
+    monkeypatch.setattr(film.Renderer, "__init__", limited)
+    with pytest.raises(NoOpenGLError, match="no more"):
+        Film([Take(xy, run)] * 4, size=(400, 300))
+    assert not opened
+
+
+def test_no_frame_is_kept(alone, tmp_path):
+    import gc
+    import weakref
+
+    kept, speeds = [], []
+    plain = type(alone).frame
+
+    class Tracked(np.ndarray):
+        pass
+
+    def frame(self, *arguments):
+        picture = plain(self, *arguments).view(Tracked)
+        kept.append(weakref.ref(picture))
+        speeds.append(arguments[1])
+        return picture
+
+    type(alone).frame = frame
+    try:
+        most = []
+
+        def count(_share):
+            gc.collect()
+            most.append(sum(one() is not None for one in kept))
+
+        alone.save(tmp_path / "a.mp4", fps=10, speed=1.5, progress=count)
+    finally:
+        type(alone).frame = plain
+    assert len(most) >= 10
+    assert max(most) <= 2
+    assert set(speeds) == {1.5}  # which every frame says
+
+
+def test_a_machine_without_cameras_or_label_is_filmed_by_its_name(rigid, run):
+    machine = rigid()
+    with Film([Take(machine, run)], size=(480, 360)) as opened:
+        frame = opened.frame(0.5)
+    assert shows(frame[-opened.panel.size[1] :], machine.name, opened.panel.font.size, INK, bold=True)

@@ -1,0 +1,237 @@
+"""The page: text, tables, figures and video in one file that needs no other."""
+
+import base64
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from gantrysim import InputError
+from gantrysim.plots.style import INK, sheet, thinned
+from gantrysim.report import Column, Section, Table, write_page
+from gantrysim.report.svg import description, inline_svg
+
+from support.pages import Page
+
+EVIL = "<script>alert('&')</script>"
+ROUNDED = 0.006  # of a coordinate [pt]
+SIMPLIFIED = 0.25  # [pt]
+DENSE_SIZE = 150_000  # of the figure of a line of noise [bytes]
+POINT = 72  # to the inch
+
+
+def plot(title="Error <of> x"):
+    with sheet(5.0, 3.0) as figure:
+        axes = figure.add_subplot()
+        axes.plot([0, 1, 2], [0.5, -1, 2], "o-", label="first")
+        axes.imshow(np.arange(6.0).reshape(2, 3), extent=(0, 1, 0, 1), aspect="auto")
+        axes.set(title=title, xlabel="time [s]", ylabel="error [µm]")
+        axes.legend()
+    return figure
+
+
+def test_a_page_of_every_kind_of_section_needs_nothing_else(tmp_path):
+    sections = [
+        Section("Text", ["One.", "Two."], figure=plot()),
+        Section("Same figure twice", figure=[plot(), plot()], alternative=["left", "right"]),
+        Section("Table", table=Table(["", "rms [µm]"], [["x", 1.0]])),
+        Section("Same name!", html="<p>own <b>markup</b></p>"),
+        Section("Same name?", facts=[("Speed", "98 mm/s", "")], code="a  =  1\n"),
+    ]
+    write_page(tmp_path / "page.html", "Title", "below it", sections)
+    page = Page(tmp_path / "page.html")
+    page.check()
+    assert page.sections == ["text", "same-figure-twice", "table", "same-name", "same-name-5"]
+    assert page.texts("h1") == ["Title"]
+    assert [(link["href"], link["text"]) for link in page.all("a")] == [
+        (f"#{name}", section.title) for name, section in zip(page.sections, sections, strict=True)
+    ]
+    described = "Error <of> x: error [µm] against time [s] (first)"
+    assert [one["text"] for one in page.all("title") if "svg" in one["inside"]] == [described, "left", "right"]
+    assert page.texts("b") == ["markup"]
+    assert page.all("code")[0]["text"].rstrip("\n") == "a  =  1"
+    assert {one["tag"] for one in page.elements} >= {
+        "image",
+        "path",
+        "text",
+        "use",
+        "clippath",
+    } or "clipPath" in page.text
+    assert [item.name for item in tmp_path.iterdir()] == ["page.html"]
+    assert "http" not in page.text
+
+
+def test_text_is_escaped_wherever_it_stands(tmp_path):
+    table = Table([EVIL, Column(EVIL)], [[EVIL, 1.0]], EVIL, {EVIL: "#123456"})
+    sections = [
+        Section(EVIL, EVIL, facts=[(EVIL, EVIL, EVIL)], table=table, code=EVIL),
+        Section("Figure", figure=[plot(EVIL)] * 2, alternative=[EVIL, EVIL]),
+        Section("Described", figure=plot(EVIL)),
+    ]
+    write_page(tmp_path / "page.html", EVIL, EVIL, sections, warning=EVIL)
+    page = Page(tmp_path / "page.html")
+    page.check()
+    assert "<script" not in page.text
+    for tag, count in (("h1", 1), ("h2", 3), ("p", 3), ("dt", 1), ("dd", 2), ("th", 2), ("td", 2), ("caption", 1)):
+        assert len(page.all(tag)) == count
+        assert EVIL in page.texts(tag)
+    assert page.texts("code") == [EVIL]
+    assert page.texts("a")[0] == EVIL
+    assert page.texts("title") == [EVIL, EVIL, EVIL, f"{EVIL}: error [µm] against time [s] (first)"]
+    assert page.all("p")[1]["role"] == "alert"
+
+
+def test_the_same_content_gives_the_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        write_page(tmp_path / name, "Title", "", [Section("Figure", figure=plot())])
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_a_video_is_in_the_page_byte_by_byte(tmp_path):
+    video = bytes(range(256)) * 5
+    write_page(tmp_path / "page.html", "Title", "", [Section("Video", video=video)])
+    page = Page(tmp_path / "page.html")
+    page.check()
+    (element,) = page.all("video")
+    kind, _, content = element["src"].partition(",")
+    assert kind == "data:video/mp4;base64"
+    assert base64.b64decode(content, validate=True) == video
+    assert "controls" in element
+
+
+def test_numbers_stand_to_the_right_with_their_format(tmp_path):
+    table = Table(
+        ["name", "count", Column("rms [µm]", ".2f"), "spacing [mm]", "none"],
+        [
+            ["a", 3, -1.234, 10.07641, None],
+            ["b", np.int64(-12), float("nan"), 1e-7, None],
+            ["c", True, float("inf"), None, None],
+            ["d", 0, -0.001, -0.0, None],
+        ],
+    )
+    write_page(tmp_path / "page.html", "Title", "", [Section("Table", table=table)])
+    page = Page(tmp_path / "page.html")
+    assert page.rows()[1:] == [
+        ["a", "3", "−1.23", "10.08", "–"],
+        ["b", "−12", "–", "1e-07", "–"],
+        ["c", "yes", "∞", "–", "–"],
+        ["d", "0", "0.00", "0", "–"],
+    ]
+    assert [cell.get("class") for cell in page.all("td")[:5]] == [None, "number", "number", "number", None]
+    assert [cell.get("class") for cell in page.all("th")] == [None, "number", "number", "number", None]
+
+
+def test_rows_are_marked_with_the_colours_of_their_first_cells(tmp_path):
+    table = Table(["link", "share"], [["generation", 0.9], ["sum", "generation"]], colours={"generation": "#e69f00"})
+    write_page(tmp_path / "page.html", "Title", "", [Section("Table", table=table)])
+    assert [mark["style"] for mark in Page(tmp_path / "page.html").all("span")] == ["background: #e69f00"]
+
+
+def test_tables_and_alternatives_are_counted(tmp_path):
+    with pytest.raises(InputError, match=r"^row \[1\] of a table: has 1 cells, must have 2$"):
+        Table(["a", "b"], [[1]])
+    section = Section("Plots", figure=[plot(), plot()], alternative="one")
+    text = "section Plots: 1 alternative texts, must be 2, one for each figure"
+    with pytest.raises(InputError, match=f"^{text}$"):
+        write_page(tmp_path / "page.html", "Title", "", [section])
+
+
+def test_a_page_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
+    file = tmp_path / "page.html"
+    file.write_text("earlier")
+    write = type(file).write_text
+
+    def half(self, text, *arguments, **keywords):
+        write(self, text[: len(text) // 2], *arguments, **keywords)
+        raise OSError("disk full")
+
+    monkeypatch.setattr(type(file), "write_text", half)
+    with pytest.raises(OSError, match="disk full"):
+        write_page(file, "Title", "", [Section("Text", "One.")])
+    assert [item.name for item in tmp_path.iterdir()] == ["page.html"]
+    assert file.read_text() == "earlier"
+
+
+def test_progress_is_told_section_by_section(tmp_path):
+    told = []
+    write_page(tmp_path / "page.html", "T", "", [Section("a"), Section("b")], progress=told.append)
+    assert told == [0.5, 1.0]
+
+
+def points(svg, colour):
+    """The points of the line of a colour."""
+    (d,) = re.findall(rf'<path d="([^"]*)"[^>]*stroke: {colour}', svg)
+    return np.array([[float(x), float(y)] for x, y in re.findall(r"[ML] (\S+) (\S+)", d)])
+
+
+def test_a_line_lies_where_matplotlib_puts_it():
+    x = np.linspace(0, 10, 200)
+    figure = Figure(figsize=(5.0, 3.0))
+    axes = figure.add_subplot()
+    axes.plot(x, np.sin(x), color="#ff0000")
+    svg = inline_svg(figure, "f", "sine")
+    drawn = points(svg, "#ff0000")
+    expected = axes.transData.transform(np.stack([x, np.sin(x)], axis=1)) * POINT / figure.dpi
+    expected[:, 1] = 3.0 * POINT - expected[:, 1]
+    np.testing.assert_allclose(drawn[[0, -1]], expected[[0, -1]], atol=ROUNDED)
+    off = np.abs(np.interp(expected[:, 0], drawn[:, 0], drawn[:, 1]) - expected[:, 1])
+    assert off.max() < 2 * SIMPLIFIED  # measured upright, of a line that is at most as steep as 60 degrees
+    assert drawn.shape[0] < x.size
+    assert 'viewBox="0 0 360 216"' in svg
+    assert not re.search(r'<svg[^>]* (width|height)="', svg)
+
+
+def test_black_and_ink_become_the_pages_colour_and_its_font():
+    svg = inline_svg(plot(), "f", "x")
+    assert "currentColor" in svg
+    for ink in (INK, "#000000"):
+        assert ink not in svg
+    assert "font-size: 10px" in svg
+    assert "DejaVu" not in svg
+    assert len(re.findall("rotate", svg)) == 1  # the label of the upright axis
+    assert ">time [s]<" in svg  # text, not outlines
+
+
+def test_a_line_of_noise_stays_small():
+    noise = np.random.default_rng(1).normal(size=100_000)
+    with sheet(10.0, 3.0) as figure:
+        figure.add_subplot().plot(*thinned(np.arange(noise.size) * 1e-3, noise))
+    assert len(inline_svg(figure, "f", "noise")) < DENSE_SIZE
+
+
+@given(st.integers(4001, 12000), st.integers(0, 2**32 - 1), st.floats(0, 0.3))
+def test_a_thinned_line_keeps_its_envelope_its_ends_and_its_gaps(count, seed, missing):
+    random = np.random.default_rng(seed)
+    x, y = np.cumsum(random.random(count)), random.normal(size=count)
+    y[random.random(count) < missing] = np.nan
+    thin_x, thin_y = thinned(x, y)
+    at = np.searchsorted(x, thin_x)
+    np.testing.assert_array_equal(x[at], thin_x)
+    np.testing.assert_array_equal(y[at], thin_y)
+    assert (np.diff(at) > 0).all()
+    assert (at[0], at[-1]) == (0, count - 1)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(y)), at[np.isnan(thin_y)])
+    size = -(-count // 1000)
+    for low in range(0, count, size):
+        own, kept = y[low : low + size], thin_y[(at >= low) & (at < low + size)]
+        if not np.isnan(own).all():
+            assert (np.nanmin(own), np.nanmax(own)) == (np.nanmin(kept), np.nanmax(kept))
+    assert np.isfinite(thin_y).sum() <= 4 * 1000
+
+
+def test_a_short_line_is_left_as_it_is():
+    x = np.arange(4000.0)
+    assert thinned(x, x)[0] is x
+
+
+def test_a_figure_without_labels_is_called_as_its_section(tmp_path):
+    write_page(tmp_path / "page.html", "Title", "", [Section("Nothing here", figure=Figure())])
+    assert Page(tmp_path / "page.html").texts("title") == ["Title", "Nothing here"]
+
+
+def test_a_figure_describes_itself_from_its_labels():
+    assert description(plot("Error")) == "Error: error [µm] against time [s] (first)"
+    assert description(Figure()) == ""

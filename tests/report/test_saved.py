@@ -1,0 +1,139 @@
+"""A saved run comes back as it was; what is no run, or no longer fits its machine, is refused in one line."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.machine.machine import builtin_models
+from gantrysim.report.saved import SavedRun
+
+from support.films import SMALL, saved, small_job
+
+FOLLOWER = (
+    f'name = "mine"\nmachine = "machine.xml"\n[program]\ncontroller = "trio.MoveSpiral"\nspeed = 50.0\n{SMALL[0]}.0\n'
+    "turns = 1\nthickness = 5.0\nloop_period = 0.0\n"
+)
+SEEN = '<geom type="box" size="0.1 0.1 0.1" pos="0 0 -2" contype="0" conaffinity="0" rgba="0 1 0 1"/>'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return saved(tmp_path_factory.mktemp("saved") / "one", small_job())
+
+
+@pytest.fixture
+def own(tmp_path, rigid):
+    """The folder of a run on a machine of one's own, and the machine's file."""
+    source = rigid().source
+    machine = tmp_path / "machine.xml"
+    machine.write_text(source.read_text().replace("<worldbody>", f"<worldbody>{SEEN}"))
+    (tmp_path / "job.toml").write_text(FOLLOWER)
+    job = Job.load(tmp_path / "job.toml")
+    return saved(tmp_path / "run", job, job.follow()), machine
+
+
+def test_job_record_and_machine_come_back(folder):
+    job = small_job()
+    back = SavedRun.load(folder)
+    assert back.folder == folder
+    assert back.job.model_dump() == job.model_dump()
+    np.testing.assert_array_equal(back.run.nozzle, job.run().nozzle)
+    assert back.machine.name == "xy"
+    assert back.machine.axis_names == back.run.axes
+    assert back.changed is False
+    assert SavedRun.load(str(folder)).run.fault is None
+
+
+def test_a_home_folder_is_found(folder, monkeypatch):
+    monkeypatch.setenv("HOME", str(folder.parent))
+    assert SavedRun.load("~/one").job.name == "an225"
+
+
+def test_a_machine_is_changed_when_what_is_stepped_is(own):
+    folder, machine = own
+    assert SavedRun.load(folder).changed is False
+    text = machine.read_text()
+    machine.write_text(text.replace('rgba="0 1 0 1"', 'rgba="1 0 0 1"'))
+    assert machine.read_text() != text
+    assert SavedRun.load(folder).changed is False
+    machine.write_text(text.replace('mass="1"', 'mass="1.1"'))
+    assert SavedRun.load(folder).changed is True
+
+
+def test_without_a_summary_nothing_is_said_of_the_machine(own):
+    folder, machine = own
+    machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
+    (folder / "summary.json").unlink()
+    assert SavedRun.load(folder).changed is False
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"{}", b'{"versions": {}}', b'{"versions": 3}', b"\xff"])
+def test_a_summary_that_does_not_say_which_machine_ran_is_as_none(own, content):
+    folder, machine = own
+    machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
+    (folder / "summary.json").write_bytes(content)
+    assert SavedRun.load(folder).changed is False
+
+
+def test_a_machine_with_other_axes_is_refused(own):
+    folder, machine = own
+    text = machine.read_text()
+    machine.write_text(
+        text.replace('name="x"', 'name="v"').replace('joint="x"', 'joint="v"').replace('actuator="x"', 'actuator="v"')
+    )
+    with pytest.raises(
+        InputError, match=r"its record has the axes x, y; its machine machine has v, y now: run .*job.toml again"
+    ):
+        SavedRun.load(folder)
+
+
+def test_a_machine_with_other_units_is_refused(folder):
+    back = SavedRun.load(folder)
+    other = dataclasses.replace(back.run, units=("mm", "deg"))
+    with pytest.raises(InputError, match="its record has the units mm, deg; its machine xy has mm, mm now"):
+        SavedRun(back.folder, back.job, other, back.machine, False)
+
+
+def test_a_machine_that_is_gone_is_named_with_what_to_do(own):
+    folder, machine = own
+    (folder / "moved").mkdir()
+    machine.rename(folder / "moved" / "its.xml")
+    known = ", ".join(builtin_models())
+    text = (
+        f"run {folder}: its machine {machine} is gone: set machine in {folder}/job.toml to a file, or to one of {known}"
+    )
+    with pytest.raises(InputError) as refused:
+        SavedRun.load(folder)
+    assert str(refused.value) == text
+    # which is enough, from the folder of the run
+    job = folder / "job.toml"
+    job.write_text(job.read_text().replace(str(machine), "moved/its.xml"))
+    back = SavedRun.load(folder)
+    assert back.machine.source == folder / "moved" / "its.xml"
+    assert back.changed is False
+    # a name that no machine has is not a file that is gone anywhere
+    job.write_text(job.read_text().replace("moved/its.xml", "yx"))
+    with pytest.raises(InputError, match=f"run {folder}: its machine yx is gone: set machine in {folder}/job.toml to"):
+        SavedRun.load(folder)
+
+
+def test_what_is_no_run_is_refused(folder, tmp_path):
+    for place, text in (
+        (tmp_path / "none", "no such folder; gantrysim run JOB --out .*/none makes one"),
+        (folder / "run.npz", "is a file, must be a folder that gantrysim run has written"),
+        (tmp_path, "holds no run: job.toml and run.npz missing"),
+    ):
+        with pytest.raises(InputError, match=f"run {place}: {text}"):
+            SavedRun.load(place)
+    (tmp_path / "run.npz").write_bytes((folder / "run.npz").read_bytes())
+    with pytest.raises(InputError, match=r"holds no run: job.toml missing"):
+        SavedRun.load(tmp_path)
+    (tmp_path / "job.toml").write_bytes((folder / "job.toml").read_bytes())
+    (tmp_path / "run.npz").write_bytes((folder / "run.npz").read_bytes()[:1000])
+    with pytest.raises(InputError, match=r"run.npz: is no record of a run"):
+        SavedRun.load(tmp_path)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert set(summary["versions"]) >= {"machine_sha256"}

@@ -1,0 +1,621 @@
+"""Margins of sampled servo loops: closed forms, a tick written out by hand, and machines that do swing up."""
+
+# ruff: noqa: N803, N806 - the letters of the law
+
+import dataclasses
+import math
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from gantrysim import Machine, Servo, simulate
+from gantrysim.cli import info
+from gantrysim.controllers.paths.arcs import ArcChain
+from gantrysim.controllers.servo import law
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.errors import InputError
+from gantrysim.job.job import Job
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.machine.timing import delay_steps, substeps_of
+from gantrysim.stability.linear import Linear, linearised
+from gantrysim.stability.margins import Margins, Plant, margins_of
+
+from support.runs import ideal_motors, plain, smooth, turntable
+
+RESPONSE = 1e-7  # of the open loop against the closed form, relative
+POLES = 1e-6  # of closed loops, absolute; two that lie together move by the root of rounding
+MARGIN = 1e-6  # of a gain margin, relative
+PHASE = 1e-5  # [deg]
+PEAK = 1e-4  # of the sensitivity's, relative
+FOLLOWS = 1e-7  # of the engine's motion against the linear machine's, of the largest
+NEAR = 0.02  # how far from the gain margin a simulated machine is seen to calm down or to swing up
+SAME = 1e-9
+
+UNITS = "x [mm], y [mm]"
+PERIODS = (5e-4, 1e-3, 4e-3)
+NO_FRICTION = Perturbation(friction=1e-15)
+
+
+def pd(machine, period=1e-3, **given):
+    """A servo without encoder and feed-forward; its limits are far."""
+    return plain(machine, period, feedforward=0.0, **given)
+
+
+def scaled(servo, factor, axis=None):
+    """The servo with the gains of the loop scaled, of one axis or of all."""
+    changed = {}
+    for name in ("kp", "ki", "kd", "output_velocity"):
+        values = getattr(servo, name)
+        changed[name] = tuple(value * (factor if axis in (None, a) else 1.0) for a, value in enumerate(values))
+    return dataclasses.replace(servo, **changed)
+
+
+@pytest.fixture
+def double_integrators(rigid):
+    """A machine of two masses alone: ideal torque sources and no friction."""
+    return Machine(ideal_motors(rigid(damping=0.0).source))
+
+
+@cache
+def plant_of(name, period=1e-3, delay=0.0):
+    return Plant.of(Machine(name), period, delay)
+
+
+class Tick:
+    """A servo tick of one axis, step by step as the engine makes it: J dv/dt = u - b v, semi-implicit."""
+
+    def __init__(self, J, b, servo, axis, substeps, delay_steps=0, waits=0):
+        self.J, self.b, self.T, self.axis, self.servo = J, b, servo.period, axis, servo
+        self.substeps, self.delay_steps, self.waits = substeps, delay_steps, waits
+
+    def __call__(self, state, factor=1.0):
+        q, v, total, last, *waiting = state
+        gains = [getattr(self.servo, name)[self.axis] for name in ("kp", "ki", "kd")]
+        total = total - q * self.T  # E = 0 - MPOS
+        change = (q - last) / self.T
+        u = factor * law(-q, total, -change, 0, 0, change, *gains, 0, 0, self.servo.output_velocity[self.axis])
+        queue = [u, *waiting]
+        u_new, u_old, last, h = queue[self.waits], queue[self.waits + 1], q, self.T / self.substeps
+        for step in range(self.substeps):
+            held = u_old if step < self.delay_steps else u_new
+            v = (self.J * v + h * held) / (self.J + h * self.b)
+            q += h * v
+        return np.array([q, v, total, last, *queue[:-1]])
+
+    def poles(self, factor=1.0):
+        states = 5 + self.waits
+        return np.linalg.eigvals(np.array([self(unit, factor) for unit in np.eye(states)]).T)
+
+    def stable(self, factor):
+        poles = self.poles(factor)
+        if not self.servo.ki[self.axis]:  # the sum that nobody looks at
+            poles = np.delete(poles, np.abs(poles - 1).argmin())
+        return np.abs(poles).max() < 1
+
+    def edge(self, inside, outside):
+        """The factor between one that is stable and one that is not at which it ceases to be, by halving."""
+        for _ in range(60):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if self.stable(middle) else (inside, middle)
+        return middle
+
+
+def tick_of(machine, servo, axis=0):
+    substeps = substeps_of(machine, servo.period)
+    found = machine.axes[axis]
+    return Tick(found.inertia, found.viscous, servo, axis, substeps, delay_steps(servo.delay, servo.period, substeps))
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_the_loop_of_a_double_integrator_is_that_of_its_z_transform(double_integrators, period):
+    """P = (a (z - 1) + b) / (z - 1)^2, a = T^2 (n + 1) / (2 n J), b = T^2 / J of n semi-implicit steps in T."""
+    servo = pd(double_integrators, period, integral_time=0.05, output_velocity=-0.001)
+    frequency = np.geomspace(0.01, 0.5 / period, 200)
+    z = np.exp(2j * np.pi * frequency * period)
+    loop = Plant.of(double_integrators, period).loop(servo, frequency)
+    n = round(period / 5e-4)
+    for axis, dynamics in enumerate(double_integrators.axes):
+        a, b = period**2 * (n + 1) / (2 * n * dynamics.inertia), period**2 / dynamics.inertia
+        damping = servo.kd[axis] - servo.output_velocity[axis]
+        C = servo.kp[axis] + servo.ki[axis] * period * z / (z - 1) + damping * (z - 1) / (z * period)
+        assert loop[:, axis] == pytest.approx(C * (a * (z - 1) + b) / (z - 1) ** 2, rel=RESPONSE)
+
+
+@pytest.mark.parametrize("damping", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("period", PERIODS)
+def test_the_gain_margin_of_a_double_integrator_is_jurys(double_integrators, period, damping):
+    """Of z^3 + a2 z^2 + a1 z + a0 with all gains times k: the least k > 0 at which a condition of Jury's fails."""
+    servo = pd(double_integrators, period, damping=damping)
+    margins = Plant.of(double_integrators, period).margins(servo)
+    n = round(period / 5e-4)
+    for axis, dynamics in enumerate(double_integrators.axes):
+        a, b = period**2 * (n + 1) / (2 * n * dynamics.inertia), period**2 / dynamics.inertia
+        c1, c0 = servo.kp[axis] + servo.kd[axis] / period, servo.kd[axis] / period
+        q, r = (b - a) * c0, (b - a) * c1 - a * c0  # a0 = -k q, a1 = 1 + k r, a2 = -2 + k a c1
+        alternates = 4 / ((2 * a - b) * (c1 + c0))  # 1 - a2 + a1 - a0 = 0
+        swings = (2 * q - r) / (q * q + q * a * c1) if q > 0 else math.inf  # 1 - a0^2 = a1 - a0 a2
+        assert margins[axis].gain == pytest.approx(min(alternates, swings), rel=MARGIN)
+        assert margins[axis].gain_lower == 0
+        assert margins[axis].stable
+
+
+def test_with_one_step_a_period_the_gain_margin_is_that_of_alternating_outputs(double_integrators):
+    """The closed loop is a quadratic that leaves the circle at z = -1: 4 J / (T^2 kp + 2 T kd)."""
+    T, servo = 5e-4, pd(double_integrators, 5e-4)
+    for axis, found in enumerate(Plant.of(double_integrators, T).margins(servo)):
+        J = double_integrators.axes[axis].inertia
+        assert found.gain == pytest.approx(4 * J / (T**2 * servo.kp[axis] + 2 * T * servo.kd[axis]), rel=MARGIN)
+
+
+@pytest.mark.parametrize("delay", [0.0, 5e-4, 1e-3])
+@pytest.mark.parametrize("damping", [0.0, 12.0])
+def test_poles_are_those_of_a_tick_written_out(rigid, damping, delay):
+    machine = Machine(ideal_motors(rigid(damping=damping).source))
+    servo = pd(machine, 1e-3, integral_time=0.05, output_velocity=-2e-4, delay=delay)
+    poles = Plant.of(machine, 1e-3, delay).poles(servo)
+    expected = np.concatenate([tick_of(machine, servo, axis).poles() for axis in range(2)])
+    big = 1e-3  # those at 0 are the delay's, of which a tick written out has more
+    poles, expected = (np.sort_complex(some[np.abs(some) > big]) for some in (poles, expected))
+    assert poles == pytest.approx(expected, abs=POLES)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    frequency=st.floats(2, 200),
+    damping=st.floats(0.1, 4),
+    integral_time=st.floats(0.02, 1),
+    own_damping=st.floats(0, 1),
+    viscous=st.sampled_from([0.0, 12.0, 300.0]),
+    delay=st.sampled_from([0.0, 5e-4, 1e-3]),
+)
+@example(frequency=2.0, damping=1.0, integral_time=1.0, own_damping=0.0, viscous=0.0, delay=0.0)  # two poles near -1
+def test_gain_margins_are_where_a_tick_written_out_loses_stability(
+    rigid_machines, frequency, damping, integral_time, own_damping, viscous, delay
+):
+    machine, period = rigid_machines(viscous), 1e-3
+    servo = pd(machine, period, frequency=frequency, damping=damping, integral_time=integral_time, delay=delay)
+    servo = dataclasses.replace(servo, output_velocity=tuple(-own_damping * kd for kd in servo.kd))
+    found = Plant.of(machine, period, delay).margins(servo)[0]
+    tick = tick_of(machine, servo)
+    radius = np.abs(tick.poles()).max()
+    if abs(radius - 1) < 1e-6:
+        return  # on the edge itself
+    assert found.stable == (radius < 1)
+    assert found.gain > 1 or not found.stable
+    if found.gain == 0:
+        assert not any(tick.stable(factor) for factor in np.geomspace(1e-4, 1, 40))
+        return
+    assert tick.edge(found.gain * 0.999, found.gain * 1.001) == pytest.approx(found.gain, rel=MARGIN)
+    if found.gain_lower > 0:
+        assert tick.edge(found.gain_lower * 1.001, found.gain_lower * 0.999) == pytest.approx(
+            found.gain_lower, rel=MARGIN
+        )
+    for share in (0.05, 0.5, 0.95):  # stable all the way between
+        assert tick.stable(found.gain_lower + share * (found.gain - found.gain_lower))
+    if found.stable:
+        assert found.gain_lower < 1 < found.gain
+    else:
+        assert found.gain < 1
+        assert not any(tick.stable(factor) for factor in np.linspace(found.gain * 1.001, 1, 20))
+
+
+@pytest.fixture(scope="session")
+def rigid_machines(tmp_path_factory):
+    """The rigid machine with ideal motors by its viscous friction [N·s/m]."""
+    from conftest import RIGID, RIGID_DEFAULTS
+
+    @cache
+    def build(damping):
+        file = tmp_path_factory.mktemp("rigid") / "rigid.xml"
+        file.write_text(RIGID.format(**{**RIGID_DEFAULTS, "damping": damping}))
+        return Machine(ideal_motors(file))
+
+    return build
+
+
+def test_phase_crossover_and_sensitivity_are_those_of_the_closed_form(double_integrators):
+    T = 1e-3
+    servo = pd(double_integrators, T)
+    found = Plant.of(double_integrators, T).margins(servo)[0]
+    J = double_integrators.axes[0].inertia
+
+    def loop(frequency):
+        z = np.exp(2j * np.pi * frequency * T)
+        C = servo.kp[0] + servo.kd[0] * (z - 1) / (z * T)
+        return C * (0.75 * T**2 / J * (z - 1) + T**2 / J) / (z - 1) ** 2
+
+    crossover = brentq(lambda f: abs(loop(f)) - 1, 1, 400)
+    assert found.crossover == pytest.approx(crossover, rel=MARGIN)
+    phase = math.degrees(np.angle(loop(crossover))) + 180
+    assert found.phase == pytest.approx(phase, abs=PHASE)
+    assert found.delay == pytest.approx(phase / 360 / crossover, rel=MARGIN)
+    assert found.sensitivity == pytest.approx(np.abs(1 / (1 + loop(np.linspace(1, 500, 200_000)))).max(), rel=MARGIN)
+
+
+@pytest.mark.parametrize("name", ["xy", "xyz"])
+def test_a_period_of_delay_turns_the_phase_by_what_it_lasts_at_the_crossover(name):
+    servo = pd(Machine(name), frequency=15.0)
+    at_once = plant_of(name).margins(servo)
+    late = plant_of(name, delay=1e-3).margins(dataclasses.replace(servo, delay=1e-3))
+    for one, other in zip(at_once, late, strict=True):
+        assert other.crossover == pytest.approx(one.crossover, rel=MARGIN)
+        assert one.phase - other.phase == pytest.approx(0.36 * one.crossover, abs=PHASE)
+        assert one.delay - other.delay == pytest.approx(1e-3, rel=MARGIN)
+
+
+@pytest.mark.parametrize("frequency", [9.0, 30.0])
+def test_the_delay_margin_is_the_lag_at_which_a_tick_written_out_loses_stability(double_integrators, frequency):
+    """To a period: of whole ones that a torque waits the loop bears those that are less than its delay margin."""
+    servo = pd(double_integrators, frequency=frequency)
+    found = Plant.of(double_integrators, 1e-3).margins(servo)[0]
+    borne = math.floor(found.delay / 1e-3)
+    assert borne > 1
+    J = double_integrators.axes[0].inertia
+    assert Tick(J, 0.0, servo, 0, 2, waits=borne).stable(1.0)
+    assert not Tick(J, 0.0, servo, 0, 2, waits=borne + 1).stable(1.0)
+
+
+def away(machine, servo, ticks, size=0.02):
+    """A run that moves all axes a little way in 20 ms and then waits."""
+    way = size * np.minimum(np.append(smooth(0.02), np.ones(ticks)), 1.0)[:ticks]
+    position = np.repeat(way[:, None], len(machine.axes), axis=1)
+    requested = ArcChain((0.0, 0.0), 0.0, [0.0], [1.0])
+    setpoints = Setpoints(servo.period, machine.axis_names, position, np.ones(ticks, bool), requested)
+    return simulate(machine, servo, setpoints)
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "delay"), [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4)]
+)
+def test_the_linear_machine_moves_as_the_engine_moves_it(name, payload, delay):
+    """All axes at once and so little that nothing is not linear, from the torques that the engine's servo asked for."""
+    machine = Machine(name).perturbed(dataclasses.replace(NO_FRICTION, motor_constant=0.9, payload=payload))
+    servo = pd(machine, integral_time=0.1, delay=delay)
+    run = away(machine, servo, 200, size=1e-6)
+    assert run.fault is None
+    substeps = substeps_of(machine, 1e-3)
+    motor = np.zeros_like(run.motor)
+    for system in linearised(machine, 1e-3, substeps, delay_steps(delay, 1e-3, substeps)):
+        axes, state, before = list(system.axes), np.zeros(len(system.F)), np.zeros(len(system.axes))
+        for k, demand in enumerate(run.demand[:, axes]):
+            motor[k, axes] = system.H @ state
+            state = system.F @ state + system.G0 @ before + system.G1 @ demand
+            before = demand
+    assert np.abs(motor - run.motor).max() < FOLLOWS * np.abs(run.motor).max()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("build", "integral_time"), [("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)])
+def test_a_machine_calms_down_below_its_gain_margin_and_swings_up_above_it(rigid, build, integral_time, axis):
+    machine = rigid() if build == "rigid" else Machine(build).perturbed(NO_FRICTION)
+    servo = pd(machine, integral_time=integral_time)
+    margin = Plant.of(machine, servo.period).margins(servo)[axis].gain
+    ratios = []
+    for factor in (1 - NEAR, 1 + NEAR):
+        run = away(machine, scaled(servo, factor * margin, axis), 1200, size=1e-3)
+        error = (run.commanded - run.motor)[:, axis]
+        ratios.append(np.abs(error[-200:]).max() / np.abs(error[300:500]).max())
+        assert run.fault is None or factor > 1
+    assert ratios[0] < 0.7
+    assert ratios[1] > 1.4
+
+
+def test_a_motor_that_is_stronger_than_the_drive_knows_takes_as_much_of_the_gain_margin(xy):
+    servo = pd(xy)
+    nominal = plant_of("xy").margins(servo)
+    strong = Plant.of(xy.perturbed(Perturbation(motor_constant=(1.25, 1.0))), 1e-3).margins(servo)
+    assert strong[0].gain == pytest.approx(nominal[0].gain / 1.25, rel=MARGIN)
+    assert strong[1].gain == pytest.approx(nominal[1].gain, rel=MARGIN)
+    same = Plant.of(xy.perturbed(Perturbation(motor_constant=(1.25, 1.0))), 1e-3).margins(scaled(servo, 0.8, 0))
+    assert same[0].gain == pytest.approx(nominal[0].gain, rel=MARGIN)
+
+
+def test_compliance_takes_from_the_gain_margin(xy):
+    """Of y, which bears the bridge; its stiffness is that of MuJoCo's own model up to ten times as much."""
+    servo = pd(xy)
+    machines = [xy.perturbed(Perturbation(stiffness=factor)) for factor in (1.0, 2.0, 3.0, 4.0, 10.0)]
+    gains = [Plant.of(machine, 1e-3).margins(servo)[1].gain for machine in machines]
+    assert (np.diff(gains) > 0).all()
+    assert gains[0] < 0.4 * gains[-1]
+
+
+def test_a_payload_takes_from_the_crossover(xy):
+    servo = pd(xy)
+    loaded = Plant.of(xy.perturbed(Perturbation(payload=2.0)), 1e-3).margins(servo)
+    for one, other in zip(loaded, plant_of("xy").margins(servo), strict=True):
+        assert one.crossover < other.crossover
+
+
+@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
+@pytest.mark.parametrize("integral_time", [math.inf, 0.05])
+def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_circle(name, integral_time):
+    servo = pd(Machine(name), integral_time=integral_time)
+    plant = plant_of(name)
+    for axis, found in enumerate(plant.margins(servo)):
+        assert found.stable
+        ends = [(found.gain, 1)] + ([(found.gain_lower, -1)] if found.gain_lower else [])
+        for factor, sign in ends:
+            inside, outside = (
+                np.abs(plant.poles(scaled(servo, factor * (1 + sign * by), axis))).max() for by in (-1e-5, 1e-5)
+            )
+            assert inside < 1 < outside
+        between = np.geomspace(max(found.gain_lower * 1.001, 1e-3), found.gain * 0.999, 30)
+        assert max(np.abs(plant.poles(scaled(servo, factor, axis))).max() for factor in between) < 1
+        assert (found.gain_lower > 0) is (integral_time < math.inf)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3, 200.0])
+@pytest.mark.parametrize("stiffness", [5.0, 80.0, 3e4, 1e6])
+def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
+    """A load on a spring at the carriage: a peak and a zero of the loop that are narrower than any even grid."""
+    file = ideal_motors(rigid(damping=0.0).source)
+    load = (
+        f'<body name="load"><joint name="flex" axis="1 0 0" range="-1 1" stiffness="{stiffness}" damping="{damping}"/>'
+        '<geom type="sphere" size="0.01" mass="0.5"/></body>'
+    )
+    file.write_text(file.read_text().replace('<site name="nozzle"/>', f'<site name="nozzle"/>{load}'))
+    machine = Machine(file)
+    servo = pd(machine, 5e-4, frequency=20.0)
+    plant = Plant.of(machine, 5e-4)
+    found = plant.margins(servo)[0]
+    at_poles = np.angle([pole for pole in plant.poles(servo) if pole.imag > 1e-9]) / (2 * np.pi * 5e-4)
+    frequency = np.sort(np.append(np.geomspace(0.1, 1000, 200_001), at_poles))
+    loop = plant.loop(servo, frequency)[:, 0]
+    assert found.stable
+    assert found.gain_lower == 0
+    assert found.sensitivity >= np.abs(1 / (1 + loop)).max() * (1 - PEAK)
+    crossed = np.flatnonzero((np.abs(loop[1:]) > 1) != (np.abs(loop[:-1]) > 1))
+    assert found.phase == pytest.approx(np.degrees(np.abs(np.angle(-loop[crossed]))).min(), abs=0.1)
+    lag = np.angle(-loop[crossed]) % (2 * np.pi) / (2 * np.pi * frequency[crossed])
+    assert found.delay == pytest.approx(lag.min(), rel=1e-3)
+    inside, outside = (
+        np.abs(plant.poles(scaled(servo, factor * found.gain, 0))).max() for factor in (1 - 1e-5, 1 + 1e-5)
+    )
+    assert inside < 1 < outside
+
+
+@settings(max_examples=25, deadline=None)
+@given(factor=st.floats(1e-3, 1e3), name=st.sampled_from(["xy", "stage"]))
+def test_a_machine_and_gains_that_are_scaled_alike_keep_their_margins(factor, name):
+    machine = Machine(name)
+    servo, systems = pd(machine, integral_time=0.1), linearised(machine, 1e-3, 4, 0)
+    heavier = [dataclasses.replace(one, G0=one.G0 / factor, G1=one.G1 / factor) for one in systems]
+    assert all(isinstance(one, Linear) for one in heavier)
+    for one, other in zip(
+        Plant(1e-3, 0.0, heavier).margins(scaled(servo, factor)), plant_of(name).margins(servo), strict=True
+    ):
+        assert dataclasses.astuple(one) == pytest.approx(dataclasses.astuple(other), rel=1e-5)
+
+
+def test_a_rotary_axis_has_the_loop_of_its_inertia_in_degrees(tmp_path):
+    machine = turntable(tmp_path)
+    servo = pd(machine, frequency=20.0)
+    for axis in range(2):
+        tick, found = tick_of(machine, servo, axis), Plant.of(machine, 1e-3).margins(servo)[axis]
+        assert tick.edge(0.9 * found.gain, 1.1 * found.gain) == pytest.approx(found.gain, rel=MARGIN)
+
+
+def test_the_position_of_the_axes_matters_where_it_moves_the_inertia(tmp_path):
+    """With the slide far out the table is heavier, and its loop slower."""
+    machine = turntable(tmp_path)
+    servo = pd(machine, frequency=20.0)
+    home, out = (Plant.of(machine, 1e-3, position=(0.0, x)).margins(servo) for x in (0.0, 300.0))
+    tick = tick_of(machine, servo)
+    tick.J *= 1 + 1.0 * 0.3**2 / (0.5 * 2 * 0.1**2 + 0.4 * 1.0 * 0.01**2)  # the ball, by the table and the ball at home
+    assert out[0].gain == pytest.approx(tick.edge(home[0].gain, 20 * home[0].gain), rel=MARGIN)
+    assert out[1].gain == pytest.approx(home[1].gain, rel=MARGIN)
+
+
+def test_coulomb_friction_cogging_and_stops_are_no_part_of_the_loop(rigid, xy):
+    machine = rigid()
+    servo = pd(machine)
+    expected = Plant.of(machine, 1e-3).margins(servo)
+    file = machine.source
+    text = file.read_text().replace("<dcmotor gear", '<dcmotor cogging="0.05 50 0.3" gear')
+    file.write_text(text.replace('damping="12.0"', 'damping="12.0" frictionloss="3"'))
+    assert [dataclasses.astuple(found) for found in Plant.of(Machine(file), 1e-3).margins(servo)] == [
+        pytest.approx(dataclasses.astuple(found), rel=MARGIN) for found in expected
+    ]
+    servo = pd(xy)
+    for perturbation in (Perturbation(friction=5.0), Perturbation(home_offset=0.3)):
+        other = Plant.of(xy.perturbed(perturbation), 1e-3).margins(servo)
+        assert other[0].gain == pytest.approx(plant_of("xy").margins(servo)[0].gain, rel=MARGIN)
+    at_the_stop = Plant.of(xy, 1e-3, position=(150.0, -150.0)).margins(servo)
+    assert at_the_stop[1].gain == pytest.approx(plant_of("xy").margins(servo)[1].gain, rel=1e-4)
+
+
+def test_viscous_friction_is_part_of_the_loop(rigid_machines):
+    servo = pd(rigid_machines(0.0))
+    assert (
+        Plant.of(rigid_machines(300.0), 1e-3).margins(servo)[0].phase
+        > Plant.of(rigid_machines(0.0), 1e-3).margins(servo)[0].phase + 1
+    )
+
+
+def test_an_unstable_axis_tells_how_far_its_gains_must_come_down(xy):
+    servo = pd(xy)
+    nominal = plant_of("xy").margins(servo)
+    found = plant_of("xy").margins(scaled(servo, 2 * nominal[1].gain, 1))
+    assert found[0] == nominal[0]  # no axis of a gantry is the other's
+    assert found[1].gain == pytest.approx(0.5, rel=MARGIN)
+    assert (found[1].stable, found[1].phase, found[1].delay, found[1].sensitivity) == (False, 0, 0, math.inf)
+    assert str(found[1]) == "unstable, stable with 0.5 of its gains"
+
+
+def test_axes_that_move_each_other_are_stable_or_not_together():
+    servo = pd(Machine("stage"))
+    nominal = plant_of("stage").margins(servo)
+    found = plant_of("stage").margins(scaled(servo, 2 * nominal[0].gain, 0))
+    assert [one.stable for one in found] == [False, False, True]  # table and first slide; the second is by itself
+    assert found[0].gain == pytest.approx(0.5, rel=1e-4)
+    assert found[1].gain == 0  # whatever its gains, the table swings up
+    assert found[2] == nominal[2]
+
+
+def test_the_factor_is_that_of_one_axis_where_others_move_with_it():
+    """The table too tight, and the first slide near the least that its integral term can do with."""
+    servo, plant = pd(Machine("stage"), integral_time=0.02), plant_of("stage")
+    nominal = plant.margins(servo)
+    slack = scaled(servo, 1.3 * nominal[1].gain_lower, 1)
+    found = plant.margins(scaled(slack, 2 * nominal[0].gain, 0))
+    assert not found[0].stable
+    assert found[0].gain == pytest.approx(0.5, rel=0.05)
+
+
+def test_what_hangs_at_no_axis_is_no_part_of_the_loops(rigid):
+    machine = rigid()
+    servo = pd(machine)
+    expected = Plant.of(machine, 1e-3).margins(servo)
+    file = machine.source
+    joint = '<joint name="lamp" type="hinge" axis="0 1 0"/>'
+    hung = f'<body name="lamp">{joint}<geom size="0.1" mass="1" pos="0 0 -1"/></body>'
+    file.write_text(file.read_text().replace('<body name="bridge">', hung + '<body name="bridge">'))
+    plant = Plant.of(Machine(file), 1e-3)
+    assert plant.margins(servo) == expected
+    assert np.abs(plant.poles(servo)).max() < 1
+
+
+@pytest.mark.parametrize("gains", [{"kp": 0.0, "kd": 0.0}, {"kp": 0.0}, {"kp": -0.1}])
+def test_a_loop_that_lets_the_axis_drift_or_drives_it_away_has_no_margin(xy, gains):
+    found = plant_of("xy").margins(dataclasses.replace(pd(xy), **{name: (value,) * 2 for name, value in gains.items()}))
+    for one in found:
+        assert (one.stable, one.gain, one.gain_lower) == (False, 0, 0)
+        assert str(one) == "unstable"
+        assert (one.crossover > 0) is ("kd" not in gains)
+
+
+def test_the_crossover_is_where_the_loop_falls_below_one(rigid):
+    """A spring that draws the axis back: |L| begins below 1, rises above it to the resonance, and falls."""
+    file = ideal_motors(rigid(damping=12.0).source)
+    file.write_text(file.read_text().replace('<joint type="slide"', '<joint type="slide" stiffness="50000"'))
+    machine = Machine(file)
+    servo = pd(machine, frequency=8.0, damping=0.2)
+    plant = Plant.of(machine, 1e-3)
+    frequency = np.geomspace(0.1, 500, 100_001)
+    size = np.abs(plant.loop(servo, frequency)[:, 0])
+    (rises,), (falls,) = (
+        np.flatnonzero(change)
+        for change in np.array([np.diff(size > 1), np.diff(size > 1)]) & [size[1:] > 1, size[1:] < 1]
+    )
+    assert rises < falls
+    assert plant.margins(servo)[0].crossover == pytest.approx(frequency[falls], rel=1e-3)
+
+
+def test_a_sum_that_is_too_fast_has_a_lower_gain_margin(double_integrators):
+    """PID on a double integrator: with ki / kp / kd alone scaled down there is too little damping for the sum."""
+    servo = pd(double_integrators, integral_time=0.03)
+    found = Plant.of(double_integrators, 1e-3).margins(servo)[0]
+    J, kp, ki, kd = double_integrators.axes[0].inertia, servo.kp[0], servo.ki[0], servo.kd[0]
+    continuous = J * ki / (kp * kd)  # Routh: kp kd k^2 > J ki k
+    assert found.gain_lower == pytest.approx(continuous, rel=0.1)
+    servo = pd(double_integrators, 5e-4, frequency=2.0, integral_time=0.1)
+    slow = Plant.of(double_integrators, 5e-4).margins(servo)[0]
+    w = 4 * math.pi
+    assert slow.gain_lower == pytest.approx(1 / (2 * w * 0.1), rel=0.01)
+
+
+def test_words():
+    found = Margins(2.345678, 0.1, 51.4, 0.002, 1.6, 31.23456, stable=True)
+    assert str(found) == "gain 2.35, phase 51 deg, crossover 31.2 Hz"
+
+
+@pytest.mark.parametrize(
+    ("build", "text"),
+    [
+        (lambda xy: Plant.of(xy, 1e-3).margins(pd(Machine("xyz"))), "servo has 3 axes: the plant has 2"),
+        (lambda xy: Plant.of(xy, 1e-3).margins(pd(xy, 2e-3)), "servo period = 0.002 s: must be the plant's, 0.001 s"),
+        (lambda xy: Plant.of(xy, 1e-3).margins(pd(xy, delay=1e-3)), "servo delay = 0.001 s: must be the plant's, 0 s"),
+        (lambda xy: Plant.of(xy, 0.0), "servo period = 0 s: must be greater than 0 s"),
+        (lambda xy: Plant.of(xy, 1e-3, 2e-3), "servo delay = 0.002 s: must be at most the period, 0.001 s"),
+        (lambda xy: Plant.of(xy, 1e-3, -1e-3), "servo delay = -0.001 s: must be at least 0 s"),
+        (lambda xy: Plant.of(xy, 1e-3, 1e-4), "servo delay = 0.0001 s: must be a multiple of the physics step"),
+        (lambda xy: Plant.of(xy, 1e-3, physics_step=1.0), "physics_step = 1 s: must be at most 0.00025 s"),
+        *(
+            (
+                lambda xy, at=at: Plant.of(xy, 1e-3, position=at),
+                f"position = {said}: must be 2 finite numbers, one per axis: {UNITS}",
+            )
+            for at, said in (
+                ([1.0], "[1.0]"),
+                (5.0, "5.0"),
+                ([1.0, 2.0, 3.0], "[1.0, 2.0, 3.0]"),
+                (np.zeros((2, 2)), "[[0. 0.] [0. 0.]]"),
+                ([math.nan, 0.0], "[nan, 0.0]"),
+                ([0.0, math.inf], "[0.0, inf]"),
+                (["left", "right"], "['left', 'right']"),
+                ([[1.0], [1.0, 2.0]], "[[1.0], [1.0, 2.0]]"),
+                ({"x": 1.0}, "{'x': 1.0}"),
+            )
+        ),
+        (lambda xy: Plant.of(xy, 1e-3).loop(pd(xy), [600.0]), "frequency: must be above 0 and at most 500 Hz"),
+        (lambda xy: Plant.of(xy, 1e-3).loop(pd(xy), [0.0]), "frequency: must be above 0 and at most 500 Hz"),
+    ],
+)
+def test_what_is_no_loop_is_refused(xy, build, text):
+    with pytest.raises(InputError, match=f"^{re.escape(text)}"):
+        build(xy)
+
+
+@pytest.mark.parametrize("at", [(10.0, -20.0), np.array([10, -20])])
+def test_a_position_of_any_sequence_of_numbers_is_taken(xy, at):
+    servo = pd(xy)
+    assert Plant.of(xy, 1e-3, position=at).margins(servo) == Plant.of(xy, 1e-3, position=[10.0, -20.0]).margins(servo)
+
+
+def test_an_actuator_with_a_delay_of_its_own_is_refused(rigid):
+    file = rigid().source
+    file.write_text(file.read_text().replace('<dcmotor name="x"', '<dcmotor name="x" delay="0.001" nsample="4"'))
+    with pytest.raises(InputError, match="actuator 'x' has a delay in its MJCF: its linear loop is not known"):
+        Plant.of(Machine(file), 1e-3)
+    machine = Machine(file)
+    assert margins_of(machine, pd(machine)) is None
+
+
+def test_margins_of_a_machine_and_its_servo_are_those_of_their_plant(xy):
+    servo = pd(xy, delay=5e-4)
+    plant = Plant.of(xy, 1e-3, 5e-4, physics_step=1e-4)
+    assert margins_of(xy, servo, 1e-4) == plant.margins(servo)
+
+
+def test_with_finer_physics_margins_come_to_those_of_the_machine(xy):
+    """The engine's step is part of the plant, as it is of a run: what it leaves out of a period's lag is less."""
+    servo = pd(xy)
+    gains = [Plant.of(xy, 1e-3, physics_step=step).margins(servo)[0].gain for step in (2e-4, 1e-4, 5e-5, 2.5e-5)]
+    changes = np.diff(gains)
+    assert (changes < 0).all()
+    assert changes[1:] / changes[:-1] == pytest.approx(0.5 * np.ones(2), abs=0.1)  # Euler's first order
+
+
+def test_the_servos_of_the_jobs_are_stable():
+    for name in ("an225", "softmc-arc"):
+        job = Job.load(name)
+        servo = job.built_servo
+        found = Plant.of(job.built_machine, servo.period, servo.delay).margins(servo)
+        assert all(one.stable and one.gain > 1 and one.phase > 0 and one.sensitivity > 1 for one in found)
+
+
+def test_info_tells_the_margins_of_the_derived_gains():
+    table = info.margins_table()
+    cells = list(zip(*(column.cells for column in table.columns), strict=True))
+    machines = [Machine(name) for name in ("stage", "xy", "xyz", "xyzr")]
+    expected = [
+        (
+            "" if a else machine.name,
+            axis.name,
+            f"{found.gain:.2f}",
+            f"{found.phase:.0f}",
+            f"{1e3 * found.delay:.2f}",
+            f"{found.sensitivity:.2f}",
+            f"{found.crossover:.1f}",
+        )
+        for machine in machines
+        for a, (axis, found) in enumerate(
+            zip(machine.axes, plant_of(machine.name).margins(Servo.derive(machine.axes)), strict=True)
+        )
+    ]
+    assert cells == expected

@@ -1,0 +1,176 @@
+"""Studies: what they write, and what they refuse."""
+
+import csv
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+from conftest import RIGID, RIGID_DEFAULTS
+
+from gantrysim import InputError, Job
+from gantrysim.cli.study import carry_out
+from gantrysim.study import StudyInterrupted, measure, run_study
+from gantrysim.study.checks import NoFiguresError
+from gantrysim.study.ledger import LEDGER
+
+from support.studies import SHORT, Counted, Toy, cases_of, content
+
+
+@pytest.fixture(scope="module")
+def job():
+    return Job.load("an225", SHORT)
+
+
+def test_a_study_writes_its_folder(tmp_path, job):
+    outcome = run_study(Toy(job), tmp_path / "a" / "b", workers=1)
+    folder = tmp_path / "a" / "b"
+    files = ["curves.csv", "job.toml", "plots/curve.png", "report.html", "study.csv", "study.toml"]
+    assert list(content(folder)) == files
+    assert outcome.written == ["curves.csv", "job.toml", "plots", "report.html", "study.csv", "study.toml"]
+    with (folder / "study.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["value"]) for row in rows] == [0.3, 0.5, 0.4, 0.5, 0.51]
+    assert [float(row["third"]) for row in rows] == [row["third"] for row in outcome.rows]
+    described = tomllib.loads((folder / "study.toml").read_text())
+    assert described["study"] == "toy"
+    assert described["cases"] == 5
+    assert described["settings"] == {"values": [0.3, 0.5, 0.4]}
+    assert described["findings"] == outcome.findings
+    assert described["versions"]["machine_sha256"] == job.built_machine.digest
+    assert Job.load(str(folder / "job.toml")).toml() == job.toml()
+    report = (folder / "report.html").read_text()
+    assert "A toy" in report
+    assert "a second paragraph" in report
+    assert "It rises." in report
+
+
+def test_a_study_that_is_done_again_replaces_its_files_and_leaves_others(tmp_path, job):
+    run_study(Toy(job), tmp_path, workers=1)
+    (tmp_path / "notes.txt").write_text("mine")
+    outcome = run_study(Toy(job, values=(0.3, 0.4)), tmp_path, workers=1)
+    assert (len(outcome.rows), outcome.kept, outcome.discarded) == (4, 0, None)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_run_s_folder_is_no_study_s(tmp_path, job):
+    (tmp_path / "report.html").write_text("of a run")
+    (tmp_path / "run.npz").write_bytes(b"")
+    with pytest.raises(InputError, match=r"holds report.html, which no study has written: name another folder"):
+        run_study(Toy(job), tmp_path, workers=1)
+    assert (tmp_path / "report.html").read_text() == "of a run"
+    assert not (tmp_path / LEDGER).exists()
+
+
+def test_a_job_that_is_refused_as_it_stands_is_no_study(tmp_path, job):
+    refused = {
+        "must lie in the travel": {"program.start": [1e3, 0.0]},
+        "physics_step = 1 s: must be at most": {"simulation.physics_step": 1.0},
+        "must be a multiple of the physics step": {"servo.delay": 0.0123e-3},
+    }
+    jobs = {text: job.changed(values) for text, values in refused.items()}
+    rapid = {"controller": "fanuc.Program", "program": "N10 G00 X5 Y5\n"}
+    jobs["the dispenser is never on"] = Job(name="rapid", program=rapid)
+    for text, refused_job in jobs.items():
+        study = Toy(refused_job)
+        with pytest.raises(InputError, match=text):
+            run_study(study, tmp_path / "new", workers=1)
+        assert study.measure.seen == []
+        assert not (tmp_path / "new").exists()
+
+
+def test_a_study_that_fails_at_its_end_keeps_its_rows_and_writes_nothing(tmp_path, job):
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, broken=True), tmp_path, workers=1)
+    assert list(content(tmp_path)) == [LEDGER]
+    mended = Toy(job)
+    assert run_study(mended, tmp_path, workers=1).kept == 4
+    assert mended.measure.seen == []
+
+
+class Failing(Counted):
+    """Fails at one of its cases."""
+
+    def __init__(self, at):
+        super().__init__()
+        self.at = at
+
+    def __call__(self, case):
+        if len(self.seen) == self.at:
+            raise ZeroDivisionError
+        return super().__call__(case)
+
+
+def test_a_study_whose_first_case_fails_leaves_nothing_and_a_later_one_its_rows(tmp_path, job):
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, Failing(0)), tmp_path / "a" / "b", workers=1)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, Failing(1)), tmp_path / "a" / "b", workers=1)
+    assert list(content(tmp_path)) == [f"a/b/{LEDGER}"]
+
+
+def test_what_lay_in_the_folder_stays_where_nothing_was_finished(tmp_path, job):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ZeroDivisionError):
+        run_study(Toy(job, Failing(0)), tmp_path, workers=1)
+    assert list(content(tmp_path)) == ["notes.txt"]
+
+
+class Ending(Counted):
+    """Gives every case one of some statuses, in turn."""
+
+    def __init__(self, *statuses):
+        super().__init__()
+        self.statuses = statuses
+
+    def __call__(self, case):
+        status = self.statuses[len(self.seen) % len(self.statuses)]
+        return {**super().__call__(case), "status": status}
+
+
+def test_a_study_in_which_no_case_has_figures_says_so_and_writes_nothing(tmp_path, job, capsys):
+    with pytest.raises(NoFiguresError, match=r"^none of the study's 5 cases has figures: refused: no$"):
+        carry_out(Toy(job, Ending("refused: no")), tmp_path / "new", 1)
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(Toy(job, Ending("refused: no", "fault: trip")), tmp_path / "new", 1)
+    assert stopped.value.exit_code == 3
+    assert capsys.readouterr() == ("", "fault: none of the study's 5 cases has figures: fault: trip\n")
+    assert not list(tmp_path.iterdir())
+    carry_out(Toy(job, Ending("refused: no", "fault: trip", "ok")), tmp_path / "new", 1)
+    assert (tmp_path / "new" / "report.html").exists()
+
+
+def test_another_study_in_the_folder_begins_anew(tmp_path, job):
+    with pytest.raises(StudyInterrupted):
+        run_study(Toy(job, Counted(interrupted_at=2)), tmp_path, workers=1)
+    other = Toy(job, values=(0.3, 0.6))
+    outcome = run_study(other, tmp_path, workers=1)
+    assert (outcome.kept, outcome.discarded) == (0, "they differ in settings")
+    assert len(other.measure.seen) == 3
+
+
+def test_paths_of_folders(tmp_path, job):
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(InputError, match=f"--out {file}: is a file, must be a folder"):
+        run_study(Toy(job), Path(file), workers=1)
+
+
+def test_a_machine_s_file_is_read_at_the_begin_of_a_study(tmp_path):
+    file, found = tmp_path / "rigid.xml", []
+    for damping in (12.0, 30.0):
+        file.write_text(RIGID.format(**{**RIGID_DEFAULTS, "damping": damping}))
+        own = Job.load("an225", SHORT, str(file))
+        found.append(run_study(Toy(own, measure_tracking, values=(0.3,)), tmp_path / "out", workers=1).rows)
+        assert found[-1][0]["tracking"] == measure(cases_of(own, (0.3,))[0])["tracking_rms_um"]
+    assert found[0] != found[1]
+
+
+def measure_tracking(case):
+    row = measure(case)
+    return {
+        "status": row["status"],
+        "third": case.settings["program.loop_period"] / 3,
+        "tracking": row["tracking_rms_um"],
+    }

@@ -1,0 +1,104 @@
+"""Where the cases of studies are run, by name."""
+
+import socket
+import sys
+import threading
+
+import pytest
+from joblib.parallel import get_active_backend
+
+from gantrysim import InputError
+from gantrysim.study import on_backend
+
+from support.studies import SHORT
+
+
+def active():
+    return type(get_active_backend()[0]).__name__
+
+
+def test_a_backend_holds_inside_the_block():
+    before = active()
+    for name, kind in {"threading": "ThreadingBackend", "loky": "LokyBackend", None: before}.items():
+        with on_backend(name):
+            assert active() == kind
+        assert active() == before
+    with on_backend("threading"), on_backend(None):
+        assert active() == "ThreadingBackend"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        (
+            "lky",
+            r"^unknown backend 'lky': did you mean loky\? known: dask=ADDRESS, loky, ",
+        ),
+        ("ray=tcp://a:1", "^unknown backend 'ray=tcp://a:1': "),
+        ("", "^unknown backend '': "),
+        ("dask", r"^--backend dask: must be dask=ADDRESS, as in dask=tcp://10\.0\.0\.1:8786$"),
+        ("dask=", r"^--backend dask=: must be dask=ADDRESS, as in dask=tcp://10\.0\.0\.1:8786$"),
+    ],
+)
+def test_a_name_that_is_no_backend_s_is_refused(name, text):
+    with pytest.raises(InputError, match=text), on_backend(name):
+        pass
+
+
+def test_without_dask_its_backend_says_how_to_come_by_it(monkeypatch):
+    monkeypatch.delitem(sys.modules, "gantrysim.study.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    text = r"^--backend dask=tcp://a:1: needs distributed: pip install 'gantrysim\[dask\]'$"
+    with pytest.raises(InputError, match=text), on_backend("dask=tcp://a:1"):
+        pass
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("gantrysim.study.cluster._PATIENCE", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"),
+    [
+        ("tcp://127.0.0.1:1", "none within 0.5 s"),
+        ("nowhere", "missing port number in address 'nowhere'"),
+        ("foo://127.0.0.1:8786", "unknown address scheme 'foo'"),
+    ],
+)
+def test_a_scheduler_that_does_not_answer_is_one_line(impatient, gantrysim_command, tmp_path, address, reason):
+    settings = [part for setting in SHORT for part in ("--set", setting)]
+    command = ("study", "speed", "an225", *settings, "--backend", f"dask={address}", "--out", tmp_path / "out")
+    status, printed, said = gantrysim_command(*command)
+    assert (status, printed) == (2, "")
+    assert said.startswith(f"error: --backend dask={address}: no scheduler answers: {reason}")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("answer", "reason"), [(b"", "none within 0.5 s"), (b"HTTP/1.1 200 OK\r\n\r\n", "")])
+def test_what_answers_need_not_be_a_scheduler(impatient, answer, reason):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(answer)
+                while connection.recv(1 << 16):
+                    pass
+
+        serving = threading.Thread(target=serve)
+        serving.start()
+        text = f"^--backend dask={address}: no scheduler answers: {reason}"
+        with pytest.raises(InputError, match=text), on_backend(f"dask={address}"):
+            pass
+        serving.join()
+
+
+@pytest.mark.parametrize("study", ["circle", "loop", "machine", "repeat", "speed"])
+def test_every_study_takes_a_backend(gantrysim_command, tmp_path, study):
+    status, _, said = gantrysim_command("study", study, "--backend", "none", "--out", tmp_path / "out")
+    assert status == 2
+    assert said.startswith("error: unknown backend 'none': ")

@@ -1,0 +1,191 @@
+"""Cases of a study, and their rows."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from gantrysim import Job
+from gantrysim.bead import Bead, HeightMap
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
+from gantrysim.metrics.budget import Budget
+from gantrysim.study import Case, figures_row, measure, simulated
+from gantrysim.study.series import series
+
+from support.studies import SHORT
+
+NO_LAGS = {
+    f"dispenser.{key}": None for key in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance")
+}
+BEAD = 1e-3  # relative, of a width or volume that is known
+
+
+@pytest.fixture(scope="module")
+def job():
+    return Job.load("an225", SHORT)
+
+
+def test_a_case_is_a_value_that_can_be_sent(job):
+    case = Case.of(
+        job, {"program.loop_period": 0.1, "program.ratio_bits": None}, perturbation=Perturbation(payload=0.1), a=1
+    )
+    assert pickle.loads(pickle.dumps(case)) == case
+    assert hash(pickle.loads(pickle.dumps(case))) == hash(case)
+    assert case.settings == {"program.loop_period": 0.1, "program.ratio_bits": None}
+    assert "ratio_bits" not in case.job().program
+    assert case.job().program["loop_period"] == 0.1
+
+
+def test_the_key_tells_results_apart_and_tags_do_not_matter(job):
+    case = Case.of(job, {"program.loop_period": 0.1})
+    others = [
+        Case.of(job),
+        Case.of(job, {"program.loop_period": 0.2}),
+        Case.of(job, {"program.loop_period": 0.1}, "perfect follower"),
+        Case.of(job, {"program.loop_period": 0.1}, perturbation=Perturbation(payload=0.1)),
+        Case.of(job.changed({"program.speed": 140.0}), {"program.loop_period": 0.1}),
+    ]
+    assert len({case.key, *(other.key for other in others)}) == 6
+    assert case.tagged(sweep="a").key == case.key
+    assert dict(case.tagged(sweep="a").tagged(sweep="b").tags) == {"sweep": "b"}
+
+
+def test_what_the_job_has_anyway_is_no_change(job):
+    own = {"program.loop_period": 0.05, "program.turns": 1, "program.wait_resolution": 1e-3, "servo.period": 1e-3}
+    assert Case.of(job, own) == Case.of(job)
+    assert Case.of(job, {**own, "program.turns": 2}).settings == {"program.turns": 2}
+    for none in ({"program.lop_period": None}, {"name.x": 1}, {"servo.perod": 1}):
+        assert Case.of(job, none).settings == none
+        assert measure(Case.of(job, none))["status"].startswith("refused: unknown key")
+
+
+def test_a_changed_case_shares_what_is_the_job_s_own(job):
+    encoder, slower = Case.of(job, {"servo.resolution": 0.01}), Case.of(job, {"program.speed": 120.0})
+    own, same = Case.of(job).job(), encoder.job()
+    assert same is encoder.job()
+    assert same.built_machine is own.built_machine
+    assert same.controller is own.controller
+    assert slower.job().controller is not own.controller
+    assert slower.job().controller.speed == 120.0
+    other = Case.of(job, {"machine": "xyz"}).job()
+    assert other.built_machine.name == "xyz"
+    fresh = Job.load("an225", [*SHORT, "servo.resolution=0.01"])
+    assert measure(encoder) == {"status": "ok", **figures_row(fresh.run(), fresh.bead)}
+
+
+def test_the_key_belongs_to_a_version(job, monkeypatch):
+    before = Case.of(job).key
+    monkeypatch.setattr("gantrysim.study.cases.version", lambda _: "99")
+    assert Case.of(job).key != before
+
+
+def test_the_row_of_a_case_is_of_its_run(job):
+    run = simulated(Case.of(job))
+    row, analysis = measure(Case.of(job)), Analysis(job.run())
+    budget, figures = Budget(analysis), analysis.figures
+    assert row == {"status": "ok", **figures_row(run)}
+    assert row["contour_rms_um"] == pytest.approx(1e3 * figures.contour.rms)
+    assert row["generation_max_um"] == pytest.approx(1e3 * figures.generation.max)
+    assert row["tracking_rms_um"] == pytest.approx(1e3 * budget.figures.parts["tracking"].rms)
+    assert row["measurement_p95_um"] == pytest.approx(1e3 * budget.figures.parts["measurement"].p95)
+    assert row["structure_max_um"] == pytest.approx(1e3 * budget.figures.parts["structure"].max)
+    assert row["lag_max_um"] == pytest.approx(1e3 * budget.figures.lag.max)
+    assert row["tracking_x_rms_um"] == pytest.approx(1e3 * figures.tracking["x"].rms)
+    assert row["tracking_along_rms_um"] == pytest.approx(1e3 * figures.tracking_along.rms)
+    assert row["spacing_mean_mm"] is None  # of one turn
+    assert row["speed_ripple"] == speed_ripple(run)
+    bead = Bead(run, job.bead).figures
+    assert row["bead_width_mean_mm"] == pytest.approx(bead.width.mean)
+    assert row["bead_volume_error_percent"] == pytest.approx(bead.error_percent)
+    assert (row["end_x_mm"], row["end_y_mm"], row["end_z_mm"]) == figures.end_point
+
+
+def test_spacing_and_rotary_axes_in_a_row(job):
+    row = measure(Case.of(job, {"program.turns": 2}, "perfect follower"))
+    assert row["spacing_mean_mm"] == pytest.approx(5.0, abs=0.2)
+    stage = measure(Case.of(Job.load("stage-outline"), mode="perfect follower"))
+    assert "tracking_th_rms_mdeg" in stage
+    assert "tracking_x_rms_um" in stage
+
+
+def test_the_bead_in_a_row_is_the_job_s(job):
+    glue = {"dispenser.flow": 0.0, "dispenser.area": 2.0, "bead.contact_angle": 90.0, "bead.squashed": False}
+    row = measure(Case.of(job.changed(NO_LAGS), glue, "perfect follower"))
+    assert row["bead_width_mean_mm"] == pytest.approx(math.sqrt(8 * 2.0 / math.pi), rel=BEAD)  # a half-disc
+    assert row["bead_volume_error_percent"] == pytest.approx(0, abs=100 * BEAD)
+
+
+def test_a_valve_that_opens_slowly_withholds_its_time_constant_s_flow(job):
+    opening, flow = 0.05, 200.0
+    own = job.changed({**NO_LAGS, "dispenser.flow": flow, "program.acceleration": math.inf})
+    prompt, late = (Case.of(own, {"dispenser.opening": T}, "perfect follower") for T in (0.0, opening))
+    run = simulated(prompt)
+    asked = flow * run.period * np.count_nonzero(run.dispense[:-1])  # at one speed all the way
+    errors = [measure(case)["bead_volume_error_percent"] for case in (prompt, late)]
+    assert errors == pytest.approx([0, -100 * flow * opening / asked], abs=0.5)
+    assert errors[1] - errors[0] == pytest.approx(-100 * flow * opening / asked, rel=0.01)
+
+
+def test_a_row_takes_no_height_map(job, monkeypatch):
+    monkeypatch.setattr(HeightMap, "of", None)
+    assert measure(Case.of(job, {"program.turns": 2}))["bead_width_mean_mm"] > 0
+
+
+def test_a_row_without_glue_has_no_bead(job):
+    dry = dict.fromkeys(("flow", "area", "pressure"), 0.0)
+    row = measure(Case.of(job, {f"dispenser.{key}": value for key, value in dry.items()}))
+    assert row["status"] == "ok"
+    assert row["bead_width_mean_mm"] is row["bead_volume_error_percent"] is None
+
+
+def test_the_steady_error_is_that_of_the_middle(job):
+    run = simulated(Case.of(job))
+    row, on = figures_row(run), np.flatnonzero(run.dispense)
+    middle = on[steady(on.size)]
+    assert (middle[0] - on[0], on[-1] - middle[-1]) == (round(0.05 * on.size), round(0.05 * on.size))
+    error = (run.commanded - run.encoder)[middle]
+    both = row["steady_tracking_along_rms_um"] ** 2 + row["steady_tracking_normal_rms_um"] ** 2
+    assert both == pytest.approx(1e6 * np.mean(np.sum(error**2, axis=1)), rel=1e-9)
+    assert speed_ripple(run) == pytest.approx(path_speed(run)[middle].std() / path_speed(run)[middle].mean())
+
+
+def test_a_perfect_follower_has_the_program_s_error_alone(job):
+    row = measure(Case.of(job, mode="perfect follower"))
+    assert row["contour_rms_um"] == row["generation_rms_um"] > 1
+    assert row["tracking_rms_um"] == row["measurement_rms_um"] == row["structure_rms_um"] == 0
+
+
+def test_a_perturbed_case(job):
+    plain, smooth = measure(Case.of(job)), measure(Case.of(job, perturbation=Perturbation(friction=1e-3)))
+    assert smooth["steady_tracking_normal_rms_um"] < 0.2 * plain["steady_tracking_normal_rms_um"]
+
+
+def test_refused_and_faulted_cases_are_rows(job):
+    assert measure(Case.of(job, {"program.turns": 9})) == {
+        "status": "refused: job an225: inner_diameter = -60 mm (diameter 30 - 2 x turns 9 x thickness 5): "
+        "must be at least 0 mm; use turns at most 2 or thickness below 1.66667 mm"
+    }
+    assert measure(Case.of(job, {"servo.perod": 1}))["status"].startswith(
+        "refused: unknown key 'servo.perod': did you mean servo.period?"
+    )
+    assert measure(Case.of(job, {"program.start": [1e3, 0.0]}))["status"].startswith("refused: x = ")
+    fault = measure(Case.of(job, {"servo.following_error_limit": 1e-3}))
+    assert list(fault) == ["status"]
+    assert fault["status"].startswith("fault: following error on axis")
+
+
+def test_series_takes_the_rows_that_have_what_is_asked(job):
+    rows = [
+        {"status": "ok", "sweep": "a", "value": 2.0, "error": 4.0},
+        {"status": "ok", "sweep": "a", "value": 1.0, "error": 1.0},
+        {"status": "ok", "sweep": "a", "value": 3.0, "error": None},
+        {"status": "refused: no", "sweep": "a", "value": 4.0},
+        {"status": "ok", "sweep": "b", "value": 5.0, "error": 25.0},
+    ]
+    value, error = series(rows, "value", "error", sweep="a")
+    np.testing.assert_array_equal(value, [1, 2])
+    np.testing.assert_array_equal(error, [1, 4])
+    assert [column.size for column in series(rows, "value", "error", sweep="c")] == [0, 0]
+    assert math.isclose(series(rows, "error")[0].sum(), 30)

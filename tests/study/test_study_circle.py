@@ -1,0 +1,160 @@
+"""Circular tests of machines."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+
+from gantrysim.errors import InputError
+from gantrysim.metrics import Trace
+from gantrysim.study import OK, run_study
+from gantrysim.study.checks import NoFiguresError
+from gantrysim.study.circle import CircleStudy
+
+ROUND = 2e-4  # [mm], of a frictionless machine whose axes have one frequency
+
+
+@pytest.fixture(scope="module")
+def tested(tmp_path_factory):
+    """A circular test of the built-in gantry."""
+    folder = tmp_path_factory.mktemp("circle") / "out"
+    study = CircleStudy("xy", 40.0, 80.0)
+    return study, run_study(study, folder, workers=1), folder
+
+
+def measured(study):
+    """The rows of a study without its report."""
+    return [{**dict(case.tags), **study.measure(case)} for cases in study.rounds() for case in cases]
+
+
+def test_a_frictionless_machine_runs_an_ellipse_that_follows_from_how_its_axes_swing(rigid):
+    """x = A cos(wt + a), y = B sin(wt + b): a wave of two lobes with G^2 = (A - B)^2 + R^2 (a - b)^2."""
+    settings = ("servo.resolution=0", "feedforward=0.0", "integral_time=inf")
+    study = CircleStudy(str(rigid().source), 30.0, 90.0, settings)
+    rows = measured(study)
+    run = study.job.run()
+    late = (run.time > run.time[-1] / 3) & (run.time < run.time[-1] / 2)
+    wt = 90.0 / 30.0 * run.time[late]
+    swing = np.column_stack([np.cos(wt), np.sin(wt), np.ones(wt.size)])
+    (c, d), (e, f), _ = np.linalg.lstsq(swing, run.nozzle[late, :2], rcond=None)[0]
+    size, lag = np.hypot([c, d], [e, f]), np.unwrap([np.arctan2(-e, c), np.arctan2(d, f)])
+    deviation = np.hypot(size[0] - size[1], 30.0 * (np.diff(lag)[0]))
+    assert deviation > 5 * ROUND
+    for row in rows:
+        assert row["circular_deviation_um"] == pytest.approx(1e3 * deviation, abs=1e3 * ROUND)
+    assert abs(size.mean() - 30) > 10 * ROUND
+    told = float(re.search(r"D = ([+-][0-9.]+) µm", study.findings(rows)[0])[1])
+    assert told == pytest.approx(1e3 * (size.mean() - 30), abs=0.1)
+
+
+def test_friction_spikes_stand_outward_after_every_reversal_and_both_ways_alike(tested):
+    _, outcome, _ = tested
+    for row in outcome.rows:
+        for name in ("x_0", "y_90", "x_180", "y_270"):
+            assert 20 < row[f"reversal_{name}_spike_um"] < 80
+            assert 0 < row[f"reversal_{name}_spike_at_deg"] < 10
+            assert abs(row[f"reversal_{name}_step_um"]) < 3
+    one, other = outcome.rows
+    assert one["circular_deviation_um"] == pytest.approx(other["circular_deviation_um"], rel=0.02)
+    assert one["reversal_y_90_spike_um"] == pytest.approx(other["reversal_y_270_spike_um"], rel=0.05)
+
+
+def test_the_curves_hold_the_whole_circle_and_its_figures(tested):
+    _, outcome, folder = tested
+    with (folder / "curves.csv").open() as stream:
+        lines = list(csv.DictReader(stream))
+    for number, row in enumerate(outcome.rows, 1):
+        own = [line for line in lines if line["case"] == str(number)]
+        angle = np.radians([float(line["angle_deg"]) for line in own])
+        deviation = np.array([float(line["radial_deviation_um"]) for line in own])
+        assert len(own) == pytest.approx(2 * np.pi * 40 / 80 / 1e-3, abs=2)
+        assert deviation.max() == pytest.approx(row["radial_deviation_max_um"], abs=1e-5)
+        out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        trace = Trace((40 + 1e-3 * deviation)[:, None] * out, (0.0, 0.0), 40.0)
+        assert trace.clockwise is (row["direction"] == "clockwise")
+        assert 1e3 * trace.circular_deviation == pytest.approx(row["circular_deviation_um"], abs=1e-4)
+    with (folder / "study.csv").open() as stream:
+        assert "angle_deg" not in next(csv.reader(stream))
+
+
+def test_findings_tell_the_figures_of_the_rows(tested):
+    _, outcome, folder = tested
+    one, other = (row["circular_deviation_um"] for row in outcome.rows)
+    assert outcome.findings[0].startswith(
+        f"Radius 40 mm at 80 mm/s on xy: circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-"
+    )
+    spikes = [row[key] for row in outcome.rows for key in row if key.endswith("spike_um")]
+    assert f"The largest spike is {max(spikes, key=abs):+.1f} µm" in outcome.findings[1]
+    assert "ISO 230-4:2005" in outcome.findings[-1]
+    assert {path.name for path in (folder / "plots").iterdir()} == {"chart.png", "deviation.png"}
+
+
+def test_the_stage_carries_the_work_round_about_the_needle():
+    study = CircleStudy("stage", 20.0, 40.0)
+    assert study.centre == pytest.approx((-200.0, 0.0))
+    rows = measured(study)
+    assert [row["status"] for row in rows] == [OK, OK]
+    assert all(abs(row["radial_deviation_max_um"]) < 100 for row in rows)
+
+
+@pytest.mark.parametrize(("speed", "lead"), [(10.0, 225.0), (100.0, 225.0), (500.0, 225.0 + 360.0)])
+def test_the_lead_gives_time_to_start_and_to_settle(speed, lead):
+    study = CircleStudy("xy", 20.0, speed)
+    assert study.lead == lead
+    way = np.radians(lead) * 20.0
+    assert way - speed**2 / (2 * 3000.0) >= 0.3 * speed
+
+
+def test_what_a_fast_circle_cannot_tell_apart_is_said():
+    assert CircleStudy("xy", 50.0, 100.0).reach == 15
+    study = CircleStudy("xy", 20.0, 100.0)
+    assert study.reach == pytest.approx(np.degrees(0.5))
+    assert CircleStudy("xy", 10.0, 100.0).reach == 40
+
+
+def test_a_fault_is_told(tmp_path):
+    study = CircleStudy("xy", 40.0, 80.0, ("following_error_limit=0.01",))
+    assert study.findings(measured(study))[0].startswith(
+        "The circle run clockwise has no figures: fault: following error on axis"
+    )
+    with pytest.raises(NoFiguresError, match="none of the study's 2 cases has figures: fault: following error on axis"):
+        run_study(study, tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("build", "text"),
+    [
+        (lambda: CircleStudy("xy", 0.0), "radius = 0 mm: must be greater than 0 mm"),
+        (lambda: CircleStudy("xy", 10.0, -1.0), "speed = -1 mm/s: must be greater than 0 mm/s"),
+        (
+            lambda: CircleStudy("xy", 0.001),
+            r"radius = 0\.001 mm: must be at least 1\.91 mm, for 120 servo periods of 0\.001 s on the circle at",
+        ),
+        (lambda: CircleStudy("xz"), "unknown model 'xz'"),
+        (lambda: CircleStudy("xy", overrides=("perod=1",)), r"unknown key 'perod': did you mean"),
+    ],
+)
+def test_what_makes_no_circle_is_refused(build, text):
+    with pytest.raises(InputError, match=text):
+        build()
+
+
+def test_a_circle_needs_axes_x_and_y(rigid):
+    file = rigid().source
+    file.write_text(file.read_text().replace('"y"', '"v"'))
+    with pytest.raises(InputError, match="machine rigid has the axes x, v: must have x and y"):
+        CircleStudy(str(file))
+
+
+def test_the_smallest_circle_has_figures():
+    least = CircleStudy("xy", 1.92, 100.0)
+    rows = measured(least)
+    assert [row["status"] for row in rows] == [OK, OK]
+    assert len(rows[0]["angle_deg"]) == pytest.approx(120, abs=1)
+
+
+def test_a_circle_beyond_the_travel_is_refused(tmp_path):
+    with pytest.raises(InputError, match="must lie in the travel"):
+        run_study(CircleStudy("xy", 151.0), tmp_path / "out", workers=1)

@@ -1,0 +1,146 @@
+"""Studies that are interrupted or killed, and go on."""
+
+import contextlib
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from gantrysim import Job
+from gantrysim.cli.study import carry_out
+from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
+from gantrysim.study.ledger import LEDGER
+
+from support.studies import PATIENCE, SHORT, Counted, Toy, begun, content, members, spoken
+
+
+@pytest.fixture(scope="module")
+def job():
+    return Job.load("an225", SHORT)
+
+
+@pytest.mark.parametrize("at", [1, 3])
+def test_an_interrupted_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path, job, at):
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    expected = run_study(Toy(job), whole, workers=1)
+    with pytest.raises(StudyInterrupted) as interrupted:
+        run_study(Toy(job, Counted(interrupted_at=at)), broken, workers=1)
+    assert interrupted.value.done == at
+    assert list(content(broken)) == [LEDGER]
+    rest = Toy(job)
+    outcome = run_study(rest, broken, workers=1)
+    assert len(rest.measure.seen) == 4 - at
+    assert (outcome.kept, outcome.rows, outcome.findings) == (at, expected.rows, expected.findings)
+    assert content(broken) == content(whole)
+
+
+def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_path, job, capsys):
+    with pytest.raises(typer.Exit):
+        carry_out(Toy(job, Counted(interrupted_at=0)), tmp_path / "a" / "b", 1)
+    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is kept\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_in_a_terminal_ends_the_command_with_a_word_of_how_to_go_on(tmp_path):
+    folder = tmp_path / "loop"
+    process = begun(folder)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    output, said = (text.decode() for text in process.communicate(timeout=PATIENCE))
+    assert process.returncode == 130
+    done = spoken(folder)
+    assert done >= 1
+    assert f"interrupted: the rows of {done} finished cases are kept in {folder}/; the same command goes on" in said
+    assert "Traceback" not in said
+    assert output == ""
+    assert list(content(folder)) == [LEDGER]
+
+
+def test_an_interrupt_that_is_lost_in_a_finaliser_ends_the_study_at_the_next_row(tmp_path, job, capsys):
+    class Lost(Counted):
+        def __call__(self, case):
+            if len(self.seen) == 1:
+                with contextlib.suppress(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGINT)
+            return super().__call__(case)
+
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(Toy(job, Lost()), tmp_path, 1)
+    assert stopped.value.exit_code == 130
+    assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
+
+
+def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp_path, job, capsys):
+    class Killed(Counted):
+        def __call__(self, case):
+            if len(self.seen) == 2:
+                os.kill(os.getpid(), signal.SIGTERM)
+            return super().__call__(case)
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(Toy(job, Killed()), tmp_path, 1)
+    assert stopped.value.exit_code == 130
+    assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) is before
+    carry_out(Toy(job), tmp_path, 1)
+    output, said = capsys.readouterr()
+    assert said == "note: the rows of 2 cases were there from an interrupted start\n"
+    assert output.startswith("5 rows\n\na second paragraph\n\nwritten to ")
+    with pytest.raises(typer.Exit):
+        carry_out(Toy(job, Counted(interrupted_at=1)), tmp_path, 1)
+    carry_out(Toy(job, values=(0.3,)), tmp_path, 1)
+    assert "which were not taken: they differ in settings" in capsys.readouterr().err
+
+
+def test_two_studies_in_one_folder_at_once(tmp_path, gantrysim_command):
+    folder = tmp_path / "loop"
+    process = begun(folder)
+    try:
+        before = (folder / LEDGER).read_bytes()
+        status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
+        assert status == 2
+        assert said == f"error: --out {folder}: another study is at work in this folder\n"
+        assert (folder / LEDGER).read_bytes().startswith(before)
+        assert process.poll() is None
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    with Ledger(folder, json.loads(before.splitlines()[0])) as ledger:  # the lock has gone with its process
+        assert ledger.kept >= 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
+def test_workers_end_with_a_study_that_is_killed(tmp_path):
+    process = begun(tmp_path / "loop")
+    assert len(members(process.pid)) >= 2
+    process.kill()  # it alone
+    process.communicate()
+    until = time.monotonic() + PATIENCE
+    while left := members(process.pid):
+        assert time.monotonic() < until, left
+        time.sleep(0.1)
+
+
+def test_a_killed_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path):
+    folder = tmp_path / "loop"
+    process = begun(folder)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    done = spoken(folder)
+    assert list(content(folder)) == [LEDGER]
+    from gantrysim.study.loop import LoopStudy
+
+    study = LoopStudy(Job.load("an225", SHORT))
+    lines = [json.loads(line) for line in (folder / LEDGER).read_bytes().splitlines()[1 : done + 1]]
+    first = [case for case in study.cases if case.key in {key for key, _ in lines}]
+    with Ledger(None, {}) as ledger:
+        alone = run_cases(first, ledger, workers=1)
+        assert {case.key: ledger[case.key] for case in first} == dict(lines)
+    identity = json.loads((folder / LEDGER).read_bytes().splitlines()[0])
+    with Ledger(folder, identity) as ledger:
+        assert ledger.kept == done
+        assert run_cases(first, ledger, measure=None) == alone  # none is measured again

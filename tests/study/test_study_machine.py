@@ -1,0 +1,253 @@
+"""Many machines that differ: their yield, and what matters."""
+
+import csv
+import itertools
+import re
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from gantrysim.errors import InputError
+from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.study import OK, measure, run_study
+from gantrysim.study.machine import MachineStudy, Spread
+from gantrysim.study.machine.figures import _draw_yield
+from gantrysim.study.machine.findings import findings
+from gantrysim.study.machine.yields import influences, yield_of
+
+NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I
+    (81, 263): (0.2553, 0.3662),
+    (15, 148): (0.0624, 0.1605),
+    (0, 20): (0.0000, 0.1611),
+    (1, 29): (0.0061, 0.1718),
+}
+PRINTED = 5e-5  # half a unit of the last digit
+FALSE_ALARMS = 0.12  # share of studies of nothing in which a factor seems to matter; 0.05 is meant
+SMALL = Spread(payload=0.0, friction=0.5, viscous=0.0, stiffness=0.0, motor_constant=0.0)
+
+
+@pytest.mark.parametrize(("counts", "interval"), NEWCOMBE.items())
+def test_the_wilson_interval_is_the_published_one(counts, interval):
+    found = yield_of(*counts)
+    assert (found.low, found.high) == pytest.approx(interval, abs=PRINTED)
+    assert found.share == counts[0] / counts[1]
+
+
+def test_the_wilson_interval_of_all_is_that_of_none_turned_round():
+    none, every = yield_of(0, 50), yield_of(50, 50)
+    assert every.high == 1
+    assert every.low == pytest.approx(1 - none.high, abs=1e-12)
+
+
+def factors(count, names="abcdef", seed=0):
+    generator = np.random.default_rng(seed)
+    return {name: generator.uniform(0.5, 2.0, count) for name in names}
+
+
+def test_influences_are_in_the_order_and_with_the_sign_of_what_makes_the_figure():
+    drawn = factors(100)
+    figure = np.exp(2 * drawn["b"] - drawn["e"] + 0.02 * drawn["a"])
+    found, explained = influences(drawn, figure)
+    assert [one.factor for one in found[:2]] == ["b", "e"]
+    assert found[0].coefficient > 0.8
+    assert -0.6 < found[1].coefficient < -0.3
+    assert [one.clear for one in found[:2]] == [True, True]
+    assert not any(one.clear for one in found[2:])
+    assert explained > 0.9
+    again, _ = influences(drawn, np.log(figure))  # ranks alone count
+    assert [one.coefficient for one in again] == pytest.approx([one.coefficient for one in found])
+
+
+def test_of_one_factor_the_coefficient_is_spearmans_rank_correlation():
+    drawn = factors(40, "a")
+    figure = drawn["a"] + np.random.default_rng(5).normal(0, 0.5, 40)
+    found, explained = influences(drawn, figure)
+    assert found[0].coefficient == pytest.approx(spearmanr(drawn["a"], figure).statistic, abs=1e-12)
+    assert explained == pytest.approx(found[0].coefficient ** 2, abs=1e-12)
+
+
+def test_a_small_influence_is_clear_where_the_great_one_explains_the_rest():
+    drawn = factors(64)
+    found, _ = influences(drawn, 10 * drawn["a"] + 2 * drawn["c"])
+    assert [(one.factor, one.clear) for one in found[:2]] == [("a", True), ("c", True)]
+    assert abs(found[1].coefficient) < 0.35  # which by itself, of 64 and six factors, could be chance
+
+
+def test_where_nothing_matters_something_seems_to_in_about_one_study_of_twenty():
+    generator = np.random.default_rng(2)
+    alarms = [
+        any(one.clear for one in influences(factors(40, seed=k + 10), generator.normal(size=40))[0]) for k in range(200)
+    ]
+    assert 0 < np.mean(alarms) < FALSE_ALARMS
+
+
+def test_machines_without_the_figure_are_worse_than_any():
+    drawn = factors(50)
+    figure = drawn["a"].copy()
+    figure[drawn["a"] > 1.5] = np.inf
+    assert influences(drawn, figure)[0][0].factor == "a"
+    same, explained = influences(drawn, np.full(50, np.inf))
+    assert not any(one.clear or one.coefficient for one in same)
+    assert explained == 0
+
+
+def test_a_latin_hypercube_has_one_machine_in_each_part_of_every_range():
+    study = MachineStudy(Job.load("an225"), 50.0, samples=32)
+    machines = study.machines
+    assert list(machines) == [
+        "payload_kg",
+        *(f"{name}_{axis}" for name in ("friction", "viscous", "stiffness", "motor_constant") for axis in "xy"),
+    ]
+    for name, values in machines.items():
+        spread = getattr(study.spread, name.removesuffix("_kg").removesuffix("_x").removesuffix("_y"))
+        unit = values / spread if name == "payload_kg" else 0.5 * (np.log(values) / np.log1p(spread) + 1)
+        assert np.sort((32 * unit).astype(int)).tolist() == list(range(32))
+    assert np.median(machines["friction_x"]) == pytest.approx(1, abs=0.05)
+    again = MachineStudy(Job.load("an225"), 50.0, samples=32).machines
+    other = MachineStudy(Job.load("an225"), 50.0, samples=32, seed=2).machines
+    assert np.array_equal(machines["friction_x"], again["friction_x"])
+    assert not np.array_equal(machines["friction_x"], other["friction_x"])
+
+
+def test_a_sample_is_a_perturbation_of_every_axis_by_itself():
+    study = MachineStudy(Job.load("an225-3d"), 50.0, samples=20, spread=Spread(viscous=0.0))
+    perturbation, machines = study.perturbation(3), study.machines
+    assert perturbation.payload == machines["payload_kg"][2]
+    for name in ("friction", "stiffness", "motor_constant"):
+        assert getattr(perturbation, name) == tuple(machines[f"{name}_{axis}"][2] for axis in "xyz")
+    assert perturbation.viscous == 1.0
+
+
+def test_springs_above_all_axes_have_one_factor(rigid, tmp_path):
+    file = rigid().source
+    spring = '<body name="base"><joint name="base" stiffness="1e6" damping="10"/><geom size="0.01" mass="1"/>'
+    text = file.read_text().replace('<body name="bridge">', spring + '<body name="bridge">')
+    file.write_text(text.replace("</worldbody>", "</body></worldbody>"))
+    job = Job.load("an225", machine=str(file))
+    study = MachineStudy(job, 50.0, samples=20)
+    assert "stiffness" in study.machines
+    assert "stiffness_x" not in study.machines
+    assert study.perturbation(1).stiffness == study.machines["stiffness"][0]
+
+
+def synthetic(case):
+    """The figure is 50 times the friction of x; the stiffest motors trip."""
+    perturbation = case.perturbation
+    if perturbation is None:
+        return {"status": OK, "contour_max_um": 50.0}
+    if perturbation.motor_constant[0] > 1.09:
+        return {"status": "fault: oscillation on axis x"}
+    return {"status": OK, "contour_max_um": 50 * perturbation.friction[0]}
+
+
+def test_the_yield_of_a_known_figure(tmp_path):
+    study = MachineStudy(Job.load("an225"), 60.0, samples=64, measure=synthetic)
+    outcome = run_study(study, tmp_path / "out", workers=1)
+    machines = study.machines
+    good = (machines["friction_x"] <= 1.2) & (machines["motor_constant_x"] <= 1.09)
+    faults = int((machines["motor_constant_x"] > 1.09).sum())
+    assert faults > 0
+    within = int(good.sum())
+    text, matters, varied = outcome.findings
+    assert text.startswith(
+        f"{within} of 64 machines keep to a largest contour error of 60 µm: a yield of {100 * within / 64:.1f} %, with "
+    )
+    assert "The nominal machine has 50 µm" in text
+    assert f"{faults} of them did not finish, as machine" in text
+    assert "fault: oscillation on axis x" in text
+    assert matters.startswith("What matters most is friction of x (rank coefficient +0.")
+    assert "friction by factors of 0.667 to 1.5" in varied
+    with (tmp_path / "out" / "study.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row["sample"]) for row in rows] == list(range(65))
+    assert float(rows[0]["friction_x"]) == 1
+    assert float(rows[0]["payload_kg"]) == 0
+    assert [float(row["friction_x"]) for row in rows[1:]] == machines["friction_x"].tolist()
+    drawn = {path.name for path in (tmp_path / "out" / "plots").iterdir()}
+    assert drawn == {"yield.png", "influence.png", "scatter.png"}
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "The worst machines" in report
+
+
+@pytest.mark.parametrize(("tolerance", "told"), [(1.0, False), (50.0, True), (1e3, False)])
+def test_shares_within_the_tolerance_are_told_where_there_are_both_kinds(tolerance, told):
+    study = MachineStudy(Job.load("an225"), tolerance, samples=64)
+    (cases,) = study.rounds()
+    rows = [{**dict(case.tags), **synthetic(case)} for case in cases]
+    text = findings(study, [{**row, "status": OK, "contour_max_um": 50 * row["friction_x"]} for row in rows])[1]
+    assert text.startswith("What matters most is friction of x (rank coefficient +")
+    assert (": of the machines with more of it" in text) is told
+    assert re.search(r"coefficient \+[\d.]+\)[.:] ", text)
+
+
+@pytest.mark.parametrize("tolerance", [5.0, 11.0, 14.0, 20.0, 29.0, 35.0])
+@pytest.mark.parametrize("power", [0.2, 1.0, 5.0])
+def test_the_yield_s_words_stand_clear_of_the_curve(tolerance, power):
+    figure = 10 + 20 * np.linspace(0, 1, 65) ** power
+    drawing = _draw_yield(figure, 12.0, tolerance, "error [µm]")
+    drawing.draw_without_rendering()
+    (axes, _), renderer = drawing.axes, drawing.canvas.get_renderer()
+    (words,) = (text for text in axes.texts if text.get_text().startswith("yield"))
+    box = words.get_window_extent(renderer)
+    curve = max(axes.lines, key=lambda line: len(line.get_xdata()))
+    places = axes.transData.transform(np.column_stack([curve.get_xdata(), curve.get_ydata()]))
+    corners = np.insert(places, slice(1, None), np.column_stack([places[1:, 0], places[:-1, 1]]), axis=0)  # "post"
+    step = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(corners)])
+    inside = (step > [box.x0, box.y0]) & (step < [box.x1, box.y1])
+    assert not inside.all(axis=1).any()
+    frame = axes.get_window_extent(renderer)
+    assert frame.y0 < box.y0
+    assert box.y1 < frame.y1
+
+
+def test_findings_where_no_machine_runs():
+    study = MachineStudy(Job.load("an225"), 60.0, samples=20)
+    rows = [{"sample": k, "status": "refused: no"} for k in range(21)]
+    assert study.findings(rows)[0] == "None of the 21 machines gives a run with figures: refused: no"
+    assert study.figures(rows) == []
+
+
+def test_machines_with_more_friction_are_worse_in_real_runs():
+    job = Job.load("softmc-arc", ["integral_time=inf"])
+    study = MachineStudy(job, 60.0, samples=8, spread=SMALL)
+    (cases,) = study.rounds()
+    rows = [{**dict(case.tags), **measure(case)} for case in cases]
+    figure = np.array([row["contour_max_um"] for row in rows[1:]])
+    assert np.corrcoef(study.machines["friction_x"], figure)[0, 1] > 0.9
+    assert figure.min() < rows[0]["contour_max_um"] < figure.max()
+    assert study.findings(rows)[1].startswith("What matters most is friction of x")
+    # the row of a machine is that of a run of it, with the nominal machine's gains
+    run = job.run(machine=job.built_machine.perturbed(study.perturbation(1)))
+    assert figure[0] == pytest.approx(1e3 * Analysis(run).nozzle.distance.max())
+
+
+@pytest.mark.parametrize(
+    ("build", "text"),
+    [
+        (lambda: Spread(friction=-0.1), "spread of friction = -0.1: must be at least 0"),
+        (lambda: Spread(payload=-1), "spread of payload = -1 kg: must be at least 0 kg"),
+        (lambda: Spread.parse("frictoin=1"), r"unknown spread 'frictoin': did you mean friction\?"),
+        (lambda: Spread.parse("friction"), "spread friction: must be friction= and a number"),
+        (lambda: Spread.parse("friction=much"), "spread friction=much: must be friction= and a number"),
+        (
+            lambda: MachineStudy(Job.load("an225"), 50.0, spread=Spread(0, 0, 0, 0, 0)),
+            "spread: must be above 0 for at least one factor",
+        ),
+        (lambda: MachineStudy(Job.load("an225"), 50.0, samples=11), "samples = 11: must be at least 12, for 9 factors"),
+        (
+            lambda: MachineStudy(Job.load("an225"), 50.0, samples=10**12),
+            "samples = 1000000000000: must be at most 10000",
+        ),
+        (lambda: MachineStudy(Job.load("an225"), -1.0), "tolerance = -1: must be greater than 0"),
+    ],
+)
+def test_what_makes_no_study_is_refused(build, text):
+    with pytest.raises(InputError, match=text):
+        build()
+
+
+def test_a_spread_in_words_keeps_what_it_does_not_name():
+    assert Spread.parse(" friction = 0.2, payload=1 ") == Spread(payload=1.0, friction=0.2)
+    assert Spread.parse("") == Spread()

@@ -1,0 +1,290 @@
+"""The speed of programs, and the search for the fastest within a tolerance."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim.errors import InputError
+from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.study import OK, measure, run_study
+from gantrysim.study.criterion import Criterion
+from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
+from gantrysim.study.speed.pace import programmed_speed, speed_overrides
+
+SPEEDS = {  # of the built-in jobs [mm/s]
+    "an225": 100.0,
+    "an225-3d": 100.0,
+    "fanuc-conical": 120.0,
+    "fanuc-spiral": 100.0,
+    "softmc-arc": 150.0,
+    "softmc-helical": 200.0,
+    "stage-outline": 50.0,
+}
+DIGITS = 1e-7  # relative, of a speed in a program's text
+MOST_ROUNDS = 40
+
+
+@pytest.mark.parametrize(("name", "speed"), SPEEDS.items())
+def test_the_speed_of_a_job_is_that_of_its_fastest_motion_and_can_be_changed(name, speed):
+    job = Job.load(name)
+    assert programmed_speed(job) == speed
+    faster = job.changed(speed_overrides(job, 1.7 * speed))
+    assert programmed_speed(faster) == pytest.approx(1.7 * speed, rel=DIGITS)
+    assert programmed_speed(job.changed(speed_overrides(job, speed))) == speed
+    assert faster.controller.requested.length == job.controller.requested.length
+    assert faster.controller.duration < job.controller.duration
+
+
+FANUC = """
+[program]
+controller = "fanuc.Program"
+program = \"\"\"
+N10 G17 G90 G01 X10F1200 (F6000 is too fast)
+N20 G03 X0 Y10. I-10. J0. F.5
+N30 G00 X0 Y0
+N40 G01 X5 Y5 F3000.
+\"\"\"
+"""
+
+
+def test_feeds_of_a_fanuc_program_keep_their_proportion_and_comments_stay(tmp_path):
+    (tmp_path / "a.toml").write_text(f'name = "a"\n{FANUC}')
+    job = Job.load(tmp_path / "a.toml")
+    assert programmed_speed(job) == 50
+    text = speed_overrides(job, 75.0)["program.program"]
+    assert "X10F1800 (F6000 is too fast)" in text
+    assert "F0.75\n" in text
+    assert "F4500\n" in text
+    assert text.count("F") == 4
+    assert "program.dry_run" not in speed_overrides(job, 75.0)
+    assert speed_overrides(job.changed({"program.dry_run": 600.0}), 75.0)["program.dry_run"] == pytest.approx(900)
+
+
+def test_feeds_are_written_as_a_controller_reads_them():
+    job = Job.load("fanuc-spiral")
+    for speed in (1e-3 / 3, 100 / 3, 123456.789):
+        text = speed_overrides(job, speed)["program.program"]
+        word = next(word for word in text.split() if word.startswith("F"))
+        assert "e" not in word
+        assert sum(character.isdigit() for character in word) <= 8
+        assert float(word[1:]) == pytest.approx(60 * speed, rel=1e-2 if speed < 1e-2 else 1e-6)
+
+
+def test_velocities_of_a_softmc_program_keep_their_proportion_to_the_groups():
+    values = speed_overrides(Job.load("softmc-arc"), 300.0)
+    assert values["program.group.velocity"] == 300
+    assert "Vtran=240\n" in values["program.program"]
+    assert "' back home" in values["program.program"]
+
+
+def test_a_program_of_commands_has_speeds_too():
+    commands = [{"target": [10.0, 0.0], "velocity": 40.0}, {"angle": 90.0, "centre": [0.0, 0.0]}]
+    program = {"controller": "softmc.Program", "program": commands, "group": {"velocity": 20.0}}
+    job = Job(name="commands", program=program)
+    assert programmed_speed(job) == 40
+    faster = job.changed(speed_overrides(job, 60.0))
+    assert faster.program["group"]["velocity"] == 30
+    assert [command.get("velocity") for command in faster.program["program"]] == [60.0, None]
+
+
+def search(within, own=100.0, resolution=0.01):
+    """Carry the search out on a function of the speed; return what was tried, and the rounds."""
+    tried, rounds = {}, []
+    while speeds := next_speeds(tried, own, resolution):
+        assert not set(speeds) & set(tried)
+        rounds.append(speeds)
+        tried |= {speed: within(speed) for speed in speeds}
+        assert len(rounds) < MOST_ROUNDS
+    return tried, rounds
+
+
+@pytest.mark.parametrize("limit", [7.0, 26.0, 63.1, 99.9, 100.0, 333.0, 1234.0])
+def test_the_search_brackets_a_limit_as_closely_as_asked(limit):
+    tried, _ = search(lambda speed: speed <= limit)
+    found = answer(tried)
+    assert found.fastest <= limit < found.above <= found.fastest * 1.01
+    assert found.islands == ()
+
+
+def test_the_first_round_sweeps_four_octaves_about_the_programs_own_speed():
+    _, rounds = search(lambda speed: speed <= 60)
+    assert rounds[0] == pytest.approx(100 * 2.0 ** np.arange(-2, 2.1, 0.5), rel=1e-3)
+    assert 100.0 in rounds[0]
+
+
+def test_a_finer_search_takes_more_rounds_and_is_nearer():
+    coarse, fine = (search(lambda speed: speed <= 61.7, resolution=r) for r in (0.1, 0.001))
+    assert len(coarse[1]) < len(fine[1])
+    assert answer(fine[0]).above <= answer(fine[0]).fastest * 1.001
+
+
+def test_where_all_is_within_the_search_goes_up_to_thirty_two_times_the_speed_and_ends():
+    tried, _ = search(lambda speed: True)
+    assert max(tried) == pytest.approx(3200)
+    assert answer(tried) == SpeedAnswer(max(tried), None)
+
+
+def test_where_nothing_is_within_the_search_goes_down_to_a_thirty_second_and_ends():
+    tried, _ = search(lambda speed: False)
+    assert min(tried) == pytest.approx(100 / 32, rel=1e-3)
+    assert answer(tried) == SpeedAnswer(None, min(tried))
+
+
+def test_an_island_beyond_the_limit_is_told_and_is_not_the_answer():
+    tried, _ = search(lambda speed: speed <= 60 or 180 < speed < 220)
+    found = answer(tried)
+    assert found.fastest <= 60 < found.above
+    assert found.islands == (200.0,)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(2.0, 5000.0), min_size=0, max_size=6), st.booleans(), st.floats(1.0, 900.0))
+def test_below_the_answer_every_speed_tried_is_within_whatever_the_figure_does(edges, begins, own):
+    edges = sorted(edges)
+
+    def within(speed):
+        return begins ^ (np.searchsorted(edges, speed) % 2 == 1)
+
+    tried, _ = search(within, own)
+    found = answer(tried)
+    if found.fastest is not None:
+        assert all(good for speed, good in tried.items() if speed <= found.fastest)
+    if found.above is not None:
+        assert not tried[found.above]
+        assert found.fastest is None or found.above <= found.fastest * 1.01
+    assert all(tried[speed] and speed > found.above for speed in found.islands)
+
+
+def synthetic(case, knee=130.0, fault=350.0):
+    """A figure of speed^2 / knee, and a fault beyond a speed."""
+    speed = case.settings.get("program.speed", 100.0)  # the job's own where it is not changed
+    if speed > fault:
+        return {"status": "fault: overspeed on axis x"}
+    size = 50 * (speed / knee) ** 2
+    links = {"generation": 0.1 * size, "tracking": 0.9 * size, "measurement": 0.0, "structure": 0.2}
+    row = {f"{link}_rms_um": value for link, value in links.items()}
+    row |= {
+        "contour_rms_um": size,
+        "contour_max_um": size,
+        "speed_mean_mm_s": speed,
+        "duration_s": max(10 / speed, 0.05),
+    }
+    return {"status": OK, **row}
+
+
+def test_the_study_finds_a_known_limit_and_says_so(tmp_path):
+    study = SpeedStudy(Job.load("an225"), 50.0, measure=synthetic)
+    outcome = run_study(study, tmp_path / "out", workers=1)
+    found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
+    assert found.fastest <= 130 < found.above <= 1.01 * found.fastest
+    assert outcome.findings[0].startswith(
+        f"Up to {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the program's own 100 mm/s, the job keeps to a "
+        f"largest contour error of 50 µm; at {found.above:g} mm/s it is "
+    )
+    assert "Most of the error there is the tracking part" in outcome.findings[0]
+    assert any("From 200 mm/s on a faster program does not make the job shorter" in text for text in outcome.findings)
+    with (tmp_path / "out" / "study.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["speed_mm_s"]) for row in rows] == [row["speed_mm_s"] for row in outcome.rows]
+    assert {path.name for path in (tmp_path / "out" / "plots").iterdir()} == {"speed.png", "links.png"}
+    assert "Cases without figures" in (tmp_path / "out" / "report.html").read_text()
+
+
+def never(case):
+    return {"status": "refused: no"}
+
+
+def hopeless(case):
+    return {**synthetic(case), "contour_max_um": 999.0}
+
+
+def test_findings_where_nothing_will_do():
+    study = SpeedStudy(Job.load("an225"), 50.0)
+    rows = [{"speed_mm_s": speed, **never(None)} for speed in (50.0, 100.0)]
+    assert study.findings(rows) == ["None of the 2 speeds tried gives a run with figures: refused: no"]
+    assert study.figures(rows) == []
+    rows = [
+        {"speed_mm_s": speed, **hopeless(type("C", (), {"settings": {"program.speed": speed}}))}
+        for speed in (50.0, 99.0)
+    ]
+    assert study.findings(rows)[0].startswith(
+        "No speed tried, from 50 to 99 mm/s, keeps to a largest contour error of 50 µm: at 50 mm/s it is 999 µm."
+    )
+
+
+def test_a_real_search_agrees_with_runs_at_its_answer():
+    job = Job.load("an225", ["diameter=60.0", "turns=1"])
+    study = SpeedStudy(job, 300.0, resolution=0.4)
+    rows, rounds = [], study.rounds()
+    cases = next(rounds)
+    while cases:
+        new = [{**dict(case.tags), **measure(case)} for case in cases]
+        rows += new
+        try:
+            cases = rounds.send(new)
+        except StopIteration:
+            break
+    found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in rows})
+    assert found.fastest is not None
+    run = job.changed(speed_overrides(job, found.fastest)).run()
+    largest = 1e3 * Analysis(run).nozzle.distance.max()
+    assert largest <= 300.0
+    assert next(row for row in rows if row["speed_mm_s"] == found.fastest)["contour_max_um"] == pytest.approx(largest)
+
+
+ROW = {
+    "tolerance_mm": 3.0,
+    "status": OK,
+    "contour_max_um": 12.5,
+    "spacing_std_mm": 0.1,
+    "spacing_mean_mm": 9.0,
+    "bead_width_mean_mm": 4.0,
+    "bead_volume_error_percent": -2.0,
+}
+
+
+def test_a_criterion_takes_a_figure_by_its_name_with_or_without_the_unit():
+    for name in ("contour_max", "contour_max_um"):
+        criterion = Criterion(name, 12.5)
+        assert criterion.value(ROW) == 12.5
+        assert criterion.within(ROW)
+        assert criterion.unit(ROW) == "µm"
+        assert criterion.label == "largest contour error"
+    assert not Criterion("contour_max", 12.4).within(ROW)
+    assert Criterion("spacing_std", 1).label == "standard deviation of spacing"
+    assert Criterion("spacing_std", 1).unit(ROW) == "mm"
+
+
+@pytest.mark.parametrize("row", [{"status": "fault: x"}, {**ROW, "status": "refused: y"}])
+def test_a_run_without_figures_is_never_within(row):
+    criterion = Criterion("contour_max", 1e9)
+    assert criterion.value(row) == math.inf
+    assert not criterion.within(row)
+
+
+@pytest.mark.parametrize(
+    ("build", "text"),
+    [
+        (lambda: Criterion("contour_max", 0), "tolerance = 0: must be greater than 0"),
+        (
+            lambda: Criterion("contour_maxi", 1).key(ROW),
+            "unknown figure 'contour_maxi': did you mean contour_max? known",
+        ),
+        (lambda: Criterion("tolerance", 1).key(ROW), "known: contour_max, spacing_std$"),
+        (lambda: SpeedStudy(Job.load("an225"), 50.0, resolution=1e-4), "resolution = 0.0001: must be at least 0.001"),
+        (lambda: speed_overrides(Job.load("an225"), 0.0), "speed = 0 mm/s: must be greater than 0 mm/s"),
+    ],
+)
+def test_what_makes_no_search_is_refused(build, text):
+    with pytest.raises(InputError, match=text.replace("?", r"\?")):
+        build()
+
+
+def test_an_unknown_figure_ends_the_study_before_it_begins(tmp_path):
+    with pytest.raises(InputError, match="unknown figure 'contour_mx'"):
+        run_study(SpeedStudy(Job.load("an225"), 50.0, "contour_mx", measure=synthetic), tmp_path / "out", workers=1)

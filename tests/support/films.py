@@ -1,0 +1,60 @@
+"""Saved runs, and what is to be read off pictures, as several test files need them."""
+
+import dataclasses
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from PIL import Image, ImageDraw
+
+from gantrysim import Job
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.render.lettering import PAPER, font, rgb
+from gantrysim.report.folder import write_run
+
+# of films, from the smallest, 9:16 to 32:9
+SHAPES = (
+    (240, 240), (240, 427), (427, 240), (320, 240), (480, 360), (400, 800), (600, 800), (720, 1280), (1080, 1080),
+    (1920, 1080), (2560, 720), (853, 240),
+)  # fmt: skip
+
+SMALL = ("diameter=40", "turns=1", "thickness=5")  # 1.5 s of motion
+
+
+def small_job(*settings):
+    return Job.load("an225", (*SMALL, *settings))
+
+
+def saved(folder, job, run=None):
+    """Write the folder of a run, as the command does, and return it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_run(folder, job, job.built_machine, Budget(Analysis(job.run() if run is None else run)))
+    return folder
+
+
+def cut(run, ticks):
+    """The first ticks of a run."""
+    rows = {
+        field.name: getattr(run, field.name)[:ticks]
+        for field in dataclasses.fields(run)
+        if isinstance(getattr(run, field.name), np.ndarray)
+    }
+    return dataclasses.replace(run, **rows)
+
+
+def shows(picture, text, size, colour, bold=False, paper=PAPER):
+    """Whether a text stands in a picture, to the last bit, wherever it is."""
+    face = font(size, bold).face
+    sheet = Image.new("RGB", (round(face.getlength(text)) + 20, 2 * size + 20), paper)
+    ImageDraw.Draw(sheet).text((10, size + 10), text, rgb(colour), face, anchor="lm")
+    letters = np.asarray(sheet)
+    rows, columns = (np.flatnonzero((letters != rgb(paper)).any(axis=2).any(axis=axis)) for axis in (1, 0))
+    letters = letters[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    height, width = letters.shape[:2]
+    if height > picture.shape[0] or width > picture.shape[1]:
+        return False
+    # where the first of the pixels that differ most from the paper may be, then all of it
+    windows = sliding_window_view(picture, (height, width, 3))[:, :, 0]
+    row, column = np.unravel_index(np.abs(letters.astype(int) - rgb(paper)).sum(axis=2).argmax(), (height, width))
+    places = np.argwhere((windows[:, :, row, column] == letters[row, column]).all(axis=2))
+    return any(np.array_equal(windows[r, c], letters) for r, c in places)
