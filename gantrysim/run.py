@@ -16,7 +16,8 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 
-_FORMAT = 4
+_FORMAT = 5
+_RENAMED = {4: {"asked": "flow_demand"}}  # arrays of older formats that are still read
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Run:
         voltage: terminal voltage as the tick's demand sets it, (n, axes) [V]; nan likewise.
         flow: glue out of the nozzle, the mean over the period that follows the tick, (n,) [mm³/s]; so what is laid is
             sum(flow[:-1]) * period.
-        asked: the flow that the program asks for over the same period, (n,) [mm³/s].
+        flow_demand: the flow that the program asks for over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
         gap: height of the nozzle above the work where its z is 0 [mm].
         fault: why the run ended early, or None.
@@ -100,7 +101,7 @@ class Run:
     current: Floats
     voltage: Floats
     flow: Floats
-    asked: Floats
+    flow_demand: Floats
     dispense: NDArray[np.bool_]
     gap: float
     fault: Fault | None = None
@@ -132,8 +133,11 @@ class Run:
         try:
             with np.load(FilePath(file), allow_pickle=False) as arrays:
                 content = dict(arrays)
-            if int(content.pop("format")) != _FORMAT:
+            written = int(content.pop("format"))
+            if written != _FORMAT and written not in _RENAMED:
                 raise InputError(f"run {file}: written in another format; run its job.toml again")
+            for old, new in _RENAMED.get(written, {}).items():
+                content[new] = content.pop(old)
             path = json.loads(str(content.pop("requested")))
             fault = json.loads(str(content.pop("fault")))
             return cls(

@@ -122,7 +122,7 @@ def analysis(rounds: int) -> float:
         def analyse() -> None:
             fresh = replace(run, requested=Path.build(kind, parameters))  # without the tables of an earlier analysis
             found = Analysis(fresh)
-            _ = found.figures, Budget(found).figures, Bead(fresh, job.bead, found).figures
+            _ = found.values, Budget(found).values, Bead(fresh, job.bead, found).values
 
         return 1 / ratio(job.run, analyse, max(rounds // 3, 1))
 

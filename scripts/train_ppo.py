@@ -33,7 +33,7 @@ LEARNING = {"n_steps": 16, "batch_size": 256, "n_epochs": 10, "learning_rate": 1
 POLICY = {"net_arch": [64, 64], "log_std_init": -1.0}
 
 
-class SideBySide(VecEnv):
+class EpisodeBatch(VecEnv):
     """The native vector environment as stable-baselines3 wants it."""
 
     def __init__(self, envs: VectorEnv) -> None:
@@ -85,7 +85,7 @@ def learnt(steps: int) -> PPO:
     """Return the agent after so many decisions."""
     envs = gymnasium.make_vec(ID, num_envs=ENVS, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
     torch.set_num_threads(1)  # its nets are small, and the cores are the environments'
-    agent = PPO("MlpPolicy", SideBySide(envs), policy_kwargs=POLICY, seed=SEED, device="cpu", **LEARNING)
+    agent = PPO("MlpPolicy", EpisodeBatch(envs), policy_kwargs=POLICY, seed=SEED, device="cpu", **LEARNING)
     with Progress(console=console) as progress:
         task = progress.add_task("learn", total=steps)
 
@@ -150,7 +150,7 @@ table.add_column("gains", no_wrap=True)
 for column in ("contour,\nrms [µm]", "\nmax [µm]", "torque\nripple", "least gain\nmargin", "found\nin [s]"):
     table.add_column(column, justify="right")
 for name, (run, servos, seconds) in runs.items():
-    contour = Analysis(run).figures.contour
+    contour = Analysis(run).values.contour
     ripple = max(torque_ripple(run) / peak)
     loops = [loop for servo in servos for loop in plant.margins(servo)]
     reserve = f"{min(loop.gain for loop in loops):.2f}" if all(loop.stable for loop in loops) else "unstable"

@@ -68,7 +68,7 @@ def attempt(name: str, servo: Servo) -> None:
     if run.fault is not None:
         raise InputError(f"{name}: fault: {run.fault}")
     trials.append((name, servo, Analysis(run)))
-    figures, margins = trials[-1][2].figures, plant.margins(servo)
+    figures, margins = trials[-1][2].values, plant.margins(servo)
     errors = [figures.contour.rms, figures.contour.max, *(spread.rms for spread in figures.tracking.values())]
     ripple = max(torque_ripple(run) / [axis.peak_torque for axis in machine.axes])
     reserve = f"{min(margin.gain for margin in margins):.2f}" if all(loop.stable for loop in margins) else "unstable"

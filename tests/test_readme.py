@@ -53,11 +53,11 @@ def test_the_python_loop_runs_and_prints_the_budget_of_the_table(capsys, tmp_pat
 
 def test_the_table_is_what_the_job_gives():
     analysis = metrics.Analysis(Job.load("an225").run())
-    budget = Budget(analysis).figures
+    budget = Budget(analysis).values
     for name, part in {**budget.parts, "contour": budget.contour}.items():
         assert shown(name)[:3] == in_um(part.rms, part.p95, part.max)
         assert shown(name)[3] == pytest.approx(abs(100 * part.share), abs=0.2)
-    s = analysis.figures.spacing
+    s = analysis.values.spacing
     said = re.search(r"The turns lie ([\d.]+) mm apart, from ([\d.]+) to ([\d.]+)\.", README)
     assert [1e3 * float(length) for length in said.groups()] == in_um(s.mean, s.min, s.max)
 
@@ -65,8 +65,8 @@ def test_the_table_is_what_the_job_gives():
 def test_the_bead_is_what_the_job_gives():
     job = Job.load("an225")
     run = job.run()
-    strand = Bead(run, job.bead)
-    bead = strand.figures
+    bead_trace = Bead(run, job.bead)
+    bead = bead_trace.values
     said = re.search(
         r"Here ([\d.]+) mm of bead are missing .*\s([\d.]+) mm too much .* the ([\d.]+) % more glue .* \(([\d.]+) mm³\)"
         r" .* makes ([\d.]+) mm³ .*\sother ([\d.]+) mm³ is its fixed flow .*, ([\d.]+) mm³ of it at the end",
@@ -80,12 +80,12 @@ def test_the_bead_is_what_the_job_gives():
     assert float(said[5]) == pytest.approx(bead.dispenser, abs=0.1)
     assert float(said[6]) == pytest.approx(bead.ramps, abs=0.1)
     slow = slice(len(run.time) // 2, -1)
-    at_end = (run.asked[slow].sum() * run.period) - bead.nominal * (strand.commanded_steps * run.dispense[:-1])[
-        slow
-    ].sum()
+    at_end = (run.flow_demand[slow].sum() * run.period) - bead.nominal * (
+        bead_trace.commanded_steps * run.dispense[:-1]
+    )[slow].sum()
     assert float(said[7]) == pytest.approx(at_end, abs=1)
     even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
-    assert Bead(even.follow(), even.bead).figures.ramps == pytest.approx(0, abs=1e-6)
+    assert Bead(even.follow(), even.bead).values.ramps == pytest.approx(0, abs=1e-6)
     assert bead.overlapping > 0  # the blob touches the turn beside it
 
 
@@ -101,7 +101,7 @@ def test_the_bead_is_what_the_job_gives():
     ids=" ".join,
 )
 def test_what_of_the_controller_does_it(settings):
-    figures = metrics.figures(Job.load("an225", settings).run())
+    figures = metrics.values(Job.load("an225", settings).run())
     command = " ".join(f"--set {setting}" for setting in settings)
     cell = re.escape(f"`{command}` |" if command else "|")
     rms = re.search(rf"^\| [^|]+ \| ([\d.]+) µm \| {cell}$", README, flags=re.MULTILINE)
@@ -111,7 +111,7 @@ def test_what_of_the_controller_does_it(settings):
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_the_jobs_table(name):
     job = Job.load(name)
-    figures = metrics.figures(job.run())
+    figures = metrics.values(job.run())
     row = shown(f"`{name}`", f"`{job.machine}`")
     assert row[:2] == in_um(figures.contour.rms, figures.contour.max)
     spacings = [] if figures.spacing is None else [figures.spacing.mean]

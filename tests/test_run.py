@@ -123,3 +123,13 @@ def test_a_fault_at_the_first_tick_leaves_a_record_of_one(xy):
     assert run.fault is not None
     assert len(run.time) == 1
     assert run.period == 1e-3
+
+
+def test_a_record_of_the_format_before_is_still_read(run, tmp_path):
+    """Format 4 called the flow that the program asks for `asked`."""
+    run.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as arrays:
+        content = {**arrays, "format": 4}
+    content["asked"] = content.pop("flow_demand")
+    np.savez(tmp_path / "old.npz", **content)
+    np.testing.assert_array_equal(Run.load(tmp_path / "old.npz").flow_demand, run.flow_demand)

@@ -74,12 +74,12 @@ def test_gains_turned_by_hand_do_what_they_say(script, job, tmp_path):
     assert servos[2].ki == (own.ki[0], 0.0)
     assert servos[3].velocity_ff == servos[3].acceleration_ff == (0.0, 0.0)
     assert servos[4].kp == own.kp  # factors are on the job's own gains
-    before, after = (analysis.figures.tracking for _, _, analysis in names["trials"][:2])
+    before, after = (analysis.values.tracking for _, _, analysis in names["trials"][:2])
     assert after["x"].rms > 1.2 * before["x"].rms
     assert after["y"].rms == pytest.approx(before["y"].rms, rel=ALONE)
     for name, _, analysis in names["trials"]:
         assert name in output
-        assert f"{1e3 * analysis.figures.contour.rms:.1f}" in output
+        assert f"{1e3 * analysis.values.contour.rms:.1f}" in output
     assert (tmp_path / "out/tune-by-hand/trials.png").read_bytes()[:4] == b"\x89PNG"
 
 
@@ -130,7 +130,7 @@ def test_what_cannot_be_turned_is_refused_in_one_line(script, capsys, arguments,
 
 def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script, job):
     names, output = script("train_ppo.py", job, "--steps", 1024, "--budget", 16)
-    start, own, tuned, agent = (Analysis(run).figures.contour.rms for run, *_ in names["runs"].values())
+    start, own, tuned, agent = (Analysis(run).values.contour.rms for run, *_ in names["runs"].values())
     assert agent < 0.95 * start
     assert tuned < 0.9 * start
     assert own < start
@@ -143,14 +143,14 @@ def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script,
     assert run.fault is None
     assert len(servos) == -(-len(run.time) // 100)
     assert names["agent"].num_timesteps == 1024
-    check_the_adapter(names["SideBySide"])
+    check_the_adapter(names["EpisodeBatch"])
     # the servos that are told are those that ran
     env = gymnasium.make(names["ID"], **names["settings"]).unwrapped
     observation, _ = env.reset(seed=names["SEED"])
     for servo in servos:
         observation, *_ = env.step(names["agent"].predict(observation, deterministic=True)[0])
         for gain in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff"):
-            assert env._episodes._fleet.field(gain)[0, :2] == pytest.approx(getattr(servo, gain), rel=SINGLE)
+            assert env._episodes._batch.field(gain)[0, :2] == pytest.approx(getattr(servo, gain), rel=SINGLE)
 
 
 def check_the_adapter(kind):

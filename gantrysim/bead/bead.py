@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.bead.height_map import HeightMap
-from gantrysim.bead.trace import Strand
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Range
 
@@ -22,7 +22,7 @@ _SETTLED = 1e-5  # of the flow asked for, within which it has settled
 
 
 @dataclass(frozen=True)
-class BeadFigures:
+class BeadValues:
     """The figures of a bead, in mm, mm² and mm³.
 
     What is laid beyond the nominal section is told in parts that add up,
@@ -106,8 +106,8 @@ class BeadFigures:
         return self.starts + self.running + self.stops
 
 
-class Bead(Strand):
-    """The bead of a run: stations along the nozzle's trace, the height map, and the figures; see `Strand`."""
+class Bead(BeadTrace):
+    """The bead of a run: stations along the nozzle's trace, the height map, and the figures; see `BeadTrace`."""
 
     @cached_property
     def map(self) -> HeightMap:
@@ -115,7 +115,7 @@ class Bead(Strand):
         return HeightMap.of(self)
 
     @cached_property
-    def figures(self) -> BeadFigures:
+    def values(self) -> BeadValues:
         """The figures; of a run that a fault ended, those up to the fault.
 
         Raises:
@@ -123,7 +123,7 @@ class Bead(Strand):
                 fault.
         """
         if not self.nominal > 0:
-            if self.run.fault is not None and self.run.asked.any():
+            if self.run.fault is not None and self.run.flow_demand.any():
                 raise InputError(
                     "the fault came before the path speed was steady: what section was asked for is unknown"
                 )
@@ -137,7 +137,7 @@ class Bead(Strand):
         stopped = self.stretches[:, 1] < len(run.time)
         start, stop = -parts[:, 0] / self.nominal, parts[stopped, 2] / self.nominal
         begins, ends = self._ends
-        return BeadFigures(
+        return BeadValues(
             nominal=self.nominal,
             width=Range.of(self.width[on]),
             section=Range.of(self.area[on]),
@@ -151,7 +151,7 @@ class Bead(Strand):
             ends=Range.of(ends) if ends.size else None,
             laid=self.laid,
             asked=self.asked,
-            ramps=float(run.asked[:-1].sum()) * run.period - self.asked,
+            ramps=float(run.flow_demand[:-1].sum()) * run.period - self.asked,
             starts=float(parts[:, 0].sum()),
             running=float(parts[:, 1].sum()),
             stops=float(parts[:, 2].sum()),
@@ -220,7 +220,7 @@ class Bead(Strand):
     def _parts(self) -> Floats:
         """Volume laid beyond the flow asked for at start, while running and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
-        more = np.concatenate([[0.0], np.cumsum((run.flow - run.asked)[:-1])]) * run.period
+        more = np.concatenate([[0.0], np.cumsum((run.flow - run.flow_demand)[:-1])]) * run.period
         last = more.size - 1
         ticks = [
             [low, *self._settled(on, min(off, last)), high]
@@ -230,7 +230,7 @@ class Bead(Strand):
 
     def _settled(self, on: int, off: int) -> tuple[int, int]:
         """Tick at which the flow of a stretch has settled, and that from which on it no longer is so."""
-        asked = self.run.asked[on:off]
+        asked = self.run.flow_demand[on:off]
         excess = self.run.flow[on:off] - asked
         usual = float(np.median(excess)) if excess.size else 0.0
         # on a ramp the flow may pass what it settles to

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.arrays import Floats
 from gantrysim.bead.pushing import drop, lay, push_aside
 from gantrysim.bead.section import Section
-from gantrysim.bead.trace import Strand
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError
 
 _SAMPLES = 3.0  # per cell, across the bead and along it
@@ -58,7 +58,7 @@ class HeightMap:
     ridge: float = 0.0
 
     @classmethod
-    def of(cls, bead: Strand) -> HeightMap:
+    def of(cls, bead: BeadTrace) -> HeightMap:
         """Return the map of a bead.
 
         Raises:
@@ -141,7 +141,7 @@ class HeightMap:
         return self.at(points) > self.contact
 
 
-def _grid(bead: Strand, volume: Floats, ends: list[_End]) -> tuple[Floats, Floats]:
+def _grid(bead: BeadTrace, volume: Floats, ends: list[_End]) -> tuple[Floats, Floats]:
     """Middles of the cells that the bead covers, with some around it, (nx,) and (ny,) [mm]."""
     cell = bead.settings.cell
     laid = np.flatnonzero(volume > 0)
@@ -162,7 +162,7 @@ def _grid(bead: Strand, volume: Floats, ends: list[_End]) -> tuple[Floats, Float
     return low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)
 
 
-def _check_cells(bead: Strand, count: ArrayLike) -> None:
+def _check_cells(bead: BeadTrace, count: ArrayLike) -> None:
     cells = float(np.prod(np.asarray(count, float)))
     if not cells <= _MOST_CELLS:
         raise InputError(
@@ -173,7 +173,7 @@ def _check_cells(bead: Strand, count: ArrayLike) -> None:
 
 
 def _with_room(
-    bead: Strand, x: Floats, y: Floats, height: Floats, ceiling: Floats
+    bead: BeadTrace, x: Floats, y: Floats, height: Floats, ceiling: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return a map with as many dry cells around it as what is pushed aside will need.
 
@@ -217,7 +217,7 @@ def _blocks(values: Floats, beyond: float) -> Floats:
     return whole.reshape(ny, _BLOCK, nx, _BLOCK).mean(axis=(1, 3))
 
 
-def _round_ends(bead: Strand, volume: Floats) -> Iterator[_End]:
+def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
     """Yield for each end of a stretch of bead points, (k, 2), volumes there, (k,), and the nozzle's height.
 
     An end takes the volume that half a body of revolution of its section holds from the last stations' intervals, whose
@@ -254,12 +254,12 @@ def _round_ends(bead: Strand, volume: Floats) -> Iterator[_End]:
                 yield _round(bead, station, section, total, bead.heading[station] + away)
 
 
-def _part(bead: Strand, stations: slice) -> Section:
+def _part(bead: BeadTrace, stations: slice) -> Section:
     gap = bead.section.gap[stations]
     return Section(bead.area[stations], gap, bead.settings.contact_angle)
 
 
-def _round(bead: Strand, station: int, section: Section, volume: float, towards: float | None) -> _End:
+def _round(bead: BeadTrace, station: int, section: Section, volume: float, towards: float | None) -> _End:
     """Points of a body of revolution about a station, or of its half `towards` an angle, with their volumes."""
     rim = 0.5 * float(section.width[0])
     rings = math.ceil(rim * _SAMPLES / bead.settings.cell) + 1
@@ -273,7 +273,7 @@ def _round(bead: Strand, station: int, section: Section, volume: float, towards:
     return points.reshape(-1, 2), weight.ravel(), float(_upright(bead)[station])
 
 
-def _upright(bead: Strand) -> Floats:
+def _upright(bead: BeadTrace) -> Floats:
     """Height of the nozzle over the surface, straight up; of a climbing path more than square to it, (r,) [mm]."""
     along = np.gradient(bead.point, axis=0)
     ahead, length = np.linalg.norm(along[:, :2], axis=1), np.linalg.norm(along, axis=1)
@@ -281,7 +281,7 @@ def _upright(bead: Strand) -> Floats:
     return bead.nozzle_height / np.maximum(cosine, math.sqrt(0.5))
 
 
-def _contact(bead: Strand, cell: float) -> float:
+def _contact(bead: BeadTrace, cell: float) -> float:
     """Height that a map shows at the rim of the nominal section: blurred by its cells, and by looking between them.
 
     Both are hats as wide as two cells; together they are the cubic B-spline.

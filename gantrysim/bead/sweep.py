@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.bead.rings import SIDES, Mesh, Rings, joined
 from gantrysim.bead.section import Section
-from gantrysim.bead.trace import BeadSettings, Strand
+from gantrysim.bead.trace import BeadSettings, BeadTrace
 from gantrysim.errors import GantryError
 from gantrysim.run import Run
 
@@ -42,7 +42,7 @@ class Sweep:
             default as many as length, turns and number of stretches ask for.
 
     Attributes:
-        strand: the bead.
+        bead_trace: the bead.
         rings: number of rings.
 
     Raises:
@@ -50,7 +50,7 @@ class Sweep:
     """
 
     def __init__(self, run: Run, settings: BeadSettings | None = None, like: Sweep | None = None) -> None:
-        self.strand = Strand(run, settings)
+        self.bead_trace = BeadTrace(run, settings)
         self._kept: tuple[int, list[Mesh]] = (0, [])
         asked = float(self._asked[-1])
         ends = (2 * _END + 2) * max(len(self._stretches), 1)
@@ -72,7 +72,7 @@ class Sweep:
 
     def mesh(self, tick: int) -> Mesh:
         """Return the bead laid up to a tick, of all its rings."""
-        laid, volume = float(self.strand.length[tick]), float(self.strand.volume[tick])
+        laid, volume = float(self.bead_trace.length[tick]), float(self.bead_trace.volume[tick])
         begun = [k for k, (first, _) in enumerate(self._stretches) if self._from[first] <= laid]
         begun = [k for k in begun if self._held[self._stretches[k][0]] < volume]
         stops = [self._stretches[k][1] + 1 for k in begun]
@@ -98,14 +98,14 @@ class Sweep:
     @cached_property
     def _base(self) -> Floats:
         """Points of the surface below the stations, (r, 3) [mm]."""
-        strand = self.strand
-        return np.column_stack([strand.point[:, :2], strand.along(strand.surface)])
+        bead_trace = self.bead_trace
+        return np.column_stack([bead_trace.point[:, :2], bead_trace.along(bead_trace.surface)])
 
     @cached_property
     def _asked(self) -> Floats:
         """Number of rings that the trace asks for up to each station, where there is glue, (r,)."""
-        strand = self.strand
-        steps = strand.ds / _DISTANCE + np.abs(np.diff(strand.heading)) / _TURN
+        bead_trace = self.bead_trace
+        steps = bead_trace.ds / _DISTANCE + np.abs(np.diff(bead_trace.heading)) / _TURN
         wet = np.zeros(steps.size, bool)
         for first, last in self._stretches:
             wet[first:last] = True
@@ -114,62 +114,62 @@ class Sweep:
     @cached_property
     def _between(self) -> list[Mesh]:
         """The rings of each stretch, without its ends."""
-        strand, meshes = self.strand, []
+        bead_trace, meshes = self.bead_trace, []
         for first, last in self._stretches:
             asked = self._asked[first : last + 1]
             count = max(int(np.ceil((asked[-1] - asked[0]) / self._step)), 1) + 1 if self._step > 0 else 2
             # a station's own, or between two of them
-            where = np.interp(np.linspace(asked[0], asked[-1], count), asked, strand.place[first : last + 1])
+            where = np.interp(np.linspace(asked[0], asked[-1], count), asked, bead_trace.place[first : last + 1])
             meshes.append(self._rings(where, np.zeros(count)).mesh(self._contact))
         return meshes
 
     def _rings(self, where: Floats, turned: Floats, section: Section | None = None) -> Rings:
         """Return rings at places of the trace, of the bead's own section there, or of another."""
-        place = self.strand.place
+        place = self.bead_trace.place
         point = np.stack([np.interp(where, place, self._base[:, i]) for i in range(3)], axis=1)
         if section is None:
             radius, flat = (np.interp(where, place, values) for values in self._shape)
         else:
             radius, flat = (np.full(where.size, values[0]) for values in (section.radius, section.flat))
-        return Rings(point, np.interp(where, place, self.strand.heading), radius, flat, turned, where)
+        return Rings(point, np.interp(where, place, self.bead_trace.heading), radius, flat, turned, where)
 
     @cached_property
     def _shape(self) -> tuple[Floats, Floats]:
         """Radius and flat of the sections at the stations, (r,) each [mm]."""
-        return self.strand.section.radius, self.strand.section.flat
+        return self.bead_trace.section.radius, self.bead_trace.section.flat
 
     @property
     def _contact(self) -> float:
-        return float(np.radians(self.strand.settings.contact_angle))
+        return float(np.radians(self.bead_trace.settings.contact_angle))
 
     @cached_property
     def _from(self) -> Floats:
         """Where what the stations hold begins, (r + 1,) [mm]: a station stands in the middle of it."""
-        strand = self.strand
-        return np.clip((np.arange(strand.place.size + 1) - 0.5) * strand.ds, 0.0, strand.place[-1])
+        bead_trace = self.bead_trace
+        return np.clip((np.arange(bead_trace.place.size + 1) - 0.5) * bead_trace.ds, 0.0, bead_trace.place[-1])
 
     @cached_property
     def _held(self) -> Floats:
         """Glue up to `_from`, (r + 1,) [mm³]."""
-        return np.concatenate([[0.0], np.cumsum(self.strand.area * np.diff(self._from))])
+        return np.concatenate([[0.0], np.cumsum(self.bead_trace.area * np.diff(self._from))])
 
     @cached_property
     def _stretches(self) -> list[tuple[int, int]]:
         """First and last station of each stretch of glue."""
-        area = self.strand.area
-        least = _WET * (self.strand.nominal if self.strand.nominal > 0 else float(area.max()))
+        area = self.bead_trace.area
+        least = _WET * (self.bead_trace.nominal if self.bead_trace.nominal > 0 else float(area.max()))
         edges = np.diff(np.concatenate([[0], (area > least).astype(np.int8), [0]]))
         return list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))
 
     @cached_property
     def _before(self) -> Floats:
         """Glue up to each station, (r,) [mm³]."""
-        return np.interp(self.strand.place, self._from, self._held)
+        return np.interp(self.bead_trace.place, self._from, self._held)
 
     @cached_property
     def _half(self) -> Floats:
         """Glue of a round end at each station, (r,) [mm³]."""
-        return self.strand.section.half_body()
+        return self.bead_trace.section.half_body()
 
     @cached_property
     def _begins(self) -> list[float]:
@@ -177,13 +177,15 @@ class Sweep:
         begins = []
         for first, last in self._stretches:
             part = slice(first, last + 1)
-            begins.append(_crossing(self.strand.place[part], self._before[part] - self._held[first] - self._half[part]))
+            begins.append(
+                _crossing(self.bead_trace.place[part], self._before[part] - self._held[first] - self._half[part])
+            )
         return begins
 
     def _stretch(self, number: int, laid: float, volume: float) -> Mesh:
         """Return what lies of a stretch while the nozzle is at a place of the trace [mm] and so much is laid [mm³]."""
         first, last = self._stretches[number]
-        place, gap = self.strand.place, self.strand.section.gap
+        place, gap = self.bead_trace.place, self.bead_trace.section.gap
         stop = min(laid, float(self._from[last + 1]))
         upto = slice(first, max(int(np.searchsorted(place, stop, side="right")), first + 1))
         left = np.interp(stop, self._from, self._held) - self._before[upto] - self._half[upto]
@@ -192,7 +194,7 @@ class Sweep:
             middle = 0.5 * (float(self._from[first]) + stop)
             held = min(volume, float(self._held[last + 1])) - float(self._held[first])
             under = np.array([np.interp(middle, place, gap)])
-            drop = Section.drop(held, under, self.strand.settings.contact_angle)
+            drop = Section.drop(held, under, self.bead_trace.settings.contact_angle)
             return joined([self._end(middle, -1.0, drop), self._end(middle, 1.0, drop)])
         between = self._between[number]
         rings = slice(*np.searchsorted(between.place, [begin, end], side="right").tolist())

@@ -57,7 +57,7 @@ class BeadSettings:
         at_least("cell", self.cell, _LEAST, "mm")
 
 
-class Strand:
+class BeadTrace:
     """The bead of a run at stations evenly spaced along the nozzle's trace in the work frame.
 
     More than usual, as at a stop or in a slow corner, spreads along the trace as far as it is wide; volume is
@@ -147,7 +147,7 @@ class Strand:
         Of a fixed flow that is the flow over the median speed. 0 where it is not known: where glue is asked for at rest
         alone, or none, or where a fault ends the run before the speed of a fixed flow is steady.
         """
-        asked, speed = self.run.asked[:-1], self.commanded_steps / self.run.period
+        asked, speed = self.run.flow_demand[:-1], self.commanded_steps / self.run.period
         moving = (asked > 0) & (speed > 0)
         if not moving.any():
             return 0.0
@@ -198,7 +198,7 @@ class Strand:
         return self._spread(np.maximum(laid / ds, 0.0))
 
     def _spread(self, area: Floats) -> Floats:
-        """Spread what a section holds above the nominal one along the trace, as far as it is wide.
+        """Tolerances what a section holds above the nominal one along the trace, as far as it is wide.
 
         In turn over one, two, four ... widths of the nominal section that which is wider than so much.
         """

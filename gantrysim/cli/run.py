@@ -48,7 +48,7 @@ def run(
         analysis = Analysis(record)
         budget = Budget(analysis)
         bead = Bead(record, loaded.bead, analysis)
-        laid = bead.figures if bead.nominal > 0 else None
+        laid = bead.values if bead.nominal > 0 else None
         report.write_run(scratch, loaded, loaded.built_machine, budget, laid)
         if drawn:
             with share_bar("plot", go_on) as advance:
@@ -72,7 +72,7 @@ def run(
                 write_run_page(page, loaded, loaded.built_machine, bead, film, advance)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     show(links_table(loaded.name, loaded.built_machine, budget))
-    show(outcome_table(record, analysis.figures, laid))
+    show(outcome_table(record, analysis.values, laid))
     say(headline(budget), wrap=True)
     for note in loaded.notes:
         say(f"note: {note}")

@@ -53,7 +53,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
     Exit status 130 where it is interrupted, with a word of how to go on, and 3 where faults have left no figures.
     """
     from gantrysim.study.backends import on_backend
-    from gantrysim.study.checks import NoFiguresError
+    from gantrysim.study.checks import NoValuesError
     from gantrysim.study.study import StudyInterrupted, run_study
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
@@ -72,7 +72,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
             text += "the same command goes on from there"
         warn(text)
         raise typer.Exit(INTERRUPTED) from None
-    except NoFiguresError as none:
+    except NoValuesError as none:
         if not none.faulted:
             raise
         warn(str(none), "fault")
@@ -152,10 +152,10 @@ def machine(
     The servo of each keeps the gains of the nominal machine.
     """
     from gantrysim.job.job import Job
-    from gantrysim.study.machine import MachineStudy, Spread
+    from gantrysim.study.machine import MachineStudy, Tolerances
 
     loaded = Job.load(job, settings or (), model)
-    carry_out(MachineStudy(loaded, tolerance, figure, samples, Spread.parse(spread), seed), out, workers, backend)
+    carry_out(MachineStudy(loaded, tolerance, figure, samples, Tolerances.parse(spread), seed), out, workers, backend)
 
 
 @study_app.command()

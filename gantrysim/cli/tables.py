@@ -7,10 +7,10 @@ import math
 from rich.markup import escape
 from rich.table import Table
 
-from gantrysim.bead import BeadFigures
+from gantrysim.bead import BeadValues
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.analysis import THOUSANDTH, Figures
-from gantrysim.metrics.budget import Budget, PartFigures
+from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
+from gantrysim.metrics.budget import Budget, PartValues
 from gantrysim.run import Run
 
 _UM = 1e3
@@ -30,7 +30,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         machine: that ran.
         budget: of the run.
     """
-    run, figures = budget.analysis.run, budget.figures
+    run, figures = budget.analysis.run, budget.values
     until = "" if run.fault is None else ", until the fault"
     title = escape(f"{name} on {run.machine}: error normal to the path [µm]{until}")
     table = Table(title=title, title_justify="left")
@@ -39,7 +39,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         table.add_column(column, justify="right", no_wrap=True)
     table.add_column("what the link adds")
 
-    def add(label: str, part: PartFigures, note: str) -> None:
+    def add(label: str, part: PartValues, note: str) -> None:
         numbers = [f"{_UM * value:.1f}" for value in (part.rms, part.p95, part.max)]
         table.add_row(label, *numbers, f"{100 * part.share:z.1f} %", note)
 
@@ -47,7 +47,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         add(link, part, _BETWEEN[link])
         if link == "tracking":
             for axis, own in budget.tracking_by_axis(machine).items():
-                add(f"  by {axis}", budget.figures_of(own), "")
+                add(f"  by {axis}", budget.values_of(own), "")
     table.add_section()
     add("contour", figures.contour, "requested to nozzle: all")
     table.caption = "share: of the contour error's mean square; negative: makes good for others"
@@ -55,7 +55,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     return table
 
 
-def outcome_table(run: Run, figures: Figures, bead: BeadFigures | None) -> Table:
+def outcome_table(run: Run, figures: AnalysisValues, bead: BeadValues | None) -> Table:
     """Return what came out: following errors, spacing, speed, and the bead where glue was asked for."""
     until = "" if run.fault is None else ", until the fault"
     table = Table.grid(padding=(0, 2))
@@ -77,7 +77,7 @@ def outcome_table(run: Run, figures: Figures, bead: BeadFigures | None) -> Table
     return table
 
 
-def _add_bead(table: Table, bead: BeadFigures) -> None:
+def _add_bead(table: Table, bead: BeadValues) -> None:
     width = bead.width
     table.add_row(
         "bead's width",

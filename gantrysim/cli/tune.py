@@ -61,7 +61,7 @@ def tune(
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
     from gantrysim.job.job import Job
-    from gantrysim.machine.tolerances import Spread
+    from gantrysim.machine.tolerances import Tolerances
     from gantrysim.tuning.study import TuningStudy
 
     study = TuningStudy(
@@ -73,7 +73,7 @@ def tune(
         margin=margin,
         ripple=ripple,
         per_axis=per_axis,
-        spread=Spread.parse(spread),
+        spread=Tolerances.parse(spread),
         unseen=unseen,
         seed=seed,
     )

@@ -9,8 +9,8 @@ from types import NoneType
 from typing import Any
 
 import mujoco
+import mujoco.batch
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from gantrysim.controllers.servo import Servo
@@ -66,7 +66,7 @@ def simulate_batch(
             "dispenser": dispenser,
         }
     )
-    places: dict[Path, dict[int, int]] = {}  # by MJCF file: place in the fleet to number of the simulation
+    places: dict[Path, dict[int, int]] = {}  # by MJCF file: place in the batch to number of the simulation
     for number, simulation in enumerate(simulations):
         group = places.setdefault(simulation.machine.source, {})
         group[len(group)] = number
@@ -75,16 +75,16 @@ def simulate_batch(
     before = 0
     for group in places.values():
         own = {place: simulations[number] for place, number in group.items()}
-        fleet = Fleet(own[0].machine, len(own), threads)
-        fleet.load(own)
+        batch = Batch(own[0].machine, len(own), threads)
+        batch.load(own)
 
         def tell(done: int, before: int = before) -> None:
             if progress is not None:
                 progress((before + done) / every)
 
-        fleet.finish(own, tell)
+        batch.finish(own, tell)
         before += sum(len(simulation.position) for simulation in own.values())
-        records |= {number: own[place].record(fleet.rows[place]) for place, number in group.items()}
+        records |= {number: own[place].record(batch.rows[place]) for place, number in group.items()}
     return [records[number] for number in range(len(simulations))]
 
 
@@ -131,7 +131,7 @@ _ONE: dict[str, tuple[tuple[type, ...], str]] = {
 }
 
 
-class Fleet:
+class Batch:
     """Places for simulations of one machine, perturbed or not, that are stepped together.
 
     Args:
@@ -149,7 +149,7 @@ class Fleet:
     def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
         whole("places", places, 1)
         threads = 0 if threads is None else whole("threads", threads, 1)
-        self._batch = Batch(machine.physics, places, nthread=threads)
+        self._batch = mujoco.batch.Batch(machine.physics, places, nthread=threads)
         self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
         self._models = [machine.physics] * places
         self._source = machine.source
@@ -160,14 +160,14 @@ class Fleet:
         """Put simulations at their start into places, over whatever is there.
 
         Args:
-            simulations: by place; their logs are written to as the fleet steps.
+            simulations: by place; their logs are written to as the batch steps.
 
         Raises:
             GantryError: a simulation of a machine of another MJCF.
         """
         for place, simulation in simulations.items():
             if simulation.machine.source != self._source:
-                raise GantryError(f"a fleet of {self._source} cannot take a simulation of {simulation.machine.source}")
+                raise GantryError(f"a batch of {self._source} cannot take a simulation of {simulation.machine.source}")
             self._models[place] = simulation.model
         self._batch.set_models(self._models)
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)

@@ -121,7 +121,7 @@ def _sent(
         "commanded": commanded,
         "commanded_tip": tip,
         "flow": dispenser.flows(dispense, speed, period),
-        "asked": dispenser.asked(dispense, speed),
+        "flow_demand": dispenser.flow_demand(dispense, speed),
         "dispense": dispense,
         "gap": machine.gap,
     }

@@ -9,7 +9,7 @@ import mujoco
 from gantrysim.controllers.servo import PlainLaw, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.recording import perfect_record
-from gantrysim.engine.simulation import Simulation, positions, ready
+from gantrysim.engine.simulation import Simulation, axis_positions, checked_dispenser
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.hook import installed, installed_law
@@ -83,4 +83,6 @@ def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispe
     Raises:
         InputError: setpoints that the machine cannot follow, as for `simulate`.
     """
-    return perfect_record(machine, setpoints, positions(machine, setpoints), ready(dispenser, setpoints))
+    return perfect_record(
+        machine, setpoints, axis_positions(machine, setpoints), checked_dispenser(dispenser, setpoints)
+    )

@@ -57,8 +57,8 @@ class Simulation:
         dispenser: Dispenser | None = None,
     ) -> Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
-        dispenser = ready(dispenser, setpoints)
-        position = positions(machine, setpoints)
+        dispenser = checked_dispenser(dispenser, setpoints)
+        position = axis_positions(machine, setpoints)
         if servo.axes != len(machine.axes):
             raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
         if abs(servo.period - setpoints.period) > 1e-12:
@@ -157,14 +157,14 @@ class Simulation:
                 row["speed_limit"][0, a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)
 
 
-def ready(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
+def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
     """Return the dispenser, or one that lays nothing, after a look at whether its start lead can be met."""
-    ready = Dispenser() if dispenser is None else dispenser
-    ready.check(setpoints)
-    return ready
+    checked = Dispenser() if dispenser is None else dispenser
+    checked.check(setpoints)
+    return checked
 
 
-def positions(machine: Machine, setpoints: Setpoints) -> Floats:
+def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes).
 
     Raises:

@@ -11,9 +11,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.frames import Frames
 from gantrysim.env.settings import Settings
-from gantrysim.env.side_by_side import SideBySide
 from gantrysim.errors import InputError
 from gantrysim.run import Run
 
@@ -67,8 +67,8 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
         reward_ripple = -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the most,
         reward_fault = -12 for the interval of a fault and for each that it leaves undone,
 
-    so that no fault pays; one can cost some thousand times what a good interval does. Stability is rewarded only through
-    the ripple: check what was learnt with `gantrysim.stability.margins`. `info` also holds contour_rms and contour_max
+    so that no fault pays; one can cost some thousand times what a good interval does. Stability is rewarded only
+    through the ripple: check what was learnt with `gantrysim.stability.margins`. `info` also holds contour_rms and contour_max
     [mm], 0 in an interval without glue; ripple, the torque ripple while the dispenser is on as a share of the nominal
     drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, as text or None; and, when an episode is over,
     episode_contour_rms and episode_contour_max [mm] of the part that was run, nan where it had no glue. The `info` of
@@ -90,7 +90,7 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
     def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
         EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
         self.settings = Settings.of(settings)
-        self._episodes = SideBySide(self.settings, 1, 1)
+        self._episodes = EpisodeBatch(self.settings, 1, 1)
         self.observation_space, self.action_space = self._episodes.observation_space, self._episodes.action_space
         self.render_mode = render_mode
         self._frames = Frames(render_mode, size)

@@ -19,7 +19,7 @@ from pydantic import (
 
 from gantrysim.errors import InputError, finite, positive, unknown, whole
 from gantrysim.job.job import Job, ServoSettings, one_line
-from gantrysim.machine.tolerances import Spread
+from gantrysim.machine.tolerances import Tolerances
 
 Range = float | tuple[float, float]  # a fixed value, or the lowest and the highest that are drawn
 
@@ -61,7 +61,7 @@ class Settings(BaseModel):
     thickness: Range = (6.0, 12.0)
     speed: Range = (50.0, 150.0)
     acceleration: float = 1000.0
-    spread: Spread | None = Spread()
+    spread: Tolerances | None = Tolerances()
     decision_interval: float = 0.1
     tolerance: float = 0.05
     gain_range: float = 10.0
@@ -87,7 +87,7 @@ class Settings(BaseModel):
     @field_validator("spread", mode="before")
     @classmethod
     def _spread_in_words(cls, value: Any) -> Any:
-        return Spread.parse(value) if isinstance(value, str) else value
+        return Tolerances.parse(value) if isinstance(value, str) else value
 
     @field_validator("diameter", "turns", "thickness", "speed", mode="wrap")
     @classmethod

@@ -14,9 +14,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.frames import Frames
 from gantrysim.env.settings import Settings
-from gantrysim.env.side_by_side import SideBySide
 from gantrysim.errors import InputError, unknown, whole
 from gantrysim.run import Run
 
@@ -71,7 +71,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
             **settings,
         )
         self.settings = Settings.of(settings)
-        self._episodes = SideBySide(self.settings, self.num_envs, threads)
+        self._episodes = EpisodeBatch(self.settings, self.num_envs, threads)
         self.single_observation_space = self._episodes.observation_space
         self.single_action_space = self._episodes.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -58,7 +58,7 @@ class ServoSettings(BaseModel):
     resolution: PerAxis = _setting(None, "of the encoder, the machine's own; 0 for an exact one [mm or deg]")
 
 
-class Simulation(BaseModel):
+class SimulationSettings(BaseModel):
     """Longest physics step, by default the machine's own, and how long the last position is held at the end [s]."""
 
     model_config = _STRICT
@@ -89,7 +89,7 @@ class Job(BaseModel):
     servo: ServoSettings = ServoSettings()
     dispenser: Dispenser = Dispenser()
     bead: BeadSettings = BeadSettings()
-    simulation: Simulation = Simulation()
+    simulation: SimulationSettings = SimulationSettings()
 
     @field_validator("program")
     @classmethod
@@ -289,7 +289,7 @@ def _servo_table(file: Path) -> dict[str, Any]:
 
 
 def _known_keys(content: dict[str, Any]) -> list[str]:
-    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": Simulation}
+    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": SimulationSettings}
     known = ["name", "machine", "program.controller"]
     known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
     known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]

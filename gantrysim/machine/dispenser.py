@@ -119,7 +119,7 @@ class Dispenser:
     def _unit(self) -> str:
         return "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
 
-    def asked(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
+    def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
         """Return the flow that the program asks for, without leads and lags, over each tick's period, (n,) [mm³/s].
 
         Args:

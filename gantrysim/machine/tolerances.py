@@ -15,7 +15,7 @@ from gantrysim.machine.perturbation import FACTORS, Perturbation
 
 
 @dataclass(frozen=True)
-class Spread:
+class Tolerances:
     """How far machines differ; what is 0 does not.
 
     A payload lies evenly between 0 and its spread. A factor lies between 1 / (1 + spread) and 1 + spread, evenly on a
@@ -42,7 +42,7 @@ class Spread:
             at_least(f"spread of {f.name}", getattr(self, f.name), 0, "kg" if f.name == "payload" else "")
 
     @classmethod
-    def parse(cls, text: str) -> Spread:
+    def parse(cls, text: str) -> Tolerances:
         """Return a spread from words, as in "payload=0.5,friction=0.3"; what is left out keeps its default.
 
         Raises:
@@ -132,7 +132,7 @@ def _scaled(name: str, spread: float, unit: Floats) -> Floats:
 
 
 def in_words(factor: str) -> str:
-    """Return what a factor of `Spread` or of a study's columns is called, as in "friction of x"."""
+    """Return what a factor of `Tolerances` or of a study's columns is called, as in "friction of x"."""
     words = {
         "payload_kg": "payload",
         "payload": "payload",

@@ -8,17 +8,17 @@ and the shape of the path are the job's and not those that the standards prescri
 from gantrysim.metrics.analysis import (
     THOUSANDTH,
     Analysis,
-    Figures,
+    AnalysisValues,
+    ErrorSize,
     Range,
-    Spread,
-    figures,
     path_speed,
     speed_ripple,
     steady,
     torque_ripple,
     tracking_error,
+    values,
 )
-from gantrysim.metrics.budget import LINKS, Budget, BudgetFigures, Part, PartFigures, TurnFigures
+from gantrysim.metrics.budget import LINKS, Budget, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace
 from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.spacing import Spacing, spacing

@@ -26,14 +26,14 @@ _START_AND_END = 0.05  # of the dispensing time, each
 
 
 @dataclass(frozen=True)
-class Spread:
+class ErrorSize:
     """Root mean square and largest magnitude of an error."""
 
     rms: float
     max: float
 
     @classmethod
-    def of(cls, error: Floats) -> Spread:
+    def of(cls, error: Floats) -> ErrorSize:
         return cls(float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))))
 
 
@@ -52,7 +52,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Figures:
+class AnalysisValues:
     """The figures of a run, in mm, s and mm/s; of a rotary axis in deg.
 
     Attributes:
@@ -69,10 +69,10 @@ class Figures:
     """
 
     spacing: Range | None
-    tracking: dict[str, Spread]
-    tracking_along: Spread
-    generation: Spread
-    contour: Spread
+    tracking: dict[str, ErrorSize]
+    tracking_along: ErrorSize
+    generation: ErrorSize
+    contour: ErrorSize
     speed: Range
     path_length: float
     duration: float
@@ -129,7 +129,7 @@ class Analysis:
         return spacing_of(self.run.requested, self.nozzle, self.ticks)
 
     @cached_property
-    def figures(self) -> Figures:
+    def values(self) -> AnalysisValues:
         """The figures; of a run that a fault ended, those up to the fault."""
         run, on = self.run, self.ticks
         along = dot((run.commanded_tip - run.encoder_tip)[on], run.requested.tangent(self.commanded.s))
@@ -137,12 +137,12 @@ class Analysis:
         steps = np.linalg.norm(np.diff(run.commanded_tip[on], axis=0), axis=1)
         moving = np.flatnonzero(np.any(np.diff(run.commanded, axis=0) != 0, axis=1))
         x, y, z = run.nozzle[-1].tolist()
-        return Figures(
+        return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
-            tracking={name: Spread.of(error[on, a]) for a, name in enumerate(run.axes)},
-            tracking_along=Spread.of(along),
-            generation=Spread.of(self.commanded.distance),
-            contour=Spread.of(self.nozzle.distance),
+            tracking={name: ErrorSize.of(error[on, a]) for a, name in enumerate(run.axes)},
+            tracking_along=ErrorSize.of(along),
+            generation=ErrorSize.of(self.commanded.distance),
+            contour=ErrorSize.of(self.nozzle.distance),
             speed=Range.of(path_speed(run)[on]),
             path_length=float(steps[np.diff(on) == 1].sum()),
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
@@ -150,13 +150,13 @@ class Analysis:
         )
 
 
-def figures(run: Run) -> Figures:
+def values(run: Run) -> AnalysisValues:
     """Return the figures of a run; of one that a fault ended, those up to the fault.
 
     Raises:
         InputError: the dispenser is never on.
     """
-    return Analysis(run).figures
+    return Analysis(run).values
 
 
 def tracking_error(run: Run) -> Floats:

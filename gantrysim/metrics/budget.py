@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.paths.path import Projection
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.analysis import Analysis, Spread
+from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.spacing import one_way
 from gantrysim.run import Run
 
@@ -63,8 +63,8 @@ class Part:
 
 
 @dataclass(frozen=True)
-class PartFigures:
-    """Figures of a part of the error.
+class PartValues:
+    """AnalysisValues of a part of the error.
 
     Attributes:
         rms: root mean square of its magnitude [mm].
@@ -87,8 +87,8 @@ class PartFigures:
 
 
 @dataclass(frozen=True)
-class TurnFigures:
-    """Figures of one turn.
+class TurnValues:
+    """AnalysisValues of one turn.
 
     Attributes:
         turn: 1 for the first.
@@ -98,11 +98,11 @@ class TurnFigures:
 
     turn: int
     s: tuple[float, float]
-    parts: dict[str, Spread]
+    parts: dict[str, ErrorSize]
 
 
 @dataclass(frozen=True)
-class BudgetFigures:
+class BudgetValues:
     """The figures of a budget.
 
     Attributes:
@@ -112,10 +112,10 @@ class BudgetFigures:
         turns: by turn, for a path of more than one.
     """
 
-    parts: dict[str, PartFigures]
-    contour: PartFigures
-    lag: Spread
-    turns: tuple[TurnFigures, ...]
+    parts: dict[str, PartValues]
+    contour: PartValues
+    lag: ErrorSize
+    turns: tuple[TurnValues, ...]
 
 
 class Budget:
@@ -165,12 +165,12 @@ class Budget:
         return turn
 
     @cached_property
-    def figures(self) -> BudgetFigures:
+    def values(self) -> BudgetValues:
         """The figures of the budget."""
-        return BudgetFigures(
-            parts={name: self.figures_of(part) for name, part in self.parts.items()},
-            contour=self.figures_of(self.contour),
-            lag=Spread.of(self.lag),
+        return BudgetValues(
+            parts={name: self.values_of(part) for name, part in self.parts.items()},
+            contour=self.values_of(self.contour),
+            lag=ErrorSize.of(self.lag),
             turns=self._turns(),
         )
 
@@ -194,7 +194,7 @@ class Budget:
             parts[name] = Part(dot(shift, normal), dot(shift, binormal))
         return parts
 
-    def figures_of(self, part: Part) -> PartFigures:
+    def values_of(self, part: Part) -> PartValues:
         """Return the figures of a part of the error.
 
         Args:
@@ -206,7 +206,7 @@ class Budget:
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()
-        return PartFigures(
+        return PartValues(
             rms=float(np.sqrt(np.mean(size**2))),
             p95=float(np.percentile(size, _PERCENTILE)),
             max=float(size[k]),
@@ -216,7 +216,7 @@ class Budget:
             point=(x, y, z),
         )
 
-    def _turns(self) -> tuple[TurnFigures, ...]:
+    def _turns(self) -> tuple[TurnValues, ...]:
         if self.turn.max() < 1:
             return ()
         sizes = {name: part.size for name, part in {**self.parts, "contour": self.contour}.items()}
@@ -224,8 +224,8 @@ class Budget:
         for turn in range(self.turn.max() + 1):
             here = np.flatnonzero(self.turn == turn)
             s = self.analysis.nozzle.s[here]
-            parts = {name: Spread.of(size[here]) for name, size in sizes.items()}
-            figures.append(TurnFigures(turn + 1, (float(s.min()), float(s.max())), parts))
+            parts = {name: ErrorSize.of(size[here]) for name, size in sizes.items()}
+            figures.append(TurnValues(turn + 1, (float(s.min()), float(s.max())), parts))
         return tuple(figures)
 
 

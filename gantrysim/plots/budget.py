@@ -26,9 +26,9 @@ def draw_budget(figure: Figure, budget: Budget) -> None:
 
     A share below zero, of a link that makes good for others, stands to the left of zero, or below it.
     """
-    turns = budget.figures.turns
+    turns = budget.values.turns
     whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
-    shares = {name: np.array([part.share]) for name, part in budget.figures.parts.items()}
+    shares = {name: np.array([part.share]) for name, part in budget.values.parts.items()}
     stack_bars(whole, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
     at = 0.0
     for name, share in shares.items():
@@ -84,7 +84,7 @@ def draw_budget_along(figure: Figure, budget: Budget) -> None:
 
 def _turn_starts(budget: Budget) -> Floats:
     """Return where on the requested path each turn begins, of a path of more than one turn, (t,) [mm]."""
-    return np.array([turn.s[0] for turn in budget.figures.turns])
+    return np.array([turn.s[0] for turn in budget.values.turns])
 
 
 def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:

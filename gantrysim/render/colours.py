@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.bead.sweep import Sweep
-from gantrysim.bead.trace import BeadSettings, Strand
+from gantrysim.bead.trace import BeadSettings, BeadTrace
 from gantrysim.errors import unknown
 from gantrysim.run import Run
 
@@ -92,29 +92,31 @@ def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | N
         low, high = 0.0, _rounded_up(max(float(usual[1]), _LEAST_ERROR))
         title, unit, name, part = "contour error", "µm", "viridis", (0.22, 1.0)
     else:
-        nominal = float(sweeps[0].strand.nominal_section.width[0]) or float(np.median(values)) or 1.0  # without glue
+        nominal = (
+            float(sweeps[0].bead_trace.nominal_section.width[0]) or float(np.median(values)) or 1.0
+        )  # without glue
         reach = min(_rounded_up(max(float(np.abs(usual - nominal).max()), _LEAST_WIDTH * nominal)), nominal)
         low, high = nominal - reach, nominal + reach
         title, unit, name, part = "width of the bead", "mm", "coolwarm", (0.0, 1.0)
     return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), _table(name, *part))
 
 
-def errors_along(strand: Strand) -> Floats:
+def errors_along(bead_trace: BeadTrace) -> Floats:
     """Return the contour error at the stations of a bead, (r,) [µm]; where the dispenser is off that about there."""
-    run = strand.run
+    run = bead_trace.run
     if not run.dispense.any():
-        return np.zeros(strand.place.size)
+        return np.zeros(bead_trace.place.size)
     ticks = np.arange(len(run.time), dtype=np.float64)
-    return strand.along(_UM * np.interp(ticks, strand.analysis.ticks, strand.analysis.nozzle.distance))
+    return bead_trace.along(_UM * np.interp(ticks, bead_trace.analysis.ticks, bead_trace.analysis.nozzle.distance))
 
 
 def _values(colour: str, sweep: Sweep) -> Floats:
     """Return what colours a whole bead at each place of its rings, (k,)."""
-    mesh = sweep.mesh(len(sweep.strand.run.time) - 1)
+    mesh = sweep.mesh(len(sweep.bead_trace.run.time) - 1)
     _, first = np.unique(mesh.place, return_index=True)  # of the rings of an end, and of those that wait
     if colour == "width":
         return mesh.width[first]
-    return np.interp(mesh.place[first], sweep.strand.place, errors_along(sweep.strand))
+    return np.interp(mesh.place[first], sweep.bead_trace.place, errors_along(sweep.bead_trace))
 
 
 def _rounded_up(value: float) -> float:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.bead.trace import Strand
+from gantrysim.bead.trace import BeadTrace
 
 _WETTED = 1.0  # of the thread's radius, that the glue climbs up the needle
 _HANGS = 3.0  # thread radii that a drop hangs down, off the surface
@@ -27,7 +27,7 @@ class Drop(NamedTuple):
     half_height: float
 
 
-def drop_at(strand: Strand, tick: int) -> Drop | None:
+def drop_at(bead_trace: BeadTrace, tick: int) -> Drop | None:
     """Return the drop at a tick, or None where no glue flows.
 
     It is as thick as the free thread that the glue makes: of the nominal section A,
@@ -37,14 +37,14 @@ def drop_at(strand: Strand, tick: int) -> Drop | None:
     with the flow Q and the largest of the run, Q0. It wets the needle, and reaches down to the surface, or hangs where
     the nozzle stands high above it.
     """
-    run = strand.run
+    run = bead_trace.run
     flow, most = float(run.flow[tick]), float(run.flow.max())
-    section = strand.nominal if strand.nominal > 0 else float(strand.area.max())
+    section = bead_trace.nominal if bead_trace.nominal > 0 else float(bead_trace.area.max())
     if flow <= 0 or section <= 0:
         return None
     radius = float(np.sqrt(section / np.pi * flow / most))
     tip = run.nozzle[tick]
-    height = float(tip[2] - strand.surface[tick])
+    height = float(tip[2] - bead_trace.surface[tick])
     top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)
     centre = tip + np.array([0.0, 0.0, 0.5 * (top - bottom)])
     return Drop(1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom))

@@ -68,7 +68,7 @@ class Scene:
     def _take(self, run: Run, sweep: Sweep) -> None:
         self.run, self.sweep = run, sweep
         if self._colour == "error":
-            self._errors = errors_along(sweep.strand)
+            self._errors = errors_along(sweep.bead_trace)
 
     def show(self, run: Run) -> None:
         """Show another run of the machine from now on, with as many rings of the bead.
@@ -76,7 +76,7 @@ class Scene:
         Raises:
             TooFewRingsError: they are too few for the ends of all its stretches.
         """
-        self._take(run, Sweep(run, self.sweep.strand.settings, self.sweep))
+        self._take(run, Sweep(run, self.sweep.bead_trace.settings, self.sweep))
 
     def pose(self, tick: int) -> None:
         """Put the machine where it stood at a tick, with the bead laid until then."""
@@ -85,11 +85,11 @@ class Scene:
         mesh = self.sweep.mesh(tick)
         self._vertices[:], self._normals[:] = mesh.vertices, mesh.normals
         if self.scale is not None:
-            strand = self.sweep.strand
-            values = mesh.width if self._colour == "width" else np.interp(mesh.place, strand.place, self._errors)
+            bead_trace = self.sweep.bead_trace
+            values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._errors)
             coordinates = _mesh_part(self.model, self.mesh, "texcoord")
             coordinates[:, 0] = _in_texture(self.scale.share(values)).repeat(len(coordinates) // len(values))
-        self._drop = drop_at(self.sweep.strand, tick)
+        self._drop = drop_at(self.sweep.bead_trace, tick)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add what is no part of the model, the drop at the nozzle, to a scene that holds the model's geoms."""
@@ -131,7 +131,7 @@ class Scene:
 def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.MjModel:
     """Compile the machine once more with the bead's mesh on the work, in the work's own frame."""
     spec = machine.spec.copy()
-    drawn = sweep.mesh(len(sweep.strand.run.time) - 1)
+    drawn = sweep.mesh(len(sweep.bead_trace.run.time) - 1)
     mesh = spec.add_mesh(name=_BEAD)
     # the compiler wants a body with a volume; the vertices that are drawn are written afterwards
     mesh.uservert = np.random.default_rng(0).uniform(-1, 1, drawn.vertices.size).astype(np.float32)
@@ -157,14 +157,14 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
     # views and light are scaled to the machine, and to the bead where that is larger
     model.stat.center[:] = machine.model.stat.center
     model.stat.extent = max(
-        float(machine.model.stat.extent), 2e-3 * float(np.ptp(sweep.strand.run.nozzle, axis=0).max())
+        float(machine.model.stat.extent), 2e-3 * float(np.ptp(sweep.bead_trace.run.nozzle, axis=0).max())
     )
     return model
 
 
 def _add_piece(spec: mujoco.MjSpec, sweep: Sweep) -> None:
     """Put a body under a bead that climbs."""
-    piece = workpiece(sweep.strand.run, sweep.strand.settings)
+    piece = workpiece(sweep.bead_trace.run, sweep.bead_trace.settings)
     if piece is None:
         return
     mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)

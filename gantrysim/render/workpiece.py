@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.bead import BeadSettings
-from gantrysim.bead.trace import Strand
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
 
@@ -59,10 +59,10 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
     """
     if not run.dispense.any() or run.requested.table[1][:, 2].max() < _FLAT:
         return None
-    strand = Strand(run, bead)
-    width = float(strand.nominal_section.width[0]) if strand.nominal > 0 else 0.0
-    track = _track(run, Analysis(run), strand.gap)
-    if width <= 0 or track is None or track.point[:, 2].max() < _FLAT - strand.gap:
+    bead_trace = BeadTrace(run, bead)
+    width = float(bead_trace.nominal_section.width[0]) if bead_trace.nominal > 0 else 0.0
+    track = _track(run, Analysis(run), bead_trace.gap)
+    if width <= 0 or track is None or track.point[:, 2].max() < _FLAT - bead_trace.gap:
         return None
     floor = -run.gap
     clear = 0.5 * width + _NEEDLE

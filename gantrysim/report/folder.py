@@ -15,13 +15,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from gantrysim.bead import BeadFigures
+from gantrysim.bead import BeadValues
 from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.analysis import Range, Spread, torque_ripple
-from gantrysim.metrics.budget import Budget, PartFigures
+from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
+from gantrysim.metrics.budget import Budget, PartValues
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
 
@@ -137,7 +137,7 @@ def _alive(process: int) -> bool:
     return True
 
 
-def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None = None) -> None:
+def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None) -> None:
     """Write the job, the record, the summary, and what the controller has recorded into a folder."""
     run = budget.analysis.run
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
@@ -148,22 +148,22 @@ def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: Be
         job.controller.record.write(run, folder / RECORD, job.controller.group.position_error_delay)
 
 
-def summary(job: Job, machine: Machine, budget: Budget, bead: BeadFigures | None = None) -> dict[str, Any]:
+def summary(job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
     error_budget holds by link, and for the whole as contour, what it adds to the error normal to the path
-    (`PartFigures`), by axis what the following error of each makes of the tracking part, and the links' errors by
+    (`PartValues`), by axis what the following error of each makes of the tracking part, and the links' errors by
     turn of a spiral; contour_error_um is the nozzle's distance to the path, which is more than error_budget's contour
     where the nozzle is beyond an end or outside a corner; requested_spacing_mm is null where the path asks for none,
     and bead_spacing_mm where the trace has no neighbouring turns; tracking_error_um.path is the tracking error along
     the path; tracking_error_mdeg, that of the rotary axes, is there only where the machine has some; path_length_mm
     is that of the commanded path while the dispenser was on; duration_s is the time at which the commanded motion
     ends; end_point_mm is the nozzle in the work frame when the run ends; servo holds by axis the ripple of its torque
-    demand and the margins of its loop, null where there is none; bead holds the figures of `BeadFigures` and
+    demand and the margins of its loop, null where there is none; bead holds the figures of `BeadValues` and
     is null where no glue is asked for; notes are what the controller had to say of its program; fault is null where
     the run went through.
     """
-    run, figures = budget.analysis.run, budget.analysis.figures
+    run, figures = budget.analysis.run, budget.analysis.values
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
     for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
         tracking[unit][name] = _thousandths(spread)
@@ -202,12 +202,12 @@ def package_versions() -> dict[str, str]:
 
 
 def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
-    def of(part: PartFigures) -> dict[str, Any]:
+    def of(part: PartValues) -> dict[str, Any]:
         lengths = {f"{name}_um": _THOUSANDTHS * getattr(part, name) for name in ("rms", "p95", "max")}
         where = {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)}
         return {**lengths, "share": part.share, "at_max": where}
 
-    figures = budget.figures
+    figures = budget.values
     turns = [
         {"turn": turn.turn, "s_mm": list(turn.s), **{name: _um(spread) for name, spread in turn.parts.items()}}
         for turn in figures.turns
@@ -216,7 +216,7 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
         **{link: of(part) for link, part in figures.parts.items()},
         "contour": of(figures.contour),
         "tracking_by_axis": {
-            axis: of(budget.figures_of(part)) for axis, part in budget.tracking_by_axis(machine).items()
+            axis: of(budget.values_of(part)) for axis, part in budget.tracking_by_axis(machine).items()
         },
         "lag_um": _thousandths(figures.lag),
         "turns": turns,
@@ -251,11 +251,11 @@ def _margins(margins: Margins) -> dict[str, Any]:
     }
 
 
-def _um(spread: Spread) -> dict[str, float]:
+def _um(spread: ErrorSize) -> dict[str, float]:
     return {f"{name}_um": value for name, value in _thousandths(spread).items()}
 
 
-def _bead(figures: BeadFigures) -> dict[str, Any]:
+def _bead(figures: BeadValues) -> dict[str, Any]:
     def of(values: Range | None) -> dict[str, float] | None:
         return None if values is None else asdict(values)
 
@@ -295,7 +295,7 @@ def _fault(run: Run) -> dict[str, Any] | None:
     return {**numbers, "text": str(run.fault)}
 
 
-def _thousandths(spread: Spread) -> dict[str, float]:
+def _thousandths(spread: ErrorSize) -> dict[str, float]:
     return {"rms": _THOUSANDTHS * spread.rms, "max": _THOUSANDTHS * spread.max}
 
 

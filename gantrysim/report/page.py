@@ -81,7 +81,7 @@ def run_sections(job: Job, machine: Machine, bead: Bead, video: Path | None = No
 
 def headline(budget: Budget) -> str:
     """Return the sentence that says which link of the chain caused most of the contour error, with figures."""
-    figures = budget.figures
+    figures = budget.values
     whole = figures.contour
     if whole.rms < _NOTHING:
         until = "" if budget.analysis.run.fault is None else "Until the fault "
@@ -105,7 +105,7 @@ def headline(budget: Budget) -> str:
 
 
 def _summary(analysis: Analysis, budget: Budget) -> Section:
-    figures, run = analysis.figures, analysis.run
+    figures, run = analysis.values, analysis.run
     facts = [
         ("Contour error, rms", f"{_UM * figures.contour.rms:.1f} µm", f"max {_UM * figures.contour.max:.1f} µm"),
         (

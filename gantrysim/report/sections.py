@@ -11,7 +11,7 @@ from gantrysim import plots
 from gantrysim.bead import Bead
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, Range
-from gantrysim.metrics.budget import Budget, PartFigures
+from gantrysim.metrics.budget import Budget, PartValues
 from gantrysim.report.document import Column, Section, Table
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _MEANS = {
 
 def budget_section(budget: Budget, machine: Machine) -> Section:
     """Return the section of the error budget."""
-    figures = budget.figures
+    figures = budget.values
     columns: list[str | Column] = [
         "link",
         "from one of its ends to the other",
@@ -47,7 +47,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         "x, y, z [mm]",
     ]
 
-    def row(name: str, meaning: str, part: PartFigures) -> list[str | float | None]:
+    def row(name: str, meaning: str, part: PartValues) -> list[str | float | None]:
         numbers = [100 * part.share, *(_UM * value for value in (part.rms, part.p95, part.max))]
         point = ",\N{NO-BREAK SPACE}".join(f"{value:.1f}".replace("-", "−") for value in part.point)
         where = [None] * 3 if part.rms < _NOTHING else [part.s, part.time, point]
@@ -62,7 +62,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         plots.COLOURS,
     )
     by_axis = [
-        row(name, "its following error", budget.figures_of(part))
+        row(name, "its following error", budget.values_of(part))
         for name, part in budget.tracking_by_axis(machine).items()
     ]
     axes = Table(["axis", "part", *columns[2:]], by_axis, "What every axis makes of the tracking part, to first order")
@@ -94,7 +94,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
 
 def errors_section(analysis: Analysis) -> Section:
     """Return the section of the errors over time."""
-    figures, run = analysis.figures, analysis.run
+    figures, run = analysis.values, analysis.run
     axes: list[list[str | float]] = [
         [name, THOUSANDTH[unit], 1e3 * spread.rms, 1e3 * spread.max]
         for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True)
@@ -120,7 +120,7 @@ def _turns(budget: Budget) -> Table:
     columns += [Column(f"{name}, rms [µm]", ".1f") for name in names]
     columns.append(Column("contour, max [µm]", ".1f"))
     rows = []
-    for turn in budget.figures.turns:
+    for turn in budget.values.turns:
         rms = [_UM * turn.parts[name].rms for name in names]
         rows.append([turn.turn, *turn.s, *rms, _UM * turn.parts["contour"].max])
     return Table(columns, rows, "By turn of the path's tangent")
@@ -153,7 +153,7 @@ def spacing_section(analysis: Analysis) -> Section:
 
 def bead_section(bead: Bead) -> Section:
     """Return the section of a bead, of a run that asks for glue."""
-    figures = bead.figures
+    figures = bead.values
     columns: list[str | Column] = ["", "unit", *(Column(name, ".3f") for name in ("mean", "std", "min", "max"))]
 
     def row(name: str, unit: str, values: Range | None) -> list[str | float]:

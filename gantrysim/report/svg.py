@@ -1,4 +1,4 @@
-"""Figures as SVG that stands inside an HTML page."""
+"""AnalysisValues as SVG that stands inside an HTML page."""
 
 from __future__ import annotations
 

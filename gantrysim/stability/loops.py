@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.stability.linear import Complexes, Linear
+from gantrysim.stability.linear_model import Complexes, Linear
 
 _LOWEST = 1e-5  # of the grid of frequencies, of the Nyquist frequency
 _PER_DECADE = 80

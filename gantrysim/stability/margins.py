@@ -20,7 +20,7 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, at_least, positive
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.stability.linear import Complexes, Linear, UnknownLoopError, linearised
+from gantrysim.stability.linear_model import Complexes, Linear, UnknownLoopError, linearised
 from gantrysim.stability.loops import Gridded, Loops
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this has no lower gain margin

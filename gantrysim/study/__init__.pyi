@@ -2,10 +2,10 @@ from .backends import on_backend as on_backend
 from .cases import OK as OK
 from .cases import Case as Case
 from .cases import Row as Row
-from .cases import figures_row as figures_row
 from .cases import measure as measure
 from .cases import simulated as simulated
-from .checks import NoFiguresError as NoFiguresError
+from .cases import values_row as values_row
+from .checks import NoValuesError as NoValuesError
 from .circle import CircleStudy as CircleStudy
 from .ledger import Ledger as Ledger
 from .loop import LoopStudy as LoopStudy

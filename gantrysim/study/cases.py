@@ -130,9 +130,9 @@ def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:
 
     Args:
         case: to be run.
-        figures: from the record to the row, by default `figures_row` with the bead as the job has it.
+        figures: from the record to the row, by default `values_row` with the bead as the job has it.
     """
-    return judged(lambda: simulated(case), figures or (lambda run: figures_row(run, case.job().bead)))
+    return judged(lambda: simulated(case), figures or (lambda run: values_row(run, case.job().bead)))
 
 
 def judged(run_it: Callable[[], Run], figures: Callable[[Run], Row]) -> Row:
@@ -165,7 +165,7 @@ def simulated(case: Case) -> Run:
     return job.run(machine=job.built_machine.perturbed(case.perturbation))
 
 
-def figures_row(run: Run, bead: BeadSettings | None = None) -> Row:
+def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
     """Return the figures of a run as one flat row; a key's unit stands in its name, rms, max and p95 of magnitudes.
 
     generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement and structure are
@@ -182,7 +182,7 @@ def figures_row(run: Run, bead: BeadSettings | None = None) -> Row:
         InputError: the dispenser is never on.
     """
     analysis = Analysis(run)
-    figures, budget = analysis.figures, Budget(analysis)
+    figures, budget = analysis.values, Budget(analysis)
     row: Row = {}
     errors = {"generation": analysis.commanded.distance, "contour": analysis.nozzle.distance}
     errors |= {link: budget.parts[link].size for link in ("tracking", "measurement", "structure")}

@@ -13,7 +13,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.study.cases import OK, Row, is_fault
 
 
-class NoFiguresError(InputError):
+class NoValuesError(InputError):
     """No case of a study has figures.
 
     Attributes:
@@ -38,14 +38,14 @@ def check_job(job: Job) -> None:
     simulate(job.built_machine, job.built_servo, setpoints, physics_step=job.simulation.physics_step)
 
 
-def check_figures(rows: list[Row]) -> None:
+def check_values(rows: list[Row]) -> None:
     """Refuse the rows of a study in which no case has figures.
 
     Raises:
-        NoFiguresError: it is so; the text has the first reason.
+        NoValuesError: it is so; the text has the first reason.
     """
     if any(row["status"] == OK for row in rows):
         return
     faults = [row for row in rows if is_fault(row)]
     reason = (faults or rows)[0]["status"]
-    raise NoFiguresError(f"none of the study's {len(rows)} cases has figures: {reason}", bool(faults))
+    raise NoValuesError(f"none of the study's {len(rows)} cases has figures: {reason}", bool(faults))

@@ -18,7 +18,7 @@ import tomli_w
 from gantrysim.job.job import Job
 from gantrysim.report.folder import JOB, PLOTS, Output, output_folder, versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs
-from gantrysim.study.checks import NoFiguresError, check_figures, check_job
+from gantrysim.study.checks import NoValuesError, check_job, check_values
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Measure, Progress, run_cases
 
@@ -160,7 +160,7 @@ def run_study(
     Raises:
         InputError: a folder that may not be written to, or that another study is at work in, or a job that is refused
             as it stands.
-        NoFiguresError: no case has figures; nothing is written.
+        NoValuesError: no case has figures; nothing is written.
         WorkerError: as in `run_cases`; finished rows are kept.
         StudyInterrupted: by Ctrl-C; the same call goes on.
     """
@@ -202,8 +202,8 @@ def run_study(
         except KeyboardInterrupt:
             raise StudyInterrupted(len(ledger)) from None
         try:
-            check_figures(rows)
-        except NoFiguresError:
+            check_values(rows)
+        except NoValuesError:
             ledger.remove()
             raise
         findings = study.findings(rows)

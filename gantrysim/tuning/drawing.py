@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.metrics.budget import LINKS, Budget, BudgetFigures
+from gantrysim.metrics.budget import LINKS, Budget, BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.findings import NOTHING
@@ -31,7 +31,7 @@ _FREQUENCIES = 1500
 _LOWEST = 1e-3  # of half the servo's frequency
 
 
-def draw_links(figures: Mapping[str, BudgetFigures]) -> Figure:
+def draw_links(figures: Mapping[str, BudgetValues]) -> Figure:
     """Draw the rms of every link's part, from before to after, on one logarithmic scale.
 
     Args:
@@ -89,7 +89,7 @@ def draw_path(budgets: Mapping[str, Budget]) -> Figure:
                 panel.plot(*line, color=COLOURS[name], lw=width, label=name)
             panel.axhline(0, color=INK, lw=0.6)
             panel.margins(x=0.01)
-            rms = UM * budget.figures.contour.rms
+            rms = UM * budget.values.contour.rms
             panel.set_title(f"{stage}: contour {rms:.3g} µm rms", loc="right")
         panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2)
         panels[-1].set_xlabel("place along the requested path [mm]")

@@ -12,7 +12,7 @@ from gantrysim.report import Column, Table
 from gantrysim.study.cases import Row
 from gantrysim.study.study import Plot
 from gantrysim.tuning import drawing
-from gantrysim.tuning.findings import NOTHING, label, unseen_figures
+from gantrysim.tuning.findings import NOTHING, label, unseen_values
 from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.search import Candidate, History
 from gantrysim.tuning.servo import UNITS
@@ -40,7 +40,7 @@ def figures(study: TuningStudy, rows: list[Row]) -> list[Plot]:
                 "Root mean square of the parts of the error normal to the requested path, each from one link of the "
                 "chain, on the job's own machine. Gains mend the tracking part; what the program, the encoder and the "
                 "mechanics make of the error, they do not.",
-                drawing.draw_links({stage: budget.figures for stage, budget in budgets.items()}),
+                drawing.draw_links({stage: budget.values for stage, budget in budgets.items()}),
                 tables=[_links_table(budgets)],
             ),
             Plot(
@@ -81,7 +81,7 @@ def figures(study: TuningStudy, rows: list[Row]) -> list[Plot]:
         ),
     ]
     if study.unseen:
-        values = {stage: unseen_figures(study, rows, stage) for stage in _STAGES}
+        values = {stage: unseen_values(study, rows, stage) for stage in _STAGES}
         plots.append(
             Plot(
                 "machines",
@@ -109,7 +109,7 @@ def _links_table(budgets: dict[str, Budget]) -> Table:
     rows: list[list[Any]] = []
     for link in (*LINKS, "contour"):
         parts = [
-            budget.figures.contour if link == "contour" else budget.figures.parts[link] for budget in budgets.values()
+            budget.values.contour if link == "contour" else budget.values.parts[link] for budget in budgets.values()
         ]
         of = [[_UM * part.rms, _UM * part.p95, _UM * part.max, 100 * part.share] for part in parts]
         numbers = [number for same in zip(*of, strict=True) for number in same]

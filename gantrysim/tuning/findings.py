@@ -64,7 +64,7 @@ def least_margins(stability: Stability, servo: Servo, machines: int) -> tuple[fl
     )
 
 
-def unseen_figures(study: TuningStudy, rows: list[Row], stage: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def unseen_values(study: TuningStudy, rows: list[Row], stage: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the figure on the machines not seen, before or after, (unseen,) [µm]; inf where there is none."""
     name = column(study.figure)
     return np.array([float(row[name]) if row["status"] == OK else math.inf for row in study.checked(rows, stage)])  # type: ignore[arg-type]
@@ -114,8 +114,8 @@ def _links(study: TuningStudy, start: Candidate, best: Candidate) -> list[str]:
     before, after = study.run(start.servo), study.run(best.servo)
     if after.fault is not None:
         return []
-    now = Budget(after).figures
-    was = None if before.fault is not None else Budget(before).figures
+    now = Budget(after).values
+    was = None if before.fault is not None else Budget(before).values
     if was is None:
         text = f"On the job's own machine the contour error is {_UM * now.contour.rms:.4g} µm rms: "
     else:
@@ -202,7 +202,7 @@ def _bounds(study: TuningStudy, start: Candidate, best: Candidate) -> str:
 
 
 def _unseen(study: TuningStudy, rows: list[Row], best: Candidate) -> str:
-    before, after = (unseen_figures(study, rows, stage) for stage in ("before", "after"))
+    before, after = (unseen_values(study, rows, stage) for stage in ("before", "after"))
     count, limit = study.unseen, _BEYOND * best.figure
     faults = int(np.sum(~np.isfinite(after)))
     good = [row for row in study.checked(rows, "after") if row["status"] == OK]

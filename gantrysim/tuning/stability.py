@@ -20,7 +20,7 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, finite
 from gantrysim.machine.machine import Machine
-from gantrysim.stability.linear import Complexes
+from gantrysim.stability.linear_model import Complexes
 from gantrysim.stability.margins import Margins, Plant
 from gantrysim.tuning.laws import Space
 

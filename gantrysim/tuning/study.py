@@ -9,12 +9,12 @@ from typing import Any
 
 from gantrysim.controllers.servo import Servo
 from gantrysim.engine.simulate import simulate
-from gantrysim.engine.simulation import positions
+from gantrysim.engine.simulation import axis_positions
 from gantrysim.errors import InputError, finite, positive, unknown, whole
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.machine.tolerances import Spread
+from gantrysim.machine.tolerances import Tolerances
 from gantrysim.run import Run
 from gantrysim.study.cases import Case, Row, Value
 from gantrysim.study.study import Plot, Rounds
@@ -68,7 +68,7 @@ class TuningStudy:
     margin: float = 2.0
     ripple: float = 2.0
     per_axis: bool = False
-    spread: Spread = field(default_factory=Spread)
+    spread: Tolerances = field(default_factory=Tolerances)
     unseen: int = 32
     seed: int = 1
 
@@ -195,7 +195,7 @@ class TuningStudy:
             InputError: a machine whose margins cannot be told, or one that refuses the job.
         """
         for machine in self._machines:
-            positions(machine, self.job.setpoints)
+            axis_positions(machine, self.job.setpoints)
         history = yield from self._searched()
         yield from self._checked(history)
 

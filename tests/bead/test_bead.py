@@ -95,11 +95,11 @@ def test_constant_flow_and_speed_lay_a_bead_of_constant_width(path, squashed):
     assert bead.area[inner] == pytest.approx(np.full(inner.sum(), AREA), rel=CONSTANT)
     expected = float(section(AREA, GAP if squashed else math.inf).width[0])
     assert bead.width[inner] == pytest.approx(np.full(inner.sum(), expected), rel=CONSTANT)
-    assert bead.figures.width.mean == pytest.approx(expected, rel=CONSTANT)
-    assert bead.figures.nominal == pytest.approx(AREA, rel=1e-6)
+    assert bead.values.width.mean == pytest.approx(expected, rel=CONSTANT)
+    assert bead.values.nominal == pytest.approx(AREA, rel=1e-6)
     whole = laid(XY, line())
-    assert whole.figures.width.std / whole.figures.width.mean < CONSTANT
-    assert whole.figures.width.max / whole.figures.width.min - 1 < CONSTANT
+    assert whole.values.width.std / whole.values.width.mean < CONSTANT
+    assert whole.values.width.max / whole.values.width.min - 1 < CONSTANT
 
 
 def test_half_the_speed_lays_twice_the_section():
@@ -117,11 +117,11 @@ def test_a_flow_in_proportion_to_the_speed_keeps_the_section_through_a_change_of
     proportional = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(area=AREA)))
     fixed = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(flow=AREA * 40.0)))
     assert proportional.area == pytest.approx(np.full(proportional.area.size, AREA), rel=CONSTANT)
-    assert proportional.figures.error == pytest.approx(0.0, abs=1e-6)
+    assert proportional.values.error == pytest.approx(0.0, abs=1e-6)
     assert fixed.area[40] == pytest.approx(0.4 * AREA, rel=CONSTANT)
     assert fixed.area[-40] == pytest.approx(AREA, rel=CONSTANT)
-    assert fixed.figures.asked == pytest.approx(AREA * fixed.place[-1], rel=1e-9)
-    assert fixed.figures.error == pytest.approx(-0.6 * AREA * 49.9, rel=1e-2)
+    assert fixed.values.asked == pytest.approx(AREA * fixed.place[-1], rel=1e-9)
+    assert fixed.values.error == pytest.approx(-0.6 * AREA * 49.9, rel=1e-2)
 
 
 def run_setpoints(bead):
@@ -169,7 +169,7 @@ LAGS = {"dead_time": 0.02, "opening": 0.03, "closing": 0.04}
 def test_start_and_stop_are_off_by_the_way_of_their_lags(lead):
     """By volume v (dead time + time constant - lead)."""
     dispenser = Dispenser(flow=AREA * SPEED, **LAGS, start_lead=lead, stop_lead=lead)
-    figures = laid(XY, line(200.0, start=(-100.0, 0.0)), dispenser, on=(0.4, 1.3)).figures
+    figures = laid(XY, line(200.0, start=(-100.0, 0.0)), dispenser, on=(0.4, 1.3)).values
     assert figures.start.mean == pytest.approx(SPEED * (0.05 - lead), rel=1e-4)
     assert figures.stop.mean == pytest.approx(SPEED * (0.06 - lead), rel=1e-4)
     # half the section is reached after the dead time and ln 2 time constants
@@ -198,7 +198,7 @@ def ramped(dispenser):
 @pytest.mark.parametrize("fixed", [True, False])
 def test_the_volume_error_is_the_sum_of_its_parts(fixed, lags):
     """A fixed flow on ramps of 0.2 s each asks for half of 0.4 s more; an area for none; no lags, no more."""
-    figures = ramped(Dispenser(**({"flow": AREA * SPEED} if fixed else {"area": AREA}), **lags)).figures
+    figures = ramped(Dispenser(**({"flow": AREA * SPEED} if fixed else {"area": AREA}), **lags)).values
     parts = figures.ramps + figures.starts + figures.running + figures.stops
     assert parts == pytest.approx(figures.error, abs=1e-9)
     assert figures.dispenser == pytest.approx(figures.error - figures.ramps, abs=1e-9)
@@ -217,18 +217,18 @@ def test_the_volume_error_is_the_sum_of_its_parts(fixed, lags):
 def test_what_a_limit_withholds_is_told_while_running_and_not_as_a_late_start():
     """Three quarters of what is asked for at speed: a quarter is missing all the way but on the ramps' lower parts."""
     dispenser = Dispenser(area=AREA, limit=0.75 * AREA * SPEED, dead_time=0.01, opening=0.01, closing=0.01)
-    figures = ramped(dispenser).figures
+    figures = ramped(dispenser).values
     assert figures.running == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
     assert figures.ramps == pytest.approx(0.0, abs=1e-9)
     assert figures.start.mean < 8.0  # [mm], where the whole way lacks 27 mm
     assert figures.starts + figures.running + figures.stops == pytest.approx(figures.error, abs=1e-9)
-    whole = ramped(replace(dispenser, limit=math.inf)).figures
+    whole = ramped(replace(dispenser, limit=math.inf)).values
     assert whole.running == pytest.approx(0.0, abs=1e-2)
 
 
 def test_a_start_that_an_advance_makes_good_is_no_error():
     bead = ramped(Dispenser(flow=AREA * SPEED, opening=0.02, closing=0.02, advance=0.02))
-    assert bead.figures.start.mean == pytest.approx(0.0, abs=1e-3)
+    assert bead.values.start.mean == pytest.approx(0.0, abs=1e-3)
 
 
 def test_starts_and_stops_are_told_of_every_stretch():
@@ -239,27 +239,27 @@ def test_starts_and_stops_are_told_of_every_stretch():
     setpoints = replace(run_setpoints(bead), dispense=dispense)
     bead = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(flow=AREA * SPEED, dead_time=0.01)))
     assert len(bead.stretches) == 2
-    for values in (bead.figures.start, bead.figures.stop, bead.figures.begins, bead.figures.ends):
+    for values in (bead.values.start, bead.values.stop, bead.values.begins, bead.values.ends):
         assert values.mean == pytest.approx(1.0, abs=PLACE)
         assert values.std < PLACE
-    assert bead.figures.laid == pytest.approx(AREA * SPEED * dispense.sum() * PERIOD)
+    assert bead.values.laid == pytest.approx(AREA * SPEED * dispense.sum() * PERIOD)
     # all of them count in the ranges, and what happens within one counts neither as its begin nor as its end
     heavy = np.where(time < 0.8, 2.0, 1.0) * np.where((np.abs(time - 0.3) < 0.02) | (np.abs(time - 1.6) < 0.02), 0, 1)
     other = Bead(replace(bead.run, flow=bead.run.flow * heavy))
-    assert other.figures.section.max == pytest.approx(2 * AREA, rel=CONSTANT)
-    assert other.figures.begins.mean == pytest.approx(1.0, abs=0.2)
-    assert other.figures.ends.mean == pytest.approx(1.0, abs=0.2)
+    assert other.values.section.max == pytest.approx(2 * AREA, rel=CONSTANT)
+    assert other.values.begins.mean == pytest.approx(1.0, abs=0.2)
+    assert other.values.ends.mean == pytest.approx(1.0, abs=0.2)
     # between the two the nozzle is dry
     assert bead.area[np.abs(bead.place - 85.0) < 10].max() == 0
-    assert bead.figures.width.min == 0
+    assert bead.values.width.min == 0
 
 
 def test_a_record_that_ends_while_the_dispenser_is_on_has_no_stop():
     bead = laid(XY, line(), Dispenser(flow=AREA * SPEED, dead_time=0.01, stop_lead=0.05))
     faulted = Bead(replace(bead.run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm")))
-    assert faulted.figures.stop is None
-    assert faulted.figures.ends is None
-    assert faulted.figures.start.mean == pytest.approx(1.0)
+    assert faulted.values.stop is None
+    assert faulted.values.ends is None
+    assert faulted.values.start.mean == pytest.approx(1.0)
     assert bead.run.flow[-1] == pytest.approx(AREA * SPEED)
 
 
@@ -270,8 +270,8 @@ def test_turns_keep_the_pitch_less_their_width_between_them():
         width = float(bead.nominal_section.width[0])
         assert bead.clearance[inner] == pytest.approx(np.full(inner.sum(), pitch - width), abs=CONSTANT * width)
         apart = pitch > width
-        assert bead.figures.gapping == pytest.approx(float(apart), abs=0.02)
-        assert bead.figures.overlapping == pytest.approx(float(not apart), abs=0.02)
+        assert bead.values.gapping == pytest.approx(float(apart), abs=0.02)
+        assert bead.values.overlapping == pytest.approx(float(not apart), abs=0.02)
 
 
 def test_the_share_that_overlaps_is_that_of_the_length():
@@ -281,19 +281,19 @@ def test_the_share_that_overlaps_is_that_of_the_length():
     least = float(np.interp(spacing.s[0] + 0.4 * (spacing.s[-1] - spacing.s[0]), spacing.s, spacing.next_s))
     flow = np.where(bead.length < least, 2.0, 1.0) * AREA * SPEED
     heavy = Bead(replace(bead.run, flow=flow))
-    assert heavy.figures.overlapping == pytest.approx(0.4, abs=0.02)
-    assert heavy.figures.overlapping + heavy.figures.gapping == pytest.approx(1.0, abs=1e-3)
+    assert heavy.values.overlapping == pytest.approx(0.4, abs=0.02)
+    assert heavy.values.overlapping + heavy.values.gapping == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("ratio", [1.25, 2.0, 3.0])
 def test_the_annulus_is_covered_by_the_share_of_the_width_in_the_pitch(ratio):
     width = float(section(AREA, GAP).width[0])
-    figures = laid(XY, spiral(ratio * width, radius=45.0, turns=1.6)).figures
+    figures = laid(XY, spiral(ratio * width, radius=45.0, turns=1.6)).values
     assert figures.coverage == pytest.approx(1 / ratio, abs=COVERED)
 
 
 def test_a_bead_without_turns_has_no_clearance_and_no_coverage():
-    figures = laid(XY, line()).figures
+    figures = laid(XY, line()).values
     assert figures.clearance is figures.coverage is figures.overlapping is figures.gapping is None
 
 
@@ -326,13 +326,13 @@ def test_what_flows_while_the_nozzle_lifts_lies_on_the_spot():
 
 def test_a_run_without_glue_has_no_figures_and_one_at_rest_neither():
     with pytest.raises(InputError, match="asks for no glue while the nozzle moves"):
-        _ = laid(XY, line(), Dispenser()).figures
+        _ = laid(XY, line(), Dispenser()).values
     bead = laid(XY, line(), Dispenser())
     assert not bead.area.any()
     still = replace(run_setpoints(bead), position=np.zeros((100, 2)), dispense=np.ones(100, bool))
     resting = Bead(perfect_follower(XY, still, dispenser=Dispenser(flow=10.0)))
     with pytest.raises(InputError, match="asks for no glue while the nozzle moves"):
-        _ = resting.figures
+        _ = resting.values
     assert volume_of(resting) == pytest.approx(0.99, rel=EXACT)
 
 
@@ -353,8 +353,8 @@ def test_a_jobs_bead_holds_what_flowed(name):
     job = Job.load(name)
     bead = Bead(job.follow(), job.bead)
     assert volume_of(bead) == pytest.approx(bead.run.flow[:-1].sum() * bead.run.period, rel=EXACT)
-    assert bead.figures.laid == pytest.approx(volume_of(bead), rel=EXACT)
-    assert bead.map.volume == pytest.approx(bead.figures.laid, rel=1e-6)
+    assert bead.values.laid == pytest.approx(volume_of(bead), rel=EXACT)
+    assert bead.map.volume == pytest.approx(bead.values.laid, rel=1e-6)
 
 
 def test_a_jobs_tables_reach_its_dispenser_and_its_bead(tmp_path):
@@ -395,9 +395,9 @@ def test_after_a_fault_on_the_first_ramp_the_section_asked_for_is_not_known():
     early = faulted(Dispenser(flow=AREA * SPEED), 150)
     assert early.nominal == 0
     with pytest.raises(InputError, match="the fault came before the path speed was steady"):
-        _ = early.figures
-    assert faulted(Dispenser(area=AREA), 150).figures.nominal == pytest.approx(AREA)
-    assert faulted(Dispenser(flow=AREA * SPEED), 600).figures.nominal == pytest.approx(AREA)
+        _ = early.values
+    assert faulted(Dispenser(area=AREA), 150).values.nominal == pytest.approx(AREA)
+    assert faulted(Dispenser(flow=AREA * SPEED), 600).values.nominal == pytest.approx(AREA)
 
 
 def test_a_bead_takes_two_stations_at_least():
@@ -420,7 +420,7 @@ def test_the_boldest_values_that_are_taken_make_no_warning():
 
 def told(bead):
     console = Console(width=200, file=StringIO())
-    console.print(outcome_table(bead.run, bead.analysis.figures, bead.figures))
+    console.print(outcome_table(bead.run, bead.analysis.values, bead.values))
     return console.file.getvalue()
 
 
@@ -438,7 +438,7 @@ def test_the_console_tells_that_the_map_has_not_settled():
     bead = laid(XY, line())
     text = told(bead)
     assert "not settled" not in text
-    bead.figures = replace(bead.figures, ridge=0.5)
+    bead.values = replace(bead.values, ridge=0.5)
     assert re.search(r"height map +not settled +glue found no room and stands 50 % above the nozzle", told(bead))
     note = bead_section(bead).text
-    assert note == ["The height map has not settled: " + bead.figures.ridge_note + "."]
+    assert note == ["The height map has not settled: " + bead.values.ridge_note + "."]

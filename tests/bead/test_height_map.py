@@ -109,7 +109,7 @@ def test_turns_as_far_apart_as_they_are_wide_just_touch():
     width = float(nominal().width[0])
     covered = {}
     for ratio in (0.97, 1.03, 1.5, 2.5):
-        figures = laid(XY, spiral(ratio * width, radius=35.0, turns=1.5), cell=0.1).figures
+        figures = laid(XY, spiral(ratio * width, radius=35.0, turns=1.5), cell=0.1).values
         covered[ratio] = figures.coverage
         assert figures.gapping == pytest.approx(float(ratio > 1), abs=0.03)
     assert covered[0.97] == pytest.approx(1.0, abs=0.005)
@@ -137,7 +137,7 @@ def test_turns_a_pitch_of_area_over_gap_apart_fill_a_film_without_voids():
             assert heights.max() == pytest.approx(float(bead.nominal_section.height[0]), rel=FILM)
             assert heights.min() == 0
         assert heights.mean() == pytest.approx(GAP, rel=FILM)
-        assert bead.figures.coverage == pytest.approx(
+        assert bead.values.coverage == pytest.approx(
             1.0 if squashed else float(bead.nominal_section.width[0]) / pitch, abs=0.01
         )
 
@@ -250,7 +250,7 @@ def test_a_map_that_does_not_settle_says_so(monkeypatch):
     bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=4 * AREA * SPEED))
     assert bead.map.ridge == pytest.approx(bead.map.height.max() / GAP - 1)
     assert bead.map.ridge > 0.04
-    assert bead.figures.ridge == bead.map.ridge
+    assert bead.values.ridge == bead.map.ridge
 
 
 def test_an_interrupt_is_heard_while_glue_is_pushed_aside(monkeypatch):

@@ -27,7 +27,7 @@ def on_and_off(run, stretches):
     """The run with glue flowing between shares of its ticks alone."""
     share = np.linspace(0, 1, len(run.time))
     flowing = np.any([(low <= share) & (share < high) for low, high in stretches], axis=0)
-    return dataclasses.replace(run, flow=FLOW * flowing, asked=FLOW * flowing)
+    return dataclasses.replace(run, flow=FLOW * flowing, flow_demand=FLOW * flowing)
 
 
 def volume(sweep, mesh):
@@ -103,7 +103,7 @@ def test_a_straight_bead_has_round_ends(run):
     sweep = Sweep(line)
     mesh = sweep.mesh(2000)
     rings = rings_of(mesh)
-    section = sweep.strand.section
+    section = sweep.bead_trace.section
     width = section.width[0]
     taken = section.half_body()[0] / (FLOW / SPEED)  # length of bead that its end holds [mm]
     for centre, sign in ((taken, -1), (SPEED * line.time[2000] - taken, 1)):
@@ -145,8 +145,8 @@ def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
         drop = np.sqrt(area / 0.2047) * np.tan(np.pi / 6) / 2
         assert middle[:, 2].max() + gap == pytest.approx(min(gap, drop), rel=1e-3)
         assert section_areas(middle[None])[0] == pytest.approx(area, rel=0.02)
-        station = np.abs(sweep.strand.place - mesh.place[k]).argmin()
-        assert np.linalg.norm(middle[0] - middle[-1]) == pytest.approx(sweep.strand.width[station], rel=1e-3)
+        station = np.abs(sweep.bead_trace.place - mesh.place[k]).argmin()
+        assert np.linalg.norm(middle[0] - middle[-1]) == pytest.approx(sweep.bead_trace.width[station], rel=1e-3)
         top = mesh.normals.reshape(-1, SIDES, 3)[k][5]
         np.testing.assert_allclose(top, [0, 0, 1], atol=1e-6)
 
@@ -154,10 +154,10 @@ def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
 def test_a_ring_knows_its_place_on_the_trace(run):
     sweep = Sweep(run)
     mesh = sweep.mesh(len(run.time) // 2)
-    laid = sweep.strand.length[len(run.time) // 2]
+    laid = sweep.bead_trace.length[len(run.time) // 2]
     assert (np.diff(mesh.place) >= 0).all()
     assert laid - 3 < mesh.place[-1] < laid
-    on_trace = np.stack([np.interp(mesh.place, sweep.strand.length, run.nozzle[:, i]) for i in range(2)], axis=1)
+    on_trace = np.stack([np.interp(mesh.place, sweep.bead_trace.length, run.nozzle[:, i]) for i in range(2)], axis=1)
     sections = slice(8, np.flatnonzero(mesh.place < mesh.place[-1])[-1] + 1)
     base = rings_of(mesh)[:, [0, -1], :2].mean(axis=1)
     np.testing.assert_allclose(base[sections], on_trace[sections], atol=0.03)
@@ -181,7 +181,7 @@ def test_rings_stand_where_the_trace_is_long_or_turns(run):
     # the outer side of the corner is round: no further from the corner than half the bead's width
     rings = rings_of(mesh)[np.abs(mesh.place - at) < 0.6]
     away = np.linalg.norm(rings[..., :2] - [at, 0.0], axis=2)
-    assert away.max() < 0.5 * sweep.strand.width[len(sweep.strand.width) // 4] + 0.6
+    assert away.max() < 0.5 * sweep.bead_trace.width[len(sweep.bead_trace.width) // 4] + 0.6
 
 
 def test_dashes_are_as_long_and_as_wide_as_the_model_has_them(run):
@@ -192,7 +192,7 @@ def test_dashes_are_as_long_and_as_wide_as_the_model_has_them(run):
     line = dataclasses.replace(on_and_off(run, dashes), nozzle=straight, commanded_tip=straight)
     sweep = Sweep(line)
     rings = rings_of(sweep.mesh(len(run.time) - 1))
-    section = sweep.strand.section
+    section = sweep.bead_trace.section
     width = np.median(section.width[section.width > 1])
     taken = np.median(section.half_body()[section.width > 1]) / (FLOW / SPEED)
     ticks = np.flatnonzero(np.diff(np.concatenate([[0], line.flow > 0, [0]])))
@@ -234,7 +234,7 @@ def test_a_trembling_trace_is_drawn_with_the_rings_of_a_calm_one(run):
     sweep = Sweep(shaken, None, calm)
     mesh = sweep.mesh(len(run.time) - 1)
     assert sweep.rings == calm.rings
-    assert mesh.place[-1] > 0.99 * sweep.strand.length[-1] - 10
+    assert mesh.place[-1] > 0.99 * sweep.bead_trace.length[-1] - 10
     assert np.isfinite(mesh.vertices).all()
 
 
@@ -257,7 +257,7 @@ def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
         nozzle=nozzle,
         commanded_tip=np.concatenate([np.repeat(run.commanded_tip[:1], dwell, axis=0), run.commanded_tip]),
         flow=flow,
-        asked=flow,
+        flow_demand=flow,
     )
     sweep = Sweep(still)
     laid = 1e-3 * flow[:-1].cumsum()
@@ -266,10 +266,10 @@ def test_glue_of_a_dwell_is_drawn_where_it_was_laid(run):
         assert volume(sweep, sweep.mesh(tick)) == pytest.approx(laid[tick - 1], rel=0.05)
     mesh = sweep.mesh(len(nozzle) - 1)
     assert volume(sweep, mesh) == pytest.approx(laid[-1], rel=FACETS)
-    width = sweep.strand.width
+    width = sweep.bead_trace.width
     area = section_areas(drawn(mesh))
     # the heap spreads no further than it is wide, to either side twice
     usual = np.median(area)
     assert area[:5].mean() > 2 * usual
-    near = np.linspace(0, sweep.strand.place[-1], len(area)) < 2.5 * width.max()
+    near = np.linspace(0, sweep.bead_trace.place[-1], len(area)) < 2.5 * width.max()
     assert area[~near][:-9] == pytest.approx(np.full((~near).sum() - 9, usual), rel=0.05)

@@ -81,11 +81,11 @@ def test_the_summary_has_the_documented_keys_and_the_figures_of_the_record(gantr
     for group in (summary["generation_error_um"], summary["contour_error_um"], *summary["tracking_error_um"].values()):
         assert list(group) == ["rms", "max"]
     run = Run.load(tmp_path / "run.npz")
-    figures = metrics.figures(run)
+    figures = metrics.values(run)
     written = summary["error_budget"]
     assert list(written) == [*LINKS, "contour", "tracking_by_axis", "lag_um", "turns"]
     assert sum(written[link]["share"] for link in LINKS) == pytest.approx(1)
-    part = Budget(metrics.Analysis(run)).figures.parts["tracking"]
+    part = Budget(metrics.Analysis(run)).values.parts["tracking"]
     assert [written["tracking"][f"{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx(
         [1e3 * part.rms, 1e3 * part.p95, 1e3 * part.max]
     )
@@ -437,7 +437,7 @@ def test_errors_of_rotary_axes_are_told_in_thousandths_of_a_degree(tmp_path, cap
     machine = turntable(tmp_path)
     run = turn(machine, 90.0)
     budget = Budget(metrics.Analysis(run))
-    figures = budget.analysis.figures
+    figures = budget.analysis.values
     error = 1e3 * (run.commanded - run.encoder)
     assert figures.tracking["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
     job = Job.load("an225")

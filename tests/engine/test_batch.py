@@ -10,7 +10,7 @@ import pytest
 
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.controllers.paths.path import Path
-from gantrysim.engine.batch import Fleet
+from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import CALLS
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import GantryError
@@ -208,36 +208,36 @@ def test_what_one_alone_would_refuse_is_refused_with_its_number(xy, servo):
         simulate_batch(xy, servo, ramp(FAST), threads=0)
 
 
-def test_a_fleet_takes_one_layout_of_machine(xy, xyz, servo):
-    fleet = Fleet(xy, 2)
+def test_a_batch_takes_one_layout_of_machine(xy, xyz, servo):
+    batch = Batch(xy, 2)
     other = Simulation.of(xyz, Servo.derive(xyz.axes, 1e-3), ramp(FAST))
     with pytest.raises(GantryError, match="cannot take a simulation of"):
-        fleet.load({0: other})
+        batch.load({0: other})
 
 
 def test_a_place_is_taken_again_without_a_trace_of_what_was_there(xy, servo):
-    fleet = Fleet(xy, 3, 1)
+    batch = Batch(xy, 3, 1)
     long, short = (lambda: Simulation.of(xy, servo, ramp(SLOW))), (lambda: Simulation.of(xy, servo, ramp(FAST, 40.0)))
     first = {place: long() for place in range(3)}
-    fleet.load(first)
-    fleet.step(1501)
+    batch.load(first)
+    batch.step(1501)
     second = {1: short()}
-    fleet.load(second)
-    while not all(s.done(fleet.rows[place]) for place, s in {**first, **second}.items()):
-        fleet.step(777)
-    assert same(second[1].record(fleet.rows[1]), simulate(xy, servo, ramp(FAST, 40.0)))
-    assert same(first[0].record(fleet.rows[0]), simulate(xy, servo, ramp(SLOW)))
+    batch.load(second)
+    while not all(s.done(batch.rows[place]) for place, s in {**first, **second}.items()):
+        batch.step(777)
+    assert same(second[1].record(batch.rows[1]), simulate(xy, servo, ramp(FAST, 40.0)))
+    assert same(first[0].record(batch.rows[0]), simulate(xy, servo, ramp(SLOW)))
 
 
 def test_a_place_alone_can_be_stepped(xy, servo):
-    fleet = Fleet(xy, 2, 1)
+    batch = Batch(xy, 2, 1)
     simulations = {place: Simulation.of(xy, servo, ramp(FAST, 40.0)) for place in range(2)}
-    fleet.load(simulations)
-    fleet.step(400, [1])
-    assert [int(fleet.rows[place][0]["tick"]) for place in range(2)] == [0, 100]
+    batch.load(simulations)
+    batch.step(400, [1])
+    assert [int(batch.rows[place][0]["tick"]) for place in range(2)] == [0, 100]
     with pytest.raises(GantryError, match="ran for 100 of 501 ticks"):
-        simulations[1].record(fleet.rows[1])
-    partial = simulations[1].record(fleet.rows[1], partial=True)
+        simulations[1].record(batch.rows[1])
+    partial = simulations[1].record(batch.rows[1], partial=True)
     assert np.array_equal(partial.nozzle, simulate(xy, servo, ramp(FAST, 40.0)).nozzle[:100])
 
 

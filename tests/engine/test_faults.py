@@ -176,7 +176,7 @@ def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monke
     assert (run.fault.kind, run.fault.axis) == ("diverged", "x")
     assert run.fault.time <= 2 * PERIOD
     assert np.isfinite(run.nozzle).all()
-    assert metrics.figures(run).contour.max >= 0  # a record that can be looked at
+    assert metrics.values(run).contour.max >= 0  # a record that can be looked at
     assert [item.name for item in tmp_path.iterdir()] == ["rigid.xml"]  # and no log file in the working directory
 
 
@@ -210,7 +210,7 @@ def test_a_run_that_ends_in_numbers_that_are_none_keeps_those_before(rigid):
     assert run.fault.kind == "diverged"
     assert len(run.time) >= 1
     assert np.isfinite(run.nozzle).all()
-    assert np.isfinite(metrics.figures(run).contour.max)
+    assert np.isfinite(metrics.values(run).contour.max)
 
 
 def test_an_absurd_torque_is_told_in_its_own_unit():

@@ -20,7 +20,7 @@ from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuning
 from gantrysim.env.episodes import GAINS
 from gantrysim.env.observation import entries
 from gantrysim.errors import GantryError
-from gantrysim.machine.tolerances import Spread
+from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
@@ -138,7 +138,7 @@ def test_so_it_is_where_the_dispenser_is_off_in_between(name):
 
 def test_an_episode_tells_its_contour_error_at_its_end(env):
     (*_, info), infos = whole_episode(env)
-    figures = Analysis(env.run).figures
+    figures = Analysis(env.run).values
     assert info["episode_contour_rms"] == pytest.approx(figures.contour.rms, abs=CONTOUR)
     assert info["episode_contour_max"] == pytest.approx(figures.contour.max, abs=CONTOUR)
     assert all("episode_contour_rms" not in info for info in infos[:-1])
@@ -247,7 +247,7 @@ def test_a_job_gives_path_machine_servo_and_dispenser():
     assert (terminated, truncated, info["fault"]) == (True, False, None)
     assert np.array_equal(env.run.nozzle, run.nozzle)
     assert np.array_equal(env.run.flow, run.flow)
-    contour = Analysis(run).figures.contour
+    contour = Analysis(run).values.contour
     assert info["episode_contour_rms"] == pytest.approx(contour.rms, abs=CONTOUR)
     assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
 
@@ -258,7 +258,7 @@ def test_every_kind_of_machine_and_path_has_its_contour_error(name):
     observation, _ = env.reset(seed=1)
     assert env.observation_space.contains(observation)
     *_, info = env.step(np.zeros(4))
-    contour = Analysis(env.run).figures.contour
+    contour = Analysis(env.run).values.contour
     assert info["episode_contour_rms"] == pytest.approx(contour.rms, abs=CONTOUR)
     assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
 
@@ -331,7 +331,7 @@ def test_an_action_that_is_none_is_refused(env, action, said):
         ({"tolerance": -1}, "tolerance = -1 mm: must be greater than 0 mm"),
         ({"job": "none-such"}, "unknown job 'none-such'"),
         ({"job": 3}, "job.str = 3: input should be a valid string"),
-        ({"spread": 0.3}, "spread = 0.3: input should be a dictionary or an instance of Spread"),
+        ({"spread": 0.3}, "spread = 0.3: input should be a dictionary or an instance of Tolerances"),
         ({"spread": "payload=a"}, "spread payload=a: must be payload= and a number"),
         ({"servo": {"bandwidth": 30}}, "unknown key servo.bandwidth"),
         ({"speeed": 100.0}, "unknown setting 'speeed': did you mean speed? known: acceleration, "),
@@ -373,7 +373,7 @@ def test_the_settings_are_those_that_the_docstring_lists():
 
 
 def test_a_spread_can_be_wider(env):
-    wide = SpiralTuningEnv(**SHORT, spread=Spread(payload=3.0))
+    wide = SpiralTuningEnv(**SHORT, spread=Tolerances(payload=3.0))
     for one in (env, wide):
         one.reset(seed=1)
         one.step(np.zeros(4))
@@ -429,7 +429,7 @@ def test_without_autoreset_an_episode_that_is_over_waits_for_its_reset():
 
 def test_settings_come_as_numbers_of_all_kinds_and_in_words():
     plain = Settings.of(
-        {"diameter": 100.0, "thickness": (6.0, 8.0), "spread": Spread(payload=1.0), "acceleration": 500.0}
+        {"diameter": 100.0, "thickness": (6.0, 8.0), "spread": Tolerances(payload=1.0), "acceleration": 500.0}
     )
     other = {"diameter": np.float32(100), "thickness": ["6", 8], "spread": "payload=1", "acceleration": "500"}
     assert Settings.of(other) == plain
@@ -464,7 +464,7 @@ def test_nothing_is_stepped_after_the_end():
     env.reset(seed=1)
     *_, truncated, _ = env.step(np.zeros(4))
     assert truncated
-    row = env._episodes._fleet.rows[0][0]
+    row = env._episodes._batch.rows[0][0]
     assert row["steps"] <= row["tick"] * row["substeps"]
     assert row["tick"] == len(env._episodes.episodes[0].simulation.position)
 
@@ -505,7 +505,7 @@ def test_an_interrupt_in_a_reset_leaves_nothing_that_could_be_stepped(kind, monk
         patch.setattr(Simulation, "start", interrupted)
         with pytest.raises(KeyboardInterrupt):
             env.reset()
-    fleet = env._episodes._fleet
+    fleet = env._episodes._batch
     row = fleet.rows[0][0]
     assert row["log"] == fleet._loaded[0].log.ctypes.data  # what the armed row writes to is kept alive
     if kind is SpiralTuningEnv:

@@ -62,7 +62,7 @@ def test_settings_reach_the_run():
     job = Job.load("an225", [*SHORT, "period=0.0005", "flow=33", "physics_step=0.0001"])
     run = job.run()
     assert run.period == 0.0005
-    assert run.asked.max() == 33.0
+    assert run.flow_demand.max() == 33.0
     assert run.flow.max() == pytest.approx(33.0)
     assert len(run.time) == len(job.setpoints.position)
     assert (~run.dispense).sum() == 100

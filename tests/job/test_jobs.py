@@ -52,7 +52,7 @@ def test_the_jobs_that_come_along():
 @pytest.mark.parametrize("name", JOBS)
 def test_a_job_runs_with_tracking_contour_and_spacing_figures(analyses, name):
     analysis = analyses(name)
-    run, figures = analysis.run, analysis.figures
+    run, figures = analysis.run, analysis.values
     assert run.fault is None
     assert set(figures.tracking) == set(Job.load(name).built_machine.axis_names)
     for axis, unit in zip(run.axes, run.units, strict=True):
@@ -101,8 +101,8 @@ def test_a_bead_of_turns_keeps_the_volume_of_glue(analyses):
     assert np.any(~run.dispense[run.dispense.argmax() :])  # the dispenser is off on the way home
     after = round(0.2 / run.period)  # a dead time and ten time constants
     off = np.flatnonzero(run.dispense)[-1] + 1
-    assert run.flow[off + after :].max() < 1e-3 * run.asked.max()
-    assert run.flow.sum() == pytest.approx(run.asked.sum(), rel=1e-3)
+    assert run.flow[off + after :].max() < 1e-3 * run.flow_demand.max()
+    assert run.flow.sum() == pytest.approx(run.flow_demand.sum(), rel=1e-3)
 
 
 @pytest.mark.parametrize("name", JOBS)

@@ -118,7 +118,7 @@ def test_a_flow_in_proportion_to_the_speed_lays_one_section():
     speed = np.linspace(0.0, 150.0, 820)
     laid = flows(Dispenser(area=2.5, dead_time=0.004), command(), speed)
     np.testing.assert_allclose(laid[4:], (2.5 * speed * command())[:-4], rtol=EXACT, atol=EXACT)
-    np.testing.assert_array_equal(Dispenser(area=2.5).asked(command(), speed), 2.5 * speed * command())
+    np.testing.assert_array_equal(Dispenser(area=2.5).flow_demand(command(), speed), 2.5 * speed * command())
 
 
 def test_an_advance_of_the_time_constant_takes_the_lag_off_a_ramp():
@@ -221,7 +221,7 @@ def test_a_pressure_is_asked_for_as_the_flow_it_drives():
     common = {"metering": "time-pressure", "needle": NEEDLE, "opening": 0.01, "closing": 0.03}
     by_flow, by_pressure = Dispenser(FLOW, **common), Dispenser(pressure=pressure, **common)
     np.testing.assert_allclose(flows(by_flow, command()), flows(by_pressure, command()), rtol=1e-9)
-    assert by_pressure.asked([True, False], [5.0, 5.0]) == pytest.approx([FLOW, 0.0])
+    assert by_pressure.flow_demand([True, False], [5.0, 5.0]) == pytest.approx([FLOW, 0.0])
     # in proportion to the speed it is the flow that is, not the pressure
     steady = flows(Dispenser(area=2.0, **common), command(on=400), 50.0)[410]
     assert steady == pytest.approx(100.0, rel=1e-6)

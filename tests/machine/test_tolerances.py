@@ -6,11 +6,11 @@ import pytest
 from gantrysim import Machine
 from gantrysim.errors import InputError
 from gantrysim.machine.perturbation import FACTORS, Perturbation
-from gantrysim.machine.tolerances import Spread
+from gantrysim.machine.tolerances import Tolerances
 
 UNIFORM = 0.04  # largest gap between the distribution of 2000 draws and the one meant: Kolmogorov's at 0.3 %
 DRAWS = 2000
-NOTHING = Spread(0, 0, 0, 0, 0)
+NOTHING = Tolerances(0, 0, 0, 0, 0)
 
 
 def draws(spread, machine, count, seed=1):
@@ -32,7 +32,7 @@ def unit_of(value, spread):
 
 
 def test_draws_fill_the_whole_of_every_range_evenly(xy):
-    spread = Spread()
+    spread = Tolerances()
     drawn = draws(spread, xy, DRAWS)
     columns = [np.array([one.payload for one in drawn]) / spread.payload]
     for name in FACTORS:
@@ -46,15 +46,15 @@ def test_draws_fill_the_whole_of_every_range_evenly(xy):
 
 
 def test_the_same_seed_draws_the_same_machine(xyz):
-    assert draws(Spread(), xyz, 5) == draws(Spread(), xyz, 5)
-    assert draws(Spread(), xyz, 5) != draws(Spread(), xyz, 5, seed=2)
+    assert draws(Tolerances(), xyz, 5) == draws(Tolerances(), xyz, 5)
+    assert draws(Tolerances(), xyz, 5) != draws(Tolerances(), xyz, 5, seed=2)
 
 
 @pytest.mark.parametrize("name", ["payload", *FACTORS])
 def test_a_factor_is_the_same_whichever_others_differ(xy, name):
     """And so are those of the machines that follow."""
-    alone = Spread(**{**dict.fromkeys(("payload", *FACTORS), 0.0), name: getattr(Spread(), name)})
-    for one, other in zip(draws(alone, xy, 3), draws(Spread(), xy, 3), strict=True):
+    alone = Tolerances(**{**dict.fromkeys(("payload", *FACTORS), 0.0), name: getattr(Tolerances(), name)})
+    for one, other in zip(draws(alone, xy, 3), draws(Tolerances(), xy, 3), strict=True):
         assert getattr(one, name) == getattr(other, name)
         nominal = Perturbation()
         assert all(getattr(one, rest) == getattr(nominal, rest) for rest in ("payload", *FACTORS) if rest != name)
@@ -68,7 +68,7 @@ def test_what_does_not_differ_is_the_nominal_machine(xy):
 @pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
 def test_every_machine_can_be_what_is_drawn_for_it(name):
     machine = Machine(name)
-    for perturbation in (*draws(Spread(), machine, 2), *Spread().machines(machine, 2, seed=3)):
+    for perturbation in (*draws(Tolerances(), machine, 2), *Tolerances().machines(machine, 2, seed=3)):
         assert len(perturbation.stiffness) == len(machine.axes)
         made = machine.perturbed(perturbation)
         assert tuple(made.drive_gain) == perturbation.motor_constant
@@ -76,25 +76,25 @@ def test_every_machine_can_be_what_is_drawn_for_it(name):
 
 def test_springs_above_all_axes_have_one_factor(rigid):
     machine = with_a_spring_above_all_axes(rigid())
-    perturbation = Spread().draw(np.random.default_rng(1), machine)
+    perturbation = Tolerances().draw(np.random.default_rng(1), machine)
     assert isinstance(perturbation.stiffness, float)
     assert 1 / 1.3 < perturbation.stiffness < 1.3
     assert perturbation.stiffness != 1.0
     machine.perturbed(perturbation)
-    assert all(isinstance(one.stiffness, float) for one in Spread().machines(machine, 2, seed=1))
+    assert all(isinstance(one.stiffness, float) for one in Tolerances().machines(machine, 2, seed=1))
     # the other factors are those of a machine whose springs have axes
-    other = Spread().draw(np.random.default_rng(1), Machine("xy"))
+    other = Tolerances().draw(np.random.default_rng(1), Machine("xy"))
     assert (perturbation.friction, perturbation.motor_constant) == (other.friction, other.motor_constant)
 
 
 def test_machines_have_one_in_each_part_of_every_range(xyz):
-    machines = Spread().machines(xyz, 16, seed=4)
+    machines = Tolerances().machines(xyz, 16, seed=4)
     assert np.sort([int(16 * one.payload / 0.3) for one in machines]).tolist() == list(range(16))
     for name in FACTORS:
-        values = unit_of(np.array([getattr(one, name) for one in machines]), getattr(Spread(), name))
+        values = unit_of(np.array([getattr(one, name) for one in machines]), getattr(Tolerances(), name))
         assert np.sort((16 * values).astype(int), axis=0).tolist() == np.arange(16)[:, None].repeat(3, axis=1).tolist()
-    assert machines == Spread().machines(xyz, 16, seed=4)
-    assert machines != Spread().machines(xyz, 16, seed=5)
+    assert machines == Tolerances().machines(xyz, 16, seed=4)
+    assert machines != Tolerances().machines(xyz, 16, seed=5)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_machines_have_one_in_each_part_of_every_range(xyz):
         (2, -1, "seed = -1: must be at least 0"),
     ],
 )
-@pytest.mark.parametrize("spread", [Spread(), NOTHING])
+@pytest.mark.parametrize("spread", [Tolerances(), NOTHING])
 def test_what_are_no_machines_is_refused(xy, spread, count, seed, text):
     with pytest.raises(InputError, match=text):
         spread.machines(xy, count, seed)

@@ -58,7 +58,7 @@ def record(path, s, *, commanded=0.0, encoder=0.0, motor=0.0, nozzle=0.0):
         current=nothing,
         voltage=nothing,
         flow=np.zeros(len(s)),
-        asked=np.zeros(len(s)),
+        flow_demand=np.zeros(len(s)),
         gap=0.5,
         dispense=np.ones(len(s), bool),
     )
@@ -101,7 +101,7 @@ def test_errors_along_the_binormal_are_vertical(path):
     assert found.parts["tracking"].vertical == pytest.approx(wave(s, 0.02, 3)[:, 0], abs=exact)
     assert found.parts["structure"].vertical == pytest.approx(np.full(len(s), -0.005), abs=exact)
     assert found.parts["tracking"].lateral == pytest.approx(np.zeros(len(s)), abs=exact)
-    assert found.figures.contour.max == pytest.approx(0.025, abs=exact)
+    assert found.values.contour.max == pytest.approx(0.025, abs=exact)
 
 
 def test_a_lag_along_the_path_is_no_error_normal_to_it():
@@ -111,7 +111,7 @@ def test_a_lag_along_the_path_is_no_error_normal_to_it():
     assert found.lag == pytest.approx(np.full(len(s), lag), abs=EXACT)
     for part in found.parts.values():
         assert part.size.max() < EXACT
-    assert found.figures.lag.rms == pytest.approx(lag, abs=EXACT)
+    assert found.values.lag.rms == pytest.approx(lag, abs=EXACT)
 
 
 @pytest.mark.parametrize("lag", [0.1, 0.2, 0.8])
@@ -158,7 +158,7 @@ def test_the_parts_of_every_job_add_up(name):
     assert smooth.mean() > 0.98
     size = np.hypot(lateral, vertical)
     assert size[smooth] == pytest.approx(analysis.nozzle.distance[smooth], abs=2 * EXACT)
-    figures = found.figures
+    figures = found.values
     assert sum(part.share for part in figures.parts.values()) == pytest.approx(1.0, abs=1e-9)
     assert list(figures.parts) == list(LINKS)
     assert figures.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
@@ -237,16 +237,16 @@ def test_tracking_by_axis_adds_up_but_for_second_order(name):
 def test_shares_tell_a_link_that_makes_good_for_another():
     s = inner(INVOLUTE)
     normal = INVOLUTE.normal(s)
-    figures = budget(record(INVOLUTE, s, commanded=0.3 * normal, encoder=-0.1 * normal)).figures
+    figures = budget(record(INVOLUTE, s, commanded=0.3 * normal, encoder=-0.1 * normal)).values
     assert figures.contour.rms == pytest.approx(0.2, abs=EXACT)
     assert figures.parts["generation"].share == pytest.approx(1.5)
     assert figures.parts["tracking"].share == pytest.approx(-0.5)
     assert figures.parts["structure"].share == 0
     # of parts that have nothing to do with each other each has its own mean square
-    mixed = budget(record(INVOLUTE, s, commanded=wave(s, 0.3, 40) * normal, nozzle=wave(s, 0.4, 90) * normal)).figures
+    mixed = budget(record(INVOLUTE, s, commanded=wave(s, 0.3, 40) * normal, nozzle=wave(s, 0.4, 90) * normal)).values
     assert mixed.parts["generation"].share == pytest.approx(0.36, abs=1e-3)
     assert mixed.parts["structure"].share == pytest.approx(0.64, abs=1e-3)
-    nothing = budget(record(INVOLUTE, s)).figures
+    nothing = budget(record(INVOLUTE, s)).values
     assert [part.share for part in nothing.parts.values()] == [0, 0, 0, 0]
 
 
@@ -255,7 +255,7 @@ def test_figures_say_where():
     normal = INVOLUTE.normal(s)
     size = np.linspace(0.01, 0.02, len(s))[:, None]
     size[3000] = 0.05
-    part = budget(record(INVOLUTE, s, commanded=0.1 * normal, encoder=size * normal)).figures.parts["tracking"]
+    part = budget(record(INVOLUTE, s, commanded=0.1 * normal, encoder=size * normal)).values.parts["tracking"]
     assert part.max == pytest.approx(0.05, abs=EXACT)
     assert part.p95 == pytest.approx(0.0195, abs=1e-5)
     assert part.s == pytest.approx(s[3000], abs=1e-6)
@@ -270,7 +270,7 @@ def test_turns_of_a_spiral(clockwise):
     ends = np.array([2 * np.pi * k * (60 - 5 * k) for k in range(5)])  # R phi - a phi^2 / 2
     turn = np.searchsorted(ends[1:-1], s, side="right")
     found = budget(record(path, s, commanded=0.01 * (turn + 1)[:, None] * path.normal(s)))
-    figures = found.figures
+    figures = found.values
     assert [turn.turn for turn in figures.turns] == [1, 2, 3, 4]
     for k, turn in enumerate(figures.turns):
         assert turn.parts["generation"].rms == pytest.approx(0.01 * (k + 1), rel=1e-2)
@@ -283,18 +283,18 @@ def test_turns_of_a_spiral(clockwise):
 def test_a_rest_of_a_turn_belongs_to_the_last(turns, counted):
     path = Involute(60, 10, turns)
     found = budget(record(path, np.linspace(0, path.length, 4001)))
-    assert [turn.turn for turn in found.figures.turns] == list(range(1, counted + 1))
-    assert found.figures.turns[-1].s[1] == pytest.approx(path.length, abs=EXACT)
+    assert [turn.turn for turn in found.values.turns] == list(range(1, counted + 1))
+    assert found.values.turns[-1].s[1] == pytest.approx(path.length, abs=EXACT)
 
 
 def test_turns_are_those_of_the_stretch_that_turns_furthest_one_way():
     path = ArcChain((0, 0), 0.0, [0.0, 1 / 20, 0.0, -1 / 30], [50, 2.5 * 2 * math.pi * 20, 30, math.pi * 30])
     s = inner(path, 5001)
     found = budget(record(path, s, encoder=0.01 * path.normal(s)))
-    assert [turn.turn for turn in found.figures.turns] == [1, 2, 3]
+    assert [turn.turn for turn in found.values.turns] == [1, 2, 3]
     assert found.turn[0] == 0  # a straight lead-in goes with the turning after it
     assert found.turn[-1] == -1
-    assert found.figures.turns[0].s[1] == pytest.approx(50 + 40 * math.pi, abs=0.2)
+    assert found.values.turns[0].s[1] == pytest.approx(50 + 40 * math.pi, abs=0.2)
 
 
 CORNERED = Chain(
@@ -306,4 +306,4 @@ CORNERED = Chain(
     "path", [CIRCLE, ArcChain((0, 0), 0.0, [0.0], [50.0]), CORNERED], ids=["circle", "line", "corners"]
 )
 def test_a_path_of_one_turn_or_none_has_no_figures_by_turn(path):
-    assert budget(record(path, np.linspace(0, path.length, 1001))).figures.turns == ()
+    assert budget(record(path, np.linspace(0, path.length, 1001))).values.turns == ()

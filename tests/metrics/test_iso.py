@@ -1,4 +1,4 @@
-"""Figures in the manner of ISO 230-4 and ISO 9283, against circles and scatters whose figures are known."""
+"""AnalysisValues in the manner of ISO 230-4 and ISO 9283, against circles and scatters whose figures are known."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Figures of a run whose errors are known, and the spacing of neighbouring turns."""
+"""AnalysisValues of a run whose errors are known, and the spacing of neighbouring turns."""
 
 import dataclasses
 import math
@@ -19,9 +19,9 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
 from gantrysim.metrics import (
     Analysis,
+    ErrorSize,
     Range,
-    Spread,
-    figures,
+    values,
     path_speed,
     spacing,
     torque_ripple,
@@ -75,7 +75,7 @@ def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERI
         current=nothing,
         voltage=nothing,
         flow=np.zeros(rows),
-        asked=np.zeros(rows),
+        flow_demand=np.zeros(rows),
         gap=0.5,
         dispense=np.ones(rows, bool) if dispense is None else dispense(s),
     )
@@ -209,7 +209,7 @@ def test_a_trace_of_another_pitch_has_that_pitch_for_spacing():
     narrow = Involute(60, 9.8, 4)
     phi = INVOLUTE.phi(along(INVOLUTE)[0])
     trace = narrow.position(60 * phi - 9.8 / (4 * np.pi) * phi**2)
-    found = figures(run_along(INVOLUTE, nozzle=trace - INVOLUTE.position(along(INVOLUTE)[0]))).spacing
+    found = values(run_along(INVOLUTE, nozzle=trace - INVOLUTE.position(along(INVOLUTE)[0]))).spacing
     assert (found.min, found.mean, found.max) == pytest.approx((9.8, 9.8, 9.8), abs=CURVED_TRACE)
 
 
@@ -263,7 +263,7 @@ def test_spacing_is_the_same_for_a_path_moved_turned_and_mirrored(angle, shift, 
 )
 def test_a_path_without_neighbouring_turns_has_no_spacing(path):
     assert spacing(path, path.position(np.linspace(0, path.length, 301))).distance.size == 0
-    assert figures(run_along(path)).spacing is None
+    assert values(run_along(path)).spacing is None
 
 
 def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
@@ -279,14 +279,14 @@ def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
         fault=Fault("following error", "x", 1.0, 2.0, 1.0, "mm"),
         **rows,
     )
-    found = figures(faulted)
+    found = values(faulted)
     assert found.spacing is None
     assert found.duration == pytest.approx(0.999)
     assert found.contour.max == pytest.approx(0, abs=EXACT)
 
 
 def test_figures_of_a_perfect_follower():
-    found = figures(run_along(INVOLUTE))
+    found = values(run_along(INVOLUTE))
     assert found.spacing.mean == pytest.approx(10, abs=SPACING)
     assert found.spacing.std == pytest.approx(0, abs=SPACING)
     assert (found.spacing.min, found.spacing.max) == pytest.approx((10, 10), abs=SPACING)
@@ -302,14 +302,14 @@ def test_figures_of_a_perfect_follower():
 @pytest.mark.parametrize("error", [0.05, -0.3])
 def test_a_constant_lateral_offset_of_the_nozzle_is_contour_error_alone(error):
     _, _, normal = along(INVOLUTE)
-    found = figures(run_along(INVOLUTE, nozzle=error * normal))
+    found = values(run_along(INVOLUTE, nozzle=error * normal))
     assert (found.contour.rms, found.contour.max) == pytest.approx((abs(error), abs(error)), abs=EXACT)
     assert (found.generation.max, found.tracking_along.max) == pytest.approx((0, 0), abs=EXACT)
     assert found.spacing.mean == pytest.approx(10, abs=SPACING)
 
 
 def test_a_nozzle_lifted_off_the_plane_is_contour_error():
-    found = figures(run_along(INVOLUTE, nozzle=np.array([0, 0, 0.4])))
+    found = values(run_along(INVOLUTE, nozzle=np.array([0, 0, 0.4])))
     assert (found.contour.rms, found.contour.max) == pytest.approx((0.4, 0.4), abs=EXACT)
 
 
@@ -318,7 +318,7 @@ def test_a_commanded_path_beside_the_requested_one_is_generation_error():
     run = run_along(ArcChain([0, 0], 0, 1 / 30, 15))
     inside = parallel.position(np.linspace(0, 14, len(run.time)))
     shifted = Run(**{**vars(run), "commanded_tip": inside})
-    found = figures(shifted).generation
+    found = values(shifted).generation
     assert (found.rms, found.max) == pytest.approx((0.2, 0.2), abs=EXACT)
 
 
@@ -326,7 +326,7 @@ def test_a_commanded_path_beside_the_requested_one_is_generation_error():
 def test_a_constant_lag_is_tracking_error_along_the_path(lag):
     _, tangent, _ = along(INVOLUTE)
     run = run_along(INVOLUTE, encoder=-lag * tangent)
-    found = figures(run)
+    found = values(run)
     assert found.tracking_along.rms == pytest.approx(abs(lag), abs=EXACT)
     assert found.tracking_along.max == pytest.approx(abs(lag), abs=EXACT)
     # per axis: the lag times the cosine and the sine of the heading
@@ -340,21 +340,21 @@ def test_a_constant_lag_is_tracking_error_along_the_path(lag):
 
 def test_an_error_across_the_path_is_none_along_it():
     _, _, normal = along(INVOLUTE)
-    assert figures(run_along(INVOLUTE, encoder=0.2 * normal)).tracking_along.max == pytest.approx(0, abs=EXACT)
+    assert values(run_along(INVOLUTE, encoder=0.2 * normal)).tracking_along.max == pytest.approx(0, abs=EXACT)
 
 
 def test_a_steady_offset_of_one_axis_is_that_axis_alone():
     offset = 0.13
-    found = figures(run_along(INVOLUTE, encoder=np.array([0, -offset, 0]), nozzle=np.array([0, -offset, 0])))
+    found = values(run_along(INVOLUTE, encoder=np.array([0, -offset, 0]), nozzle=np.array([0, -offset, 0])))
     assert (found.tracking["x"].rms, found.tracking["x"].max) == pytest.approx((0, 0), abs=EXACT)
     assert (found.tracking["y"].rms, found.tracking["y"].max) == pytest.approx((offset, offset), abs=EXACT)
     # along a line it is the offset times the cosine of the angle between them, across it the sine
     line = ArcChain([0, 0], math.atan2(4, 3), 0, 50)
-    found = figures(run_along(line, encoder=np.array([0, -offset, 0])))
+    found = values(run_along(line, encoder=np.array([0, -offset, 0])))
     assert (found.tracking_along.rms, found.tracking_along.max) == pytest.approx((0.8 * offset,) * 2, abs=EXACT)
     # a millimetre off the ends, so that every foot is square to the line
     run = run_along(line, nozzle=np.array([0, -offset, 0]), dispense=lambda s: (s > 1) & (s < 49))
-    found = figures(run)
+    found = values(run)
     assert (found.contour.rms, found.contour.max) == pytest.approx((0.6 * offset,) * 2, abs=EXACT)
 
 
@@ -363,7 +363,7 @@ def test_errors_count_only_while_the_dispenser_is_on():
     on = (s > 100) & (s < 900)
     error = np.where((s > 99) & (s < 901), 0.1, 3.0)[:, None]
     run = run_along(INVOLUTE, encoder=-error * tangent, nozzle=error * normal, dispense=lambda s: (s > 100) & (s < 900))
-    found = figures(run)
+    found = values(run)
     assert (found.contour.rms, found.contour.max) == pytest.approx((0.1, 0.1), abs=EXACT)
     assert (found.tracking_along.rms, found.tracking_along.max) == pytest.approx((0.1, 0.1), abs=EXACT)
     assert max(found.tracking["x"].max, found.tracking["y"].max) <= 0.1 + EXACT
@@ -399,11 +399,11 @@ def test_path_speed_of_a_single_sample_is_zero():
     rows = {name: value[:1] for name, value in vars(run).items() if isinstance(value, np.ndarray)}
     single = dataclasses.replace(run, **rows)
     assert path_speed(single).tolist() == [0]
-    assert figures(single).spacing is None
+    assert values(single).spacing is None
 
 
 def test_spread_and_range_by_hand():
-    assert Spread.of(np.array([3.0, -4.0])) == Spread(rms=math.sqrt(12.5), max=4.0)
+    assert ErrorSize.of(np.array([3.0, -4.0])) == ErrorSize(rms=math.sqrt(12.5), max=4.0)
     found = Range.of(np.array([1.0, 2.0, 6.0]))
     assert (found.mean, found.min, found.max) == (3.0, 1.0, 6.0)
     assert found.std == pytest.approx(math.sqrt(14 / 3), rel=1e-15)
@@ -412,14 +412,14 @@ def test_spread_and_range_by_hand():
 def test_a_run_that_never_dispenses_has_no_figures():
     run = run_along(INVOLUTE, dispense=lambda s: np.zeros(s.shape, bool))
     with pytest.raises(InputError, match="the dispenser is never on"):
-        figures(run)
+        values(run)
 
 
 @pytest.mark.parametrize("off", [5.1, 8.0, -12.0])
 def test_a_trace_stays_on_its_own_turn_however_far_off_it_is(off):
     _, _, normals = along(INVOLUTE)
     shifted = run_along(INVOLUTE, nozzle=off * normals, encoder=off * normals)
-    found = figures(shifted)
+    found = values(shifted)
     assert found.contour.rms == pytest.approx(abs(off), rel=1e-9)
     assert found.spacing.min == pytest.approx(10, abs=1e-6)
     assert found.spacing.max == pytest.approx(10, abs=1e-6)
@@ -450,9 +450,9 @@ def test_a_closed_path_is_followed_from_its_start():
 
 def test_a_gap_of_the_dispenser_is_neither_length_nor_spacing():
     gap = lambda s: ~((s > 300) & (s < 400))  # noqa: E731
-    found = figures(run_along(INVOLUTE, dispense=gap))
+    found = values(run_along(INVOLUTE, dispense=gap))
     assert found.path_length == pytest.approx(INVOLUTE.length - 100, abs=0.3)
-    whole = figures(run_along(INVOLUTE))
+    whole = values(run_along(INVOLUTE))
     assert found.spacing.mean == pytest.approx(10, abs=1e-6)
     # no spacing from the gap to its neighbours, on either side
     run = run_along(INVOLUTE, dispense=gap)

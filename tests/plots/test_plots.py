@@ -116,13 +116,13 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
     plots.draw_budget(figure, budget)
     whole, turns = figure.axes
     widths = {bars.get_label(): [bar.get_width() for bar in bars] for bars in whole.containers}
-    shares = {name: part.share for name, part in budget.figures.parts.items()}
+    shares = {name: part.share for name, part in budget.values.parts.items()}
     assert widths == {name: [pytest.approx(100 * share)] for name, share in shares.items()}
     assert sum(shares.values()) == pytest.approx(1)
     named = [text.get_text() for text in whole.texts]
     assert named == [f"{100 * share:.1f} %" for share in shares.values() if share >= 0.07]
     heights = np.array([[bar.get_height() for bar in bars] for bars in turns.containers])
-    rms = [1e3 * turn.parts["contour"].rms for turn in budget.figures.turns]
+    rms = [1e3 * turn.parts["contour"].rms for turn in budget.values.turns]
     np.testing.assert_allclose(heights.sum(axis=0), rms)  # the shares of a turn add up
     here = budget.turn == 1
     part, error = budget.parts["tracking"], budget.contour
@@ -168,7 +168,7 @@ def test_the_parts_are_drawn_along_the_path_on_one_scale_and_each_on_its_own(bud
             np.testing.assert_allclose(figure.axes[k + 1].get_lines()[0].get_ydata(), drawn[:, 1])
             assert figure.axes[k + 1].get_lines()[0].get_color() == plots.COLOURS[name]
     np.testing.assert_allclose(sum(together[name][:, 1] for name in LINKS), together["contour"][:, 1], atol=1e-9)
-    starts = [turn.s[0] for turn in budget.figures.turns]
+    starts = [turn.s[0] for turn in budget.values.turns]
     for axes in figure.axes:
         marks = [line.get_xdata()[0] for line in axes.get_lines() if len(set(line.get_xdata())) == 1]
         np.testing.assert_allclose(marks, starts)
@@ -261,7 +261,7 @@ def test_plots_of_a_bead_are_saved_with_it(analysis, bead, tmp_path):
     saved = plots.save_plots(analysis, tmp_path, bead, told.append)
     assert [file.name for file in saved] == ["plan.png", "error.png", "budget.png", "spacing.png", "bead.png"]
     assert told == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
-    dry = Bead(replace(bead.run, flow=0 * bead.run.flow, asked=0 * bead.run.flow), analysis=analysis)
+    dry = Bead(replace(bead.run, flow=0 * bead.run.flow, flow_demand=0 * bead.run.flow), analysis=analysis)
     assert "bead.png" not in [file.name for file in plots.save_plots(analysis, tmp_path, dry)]
 
 

@@ -51,7 +51,7 @@ def panel(readout):
 
 
 def test_the_readout_ends_with_the_figures_of_the_run(run, readout):
-    figures = Analysis(run).figures
+    figures = Analysis(run).values
     assert readout.rms[-1] == pytest.approx(1e3 * figures.contour.rms, rel=1e-12)
     assert readout.max[-1] == pytest.approx(1e3 * figures.contour.max, rel=1e-12)
     np.testing.assert_array_equal(readout.time, run.time)

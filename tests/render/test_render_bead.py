@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 from gantrysim import Dispenser, InputError, Servo, simulate
 from gantrysim.bead import Bead, BeadSettings
 from gantrysim.bead.height_map import HeightMap
-from gantrysim.bead.trace import Strand
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.render import Renderer
@@ -67,7 +67,7 @@ def test_glue_is_seen_where_the_height_map_has_it_and_nowhere_else(xy, run, dry,
             if isinstance(getattr(run, f.name), np.ndarray)
         },
     )
-    deposit = HeightMap.of(Strand(so_far))
+    deposit = HeightMap.of(BeadTrace(so_far))
     height_at = RegularGridInterpolator((deposit.y, deposit.x), deposit.height, bounds_error=False, fill_value=0.0)
     pictures = []
     for record in (dry, run):
@@ -91,14 +91,14 @@ def test_glue_is_seen_where_the_height_map_has_it_and_nowhere_else(xy, run, dry,
     assert not glue[never].any()
 
 
-def laid_stations(machine, run, renderer, strand, tick):
+def laid_stations(machine, run, renderer, bead_trace, tick):
     """Stations of the bead that are laid and in plain sight, on top of the bead, and their pixels."""
-    top = strand.point.copy()
-    top[:, 2] += strand.height - GAP
+    top = bead_trace.point.copy()
+    top[:, 2] += bead_trace.height - GAP
     world = on_work(machine, renderer, top)
     pixels = np.floor(to_pixels(renderer, world)).astype(int)
     inside = ((pixels >= 2) & (pixels < np.array(renderer.size) - 2)).all(axis=1)
-    laid = (strand.place > 5) & (strand.place < strand.length[tick] - 8) & inside
+    laid = (bead_trace.place > 5) & (bead_trace.place < bead_trace.length[tick] - 8) & inside
     laid[laid] = in_sight(renderer, world[laid])
     return np.flatnonzero(laid), pixels
 
@@ -109,14 +109,14 @@ def test_the_colour_of_the_bead_is_that_of_the_scale(xy, run, colour):
     run = dataclasses.replace(run, flow=run.flow * (1 + 0.2 * np.sin(4 * run.time)))
     with Renderer(xy, run, "top", SIZE, colour=colour) as renderer:
         picture = renderer.frame(tick).astype(int)
-        strand = Strand(run, stations=1250)
-        stations, pixels = laid_stations(xy, run, renderer, strand, tick)
+        bead_trace = BeadTrace(run, stations=1250)
+        stations, pixels = laid_stations(xy, run, renderer, bead_trace, tick)
         scale = renderer.scale
     if colour == "width":
-        values = strand.width
+        values = bead_trace.width
     else:
         analysis = Analysis(run)
-        values = 1e3 * np.interp(strand.place, strand.length[analysis.ticks], analysis.nozzle.distance)
+        values = 1e3 * np.interp(bead_trace.place, bead_trace.length[analysis.ticks], analysis.nozzle.distance)
     share = np.clip((values - scale.low) / (scale.high - scale.low), 0, 1)
     assert np.ptp(share[stations]) > 0.3  # much of the scale is used
     wanted = scale.table[np.round(255 * share[stations]).astype(int)].astype(int)
@@ -146,7 +146,7 @@ def test_the_scale_of_the_error_begins_at_zero_and_holds_all_but_the_rarest(run)
     assert (scale.title, scale.unit, scale.low) == ("contour error", "µm", 0.0)
     assert np.percentile(error, 90) < scale.high
     assert scale.high <= 1.1 * error.max()
-    assert scale.above == (errors_along(Strand(run)).max() > scale.high)
+    assert scale.above == (errors_along(BeadTrace(run)).max() > scale.high)
     assert not scale.below
     assert scale.high == float(f"{scale.high:.2g}")
 

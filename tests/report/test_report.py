@@ -56,7 +56,7 @@ def test_the_report_of_a_spiral_has_all_sections(spiral):
 
 def test_its_numbers_are_those_of_the_summary(spiral):
     job, page, bead = spiral
-    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.figures)
+    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.values)
     text = page.section("summary")
     for error in ("contour", "generation"):
         spread = numbers[f"{error}_error_um"]
@@ -80,7 +80,7 @@ def expected_of(part):
 
 def test_its_budget_is_the_budgets(spiral):
     job, page, bead = spiral
-    figures = Budget(bead.analysis).figures
+    figures = Budget(bead.analysis).values
     rows = page.rows()
     links = {row[0]: row for row in rows if row and row[0] in (*LINKS, "contour")}
     assert list(links) == [*LINKS, "contour"]
@@ -94,7 +94,7 @@ def test_its_budget_is_the_budgets(spiral):
     assert sum(shares) == pytest.approx(100, abs=0.21)
     for name, part in Budget(bead.analysis).tracking_by_axis(job.built_machine).items():
         row = next(row for row in rows if row[:2] == [name, "its following error"])
-        own = Budget(bead.analysis).figures_of(part)
+        own = Budget(bead.analysis).values_of(part)
         shown = [float(cell.translate(minus)) for cell in row[2:8]]
         np.testing.assert_allclose(shown, expected_of(own), atol=0.051)
     turns = [row for row in rows if row and len(row) == 9 and row[0] in "12"]
@@ -108,7 +108,7 @@ def test_its_budget_is_the_budgets(spiral):
 
 def test_its_bead_is_the_beads(spiral):
     _, page, bead = spiral
-    figures = bead.figures
+    figures = bead.values
     text = page.section("bead")
     assert f"Volume laid {figures.laid:.1f} mm³ {figures.error_percent:+.2f} % against {figures.asked:.1f} mm³" in text
     assert f"Covered {100 * figures.coverage:.1f} %" in text
@@ -128,14 +128,14 @@ def test_the_same_run_gives_the_same_bytes(spiral, tmp_path):
 def test_the_headline_names_the_link_with_the_largest_share(spiral):
     _, page, bead = spiral
     budget = Budget(bead.analysis)
-    parts = budget.figures.parts
+    parts = budget.values.parts
     text = headline(budget)
     assert page.texts("p")[1] == text
     assert parts["generation"].share > 0.9
     assert text.startswith(
         f"Almost all of the nozzle's error comes from the controller's program (generation): "
         f"{1e3 * parts['generation'].rms:.1f} µm rms, where the nozzle is "
-        f"{1e3 * budget.figures.contour.rms:.1f} µm off. "
+        f"{1e3 * budget.values.contour.rms:.1f} µm off. "
         f"Next comes the servo and its motors (tracking) with {1e3 * parts['tracking'].rms:.1f} µm rms."
     )
 
@@ -145,16 +145,16 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
 )
 def test_the_headline_says_how_much_of_the_error_that_is(spiral, share, much):
     budget = Budget(spiral[2].analysis)
-    figures = budget.figures
+    figures = budget.values
     rest = dict.fromkeys(LINKS, replace(figures.parts["tracking"], share=(1 - share) / 3))
-    vars(budget)["figures"] = replace(figures, parts={**rest, "structure": replace(rest["structure"], share=share)})
+    vars(budget)["values"] = replace(figures, parts={**rest, "structure": replace(rest["structure"], share=share)})
     assert headline(budget).startswith(f"{much} the nozzle's error comes from what lies behind the motors (structure)")
 
 
 def test_a_follower_without_error_gets_a_report(tmp_path):
     job = Job.load("softmc-arc")
     page, bead = reported(tmp_path, job, job.follow())
-    assert Budget(bead.analysis).figures.contour.rms < 1e-6
+    assert Budget(bead.analysis).values.contour.rms < 1e-6
     assert page.texts("p")[1] == "The nozzle follows the requested path exactly: there is no error to share out."
     assert next(row for row in page.rows() if row and row[0] == "tracking")[2:] == ["0.0"] * 4 + ["–"] * 3
 
@@ -216,7 +216,7 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     contour = json.loads((tmp_path / "summary.json").read_text())["contour_error_um"]
     assert f"{contour['rms']:.1f} µm" in page.section("summary")
     run = Run.load(tmp_path / "run.npz")
-    assert f"{1e3 * Budget(Analysis(run)).figures.contour.max:.0f} µm" in page.texts("p")[1]
+    assert f"{1e3 * Budget(Analysis(run)).values.contour.max:.0f} µm" in page.texts("p")[1]
 
 
 def test_a_report_that_fails_leaves_no_run_behind(gantrysim_command, tmp_path, monkeypatch):
@@ -242,7 +242,7 @@ def test_a_folder_with_a_foreign_report_is_not_written_to(gantrysim_command, tmp
 
 def test_the_servo_s_section_tells_gains_margins_and_ripple(spiral):
     job, page, bead = spiral
-    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.figures)["servo"]
+    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.values)["servo"]
     text = page.section("servo")
     for axis, found in numbers.items():
         margins = found["margins"]

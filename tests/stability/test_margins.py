@@ -22,7 +22,7 @@ from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.stability.linear import Linear, linearised
+from gantrysim.stability.linear_model import Linear, linearised
 from gantrysim.stability.margins import Margins, Plant, margins_of
 
 from support.runs import ideal_motors, plain, smooth, turntable

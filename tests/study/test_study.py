@@ -11,7 +11,7 @@ from conftest import RIGID, RIGID_DEFAULTS
 from gantrysim import InputError, Job
 from gantrysim.cli.study import carry_out
 from gantrysim.study import StudyInterrupted, measure, run_study
-from gantrysim.study.checks import NoFiguresError
+from gantrysim.study.checks import NoValuesError
 from gantrysim.study.ledger import LEDGER
 
 from support.studies import SHORT, Counted, Toy, cases_of, content
@@ -130,7 +130,7 @@ class Ending(Counted):
 
 
 def test_a_study_in_which_no_case_has_figures_says_so_and_writes_nothing(tmp_path, job, capsys):
-    with pytest.raises(NoFiguresError, match=r"^none of the study's 5 cases has figures: refused: no$"):
+    with pytest.raises(NoValuesError, match=r"^none of the study's 5 cases has figures: refused: no$"):
         carry_out(Toy(job, Ending("refused: no")), tmp_path / "new", 1)
     with pytest.raises(typer.Exit) as stopped:
         carry_out(Toy(job, Ending("refused: no", "fault: trip")), tmp_path / "new", 1)

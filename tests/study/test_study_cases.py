@@ -11,7 +11,7 @@ from gantrysim.bead import Bead, HeightMap
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
 from gantrysim.metrics.budget import Budget
-from gantrysim.study import Case, figures_row, measure, simulated
+from gantrysim.study import Case, measure, simulated, values_row
 from gantrysim.study.series import series
 
 from support.studies import SHORT
@@ -72,7 +72,7 @@ def test_a_changed_case_shares_what_is_the_job_s_own(job):
     other = Case.of(job, {"machine": "xyz"}).job()
     assert other.built_machine.name == "xyz"
     fresh = Job.load("an225", [*SHORT, "servo.resolution=0.01"])
-    assert measure(encoder) == {"status": "ok", **figures_row(fresh.run(), fresh.bead)}
+    assert measure(encoder) == {"status": "ok", **values_row(fresh.run(), fresh.bead)}
 
 
 def test_the_key_belongs_to_a_version(job, monkeypatch):
@@ -84,19 +84,19 @@ def test_the_key_belongs_to_a_version(job, monkeypatch):
 def test_the_row_of_a_case_is_of_its_run(job):
     run = simulated(Case.of(job))
     row, analysis = measure(Case.of(job)), Analysis(job.run())
-    budget, figures = Budget(analysis), analysis.figures
-    assert row == {"status": "ok", **figures_row(run)}
+    budget, figures = Budget(analysis), analysis.values
+    assert row == {"status": "ok", **values_row(run)}
     assert row["contour_rms_um"] == pytest.approx(1e3 * figures.contour.rms)
     assert row["generation_max_um"] == pytest.approx(1e3 * figures.generation.max)
-    assert row["tracking_rms_um"] == pytest.approx(1e3 * budget.figures.parts["tracking"].rms)
-    assert row["measurement_p95_um"] == pytest.approx(1e3 * budget.figures.parts["measurement"].p95)
-    assert row["structure_max_um"] == pytest.approx(1e3 * budget.figures.parts["structure"].max)
-    assert row["lag_max_um"] == pytest.approx(1e3 * budget.figures.lag.max)
+    assert row["tracking_rms_um"] == pytest.approx(1e3 * budget.values.parts["tracking"].rms)
+    assert row["measurement_p95_um"] == pytest.approx(1e3 * budget.values.parts["measurement"].p95)
+    assert row["structure_max_um"] == pytest.approx(1e3 * budget.values.parts["structure"].max)
+    assert row["lag_max_um"] == pytest.approx(1e3 * budget.values.lag.max)
     assert row["tracking_x_rms_um"] == pytest.approx(1e3 * figures.tracking["x"].rms)
     assert row["tracking_along_rms_um"] == pytest.approx(1e3 * figures.tracking_along.rms)
     assert row["spacing_mean_mm"] is None  # of one turn
     assert row["speed_ripple"] == speed_ripple(run)
-    bead = Bead(run, job.bead).figures
+    bead = Bead(run, job.bead).values
     assert row["bead_width_mean_mm"] == pytest.approx(bead.width.mean)
     assert row["bead_volume_error_percent"] == pytest.approx(bead.error_percent)
     assert (row["end_x_mm"], row["end_y_mm"], row["end_z_mm"]) == figures.end_point
@@ -142,7 +142,7 @@ def test_a_row_without_glue_has_no_bead(job):
 
 def test_the_steady_error_is_that_of_the_middle(job):
     run = simulated(Case.of(job))
-    row, on = figures_row(run), np.flatnonzero(run.dispense)
+    row, on = values_row(run), np.flatnonzero(run.dispense)
     middle = on[steady(on.size)]
     assert (middle[0] - on[0], on[-1] - middle[-1]) == (round(0.05 * on.size), round(0.05 * on.size))
     error = (run.commanded - run.encoder)[middle]

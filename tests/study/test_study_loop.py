@@ -328,7 +328,7 @@ def test_each_sweep_has_a_paragraph_of_its_own(study):
 
 
 def stepped_rows(share, variant=AS_IT_IS):
-    """Figures that come closer to 2 by half at each step, and a contour error that scatters by a share of 10."""
+    """AnalysisValues that come closer to 2 by half at each step, and a contour error that scatters by a share of 10."""
     rows = []
     columns = ("tracking_rms_um", "tracking_along_rms_um", "structure_rms_um", "spacing_std_mm")
     for k, h in enumerate((2.5e-4, 1.25e-4, 6.25e-5)):

@@ -38,7 +38,7 @@ def followed(machine, **changed):
 def check(machine, changed):
     """Generation error and spacing of a perfect follower, against the arcs in closed form."""
     analysis, arcs = followed(machine, **changed), SteppedArcs(**{**NOTE, **changed})
-    measured = analysis.figures
+    measured = analysis.values
     near(measured.generation.rms, arcs.generation.rms)
     near(measured.generation.max, arcs.generation.max)
     assert measured.spacing.mean == pytest.approx(arcs.spacings.mean, abs=max(LEAST, AGREE * arcs.spacings.std))
@@ -90,7 +90,7 @@ def test_any_spiral(xy, diameter, turns, share, speed, period, time):
         arcs = SteppedArcs(**changed)
     except InputError:
         return
-    measured = followed(xy, **changed).figures.generation
+    measured = followed(xy, **changed).values.generation
     # the last way is as long as a servo period lets it be, and the feet of the path's end are its end
     slack = 2 * LEAST + 1e-3 * measured.max
     assert measured.rms == pytest.approx(arcs.generation.rms, rel=2 * AGREE, abs=slack)
@@ -144,7 +144,7 @@ def test_a_loop_of_v_over_accel_costs_as_much_as_accel(acceleration):
 
 def test_acceleration_as_a_perfect_follower_finds_it(xy):
     limits = {"loop_period": 0.1, "acceleration": 1000.0, "wait_resolution": 1e-3, "ratio_bits": 16}
-    measured = followed(xy, **limits).figures.generation
+    measured = followed(xy, **limits).values.generation
     arcs = SteppedArcs(**NOTE, **limits)
     assert measured.max == pytest.approx(arcs.generation.max, rel=1e-3)
     assert measured.rms == pytest.approx(arcs.generation.rms, rel=0.01)  # but for the braking at the end

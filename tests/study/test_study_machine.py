@@ -12,7 +12,7 @@ from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, measure, run_study
-from gantrysim.study.machine import MachineStudy, Spread
+from gantrysim.study.machine import MachineStudy, Tolerances
 from gantrysim.study.machine.figures import _draw_yield
 from gantrysim.study.machine.findings import findings
 from gantrysim.study.machine.yields import influences, yield_of
@@ -25,7 +25,7 @@ NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics 
 }
 PRINTED = 5e-5  # half a unit of the last digit
 FALSE_ALARMS = 0.12  # share of studies of nothing in which a factor seems to matter; 0.05 is meant
-SMALL = Spread(payload=0.0, friction=0.5, viscous=0.0, stiffness=0.0, motor_constant=0.0)
+SMALL = Tolerances(payload=0.0, friction=0.5, viscous=0.0, stiffness=0.0, motor_constant=0.0)
 
 
 @pytest.mark.parametrize(("counts", "interval"), NEWCOMBE.items())
@@ -112,7 +112,7 @@ def test_a_latin_hypercube_has_one_machine_in_each_part_of_every_range():
 
 
 def test_a_sample_is_a_perturbation_of_every_axis_by_itself():
-    study = MachineStudy(Job.load("an225-3d"), 50.0, samples=20, spread=Spread(viscous=0.0))
+    study = MachineStudy(Job.load("an225-3d"), 50.0, samples=20, spread=Tolerances(viscous=0.0))
     perturbation, machines = study.perturbation(3), study.machines
     assert perturbation.payload == machines["payload_kg"][2]
     for name in ("friction", "stiffness", "motor_constant"):
@@ -226,13 +226,13 @@ def test_machines_with_more_friction_are_worse_in_real_runs():
 @pytest.mark.parametrize(
     ("build", "text"),
     [
-        (lambda: Spread(friction=-0.1), "spread of friction = -0.1: must be at least 0"),
-        (lambda: Spread(payload=-1), "spread of payload = -1 kg: must be at least 0 kg"),
-        (lambda: Spread.parse("frictoin=1"), r"unknown spread 'frictoin': did you mean friction\?"),
-        (lambda: Spread.parse("friction"), "spread friction: must be friction= and a number"),
-        (lambda: Spread.parse("friction=much"), "spread friction=much: must be friction= and a number"),
+        (lambda: Tolerances(friction=-0.1), "spread of friction = -0.1: must be at least 0"),
+        (lambda: Tolerances(payload=-1), "spread of payload = -1 kg: must be at least 0 kg"),
+        (lambda: Tolerances.parse("frictoin=1"), r"unknown spread 'frictoin': did you mean friction\?"),
+        (lambda: Tolerances.parse("friction"), "spread friction: must be friction= and a number"),
+        (lambda: Tolerances.parse("friction=much"), "spread friction=much: must be friction= and a number"),
         (
-            lambda: MachineStudy(Job.load("an225"), 50.0, spread=Spread(0, 0, 0, 0, 0)),
+            lambda: MachineStudy(Job.load("an225"), 50.0, spread=Tolerances(0, 0, 0, 0, 0)),
             "spread: must be above 0 for at least one factor",
         ),
         (lambda: MachineStudy(Job.load("an225"), 50.0, samples=11), "samples = 11: must be at least 12, for 9 factors"),
@@ -249,5 +249,5 @@ def test_what_makes_no_study_is_refused(build, text):
 
 
 def test_a_spread_in_words_keeps_what_it_does_not_name():
-    assert Spread.parse(" friction = 0.2, payload=1 ") == Spread(payload=1.0, friction=0.2)
-    assert Spread.parse("") == Spread()
+    assert Tolerances.parse(" friction = 0.2, payload=1 ") == Tolerances(payload=1.0, friction=0.2)
+    assert Tolerances.parse("") == Tolerances()

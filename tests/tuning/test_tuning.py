@@ -11,7 +11,7 @@ import pytest
 from gantrysim import Budget, InputError, Job, Servo, simulate
 from gantrysim.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.machine.tolerances import Spread
+from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.study import StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
@@ -49,7 +49,7 @@ def outcome(poor, tmp_path_factory):
 
 
 def perturbations(job, count=3):
-    return [None, *Spread().machines(job.built_machine, count, 5)]
+    return [None, *Tolerances().machines(job.built_machine, count, 5)]
 
 
 def test_a_row_holds_what_a_study_of_runs_one_by_one_would_tell(job):
@@ -327,7 +327,7 @@ def test_the_law_is_that_of_the_job_unless_another_is_asked_for(job):
         ({"unseen": -1}, "unseen = -1: must be at least 0"),
         ({"seed": 2**32}, "seed = 4294967296: must be at most 4294967295"),
         (
-            {"spread": Spread(0, 0, 0, 0, 0)},
+            {"spread": Tolerances(0, 0, 0, 0, 0)},
             "spread: must be above 0 for at least one factor, or robust and unseen be 0",
         ),
     ],
@@ -381,7 +381,7 @@ def test_the_folder_holds_rows_servo_report_and_plots(outcome):
     assert described["command"] == "gantrysim tune job.toml"
     assert described["settings"] == {
         "law": "pid", "figure": "contour_rms", "budget": 44, "robust": 1, "margin": 2.0, "ripple": 2.0,
-        "per_axis": False, "unseen": 2, "seed": 1, "spread": dataclasses.asdict(Spread()),
+        "per_axis": False, "unseen": 2, "seed": 1, "spread": dataclasses.asdict(Tolerances()),
     }  # fmt: skip
     page = (folder / "report.html").read_text()
     for title in (
@@ -418,7 +418,7 @@ def test_findings_give_the_figures_of_the_rows(outcome):
         f"The gains found bring the rms contour error from {start.figure:.4g} µm to {best.figure:.4g} µm"
     )
     before, after = (
-        Budget(simulate(study.job.built_machine, servo, study.job.setpoints)).figures
+        Budget(simulate(study.job.built_machine, servo, study.job.setpoints)).values
         for servo in (start.servo, best.servo)
     )
     tracking = f"tracking {1e3 * before.parts['tracking'].rms:.3g} to {1e3 * after.parts['tracking'].rms:.3g}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
 from gantrysim.controllers.fanuc.geometry import piece_of
-from gantrysim.controllers.fanuc.text import Sourced
+from gantrysim.controllers.fanuc.text import SourceLine
 from gantrysim.controllers.paths.pieces import Coil, Line, Vector
 
 _SHORTEST = 1e-6  # [mm], of a line; what is less is rounding of incremental coordinates
@@ -31,7 +31,7 @@ class Leg:
         rapid: whether it is run at the rapid feed.
     """
 
-    source: Sourced
+    source: SourceLine
     start: Vector
     piece: Line | Coil | None
     rotary: tuple[float, float]
@@ -58,7 +58,7 @@ class Leg:
 
 
 def legs_of(
-    blocks: tuple[Sourced, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float
+    blocks: tuple[SourceLine, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float
 ) -> list[Leg]:
     """Return the motions of blocks, one behind the other.
 

@@ -17,7 +17,7 @@ from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import Leg, legs_of
 from gantrysim.controllers.fanuc.speed import Planner
-from gantrysim.controllers.fanuc.text import Sourced, read
+from gantrysim.controllers.fanuc.text import SourceLine, read
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Vector
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
@@ -145,7 +145,7 @@ class Program:
         if isinstance(self.program, str):
             blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip)
         else:
-            blocks = tuple(Sourced(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
+            blocks = tuple(SourceLine(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         return tuple(compensated(legs))
 

@@ -36,7 +36,7 @@ _ENDS_PROGRAM = (2, 30)
 
 
 @dataclass(frozen=True)
-class Sourced:
+class SourceLine:
     """A block, and how an alarm is to call it."""
 
     name: str
@@ -60,7 +60,7 @@ class _Words:
         return Alarm(number, self.name, self.line, detail)
 
 
-def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool) -> tuple[Sourced, ...]:
+def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool) -> tuple[SourceLine, ...]:
     """Return the motions of a program.
 
     Args:
@@ -74,13 +74,13 @@ def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, sk
         Alarm: a word that is none, or words that do not go together.
     """
     state = _State(list(start), offsets, rotary)
-    blocks: list[Sourced] = []
+    blocks: list[SourceLine] = []
     words = _to_the_end(_blocks(text, skip))
     state.governed = any(code in _GLUE for block in words for code in block.auxiliary)
     for block in words:
         made = state.run(block)
         if made is not None:
-            blocks.append(Sourced(block.name, block.line, made))
+            blocks.append(SourceLine(block.name, block.line, made))
     return tuple(blocks)
 
 

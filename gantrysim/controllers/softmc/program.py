@@ -17,7 +17,7 @@ from gantrysim.controllers.softmc.geometry import AXES, Way, way
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.law import along, in_place
 from gantrysim.controllers.softmc.record import Record
-from gantrysim.controllers.softmc.text import Sourced, read
+from gantrysim.controllers.softmc.text import SourceLine, read
 from gantrysim.errors import InputError, finite
 
 
@@ -117,13 +117,15 @@ class Program:
             here = leg.way.end
         return tuple(legs)
 
-    def _sourced(self) -> tuple[Sourced, ...]:
+    def _sourced(self) -> tuple[SourceLine, ...]:
         if isinstance(self.program, str):
             return read(self.program)
         for k, command in enumerate(self.program, 1):
             if not isinstance(command, Circle | Move):
                 raise SoftMCError(f"command {k} = {command!r}: must be a Circle or a Move")
-        return tuple(Sourced(f"command {k} {_called(command)}", command) for k, command in enumerate(self.program, 1))
+        return tuple(
+            SourceLine(f"command {k} {_called(command)}", command) for k, command in enumerate(self.program, 1)
+        )
 
     @cached_property
     def requested(self) -> Chain:

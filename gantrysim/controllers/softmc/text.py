@@ -37,14 +37,14 @@ _SWITCHES = ("Abs", "Dispense")
 
 
 @dataclass(frozen=True)
-class Sourced:
+class SourceLine:
     """A command, and how an error is to call it."""
 
     where: str
     command: Command
 
 
-def read(program: str) -> tuple[Sourced, ...]:
+def read(program: str) -> tuple[SourceLine, ...]:
     """Return the commands of a text of MC-Basic lines.
 
     Every line is a command, the group's name if any, and words with their values; what follows a ' is comment.
@@ -65,7 +65,7 @@ def read(program: str) -> tuple[Sourced, ...]:
         except InputError as error:
             raise SoftMCError(f"{where}: {error}") from None
         group = group or named
-        commands.append(Sourced(where, command))
+        commands.append(SourceLine(where, command))
     return tuple(commands)
 
 

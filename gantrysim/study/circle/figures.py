@@ -66,7 +66,7 @@ def _figures_table(test: CircularTest) -> Table:
     rows.append(["both", None, None, None, *both])
     heads = ("G [µm]", "Fmax [µm]", "Fmin [µm]", "G(b) [µm]", "D [µm]")
     columns: list[str | Column] = ["path", *(Column(head, ".2f") for head in heads)]
-    return Table(columns, rows, caption="Figures in the manner of ISO 230-4.")
+    return Table(columns, rows, caption="AnalysisValues in the manner of ISO 230-4.")
 
 
 def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:

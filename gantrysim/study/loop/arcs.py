@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-from gantrysim.metrics.analysis import Range, Spread
+from gantrysim.metrics.analysis import ErrorSize, Range
 
 Points = NDArray[np.complex128]
 
@@ -167,9 +167,9 @@ class SteppedArcs:
         return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * way[-1], way, angle)
 
     @cached_property
-    def generation(self) -> Spread:
+    def generation(self) -> ErrorSize:
         """Root mean square and largest distance from the involute [mm]."""
-        return Spread.of(self.error(self._evenly))
+        return ErrorSize.of(self.error(self._evenly))
 
     @cached_property
     def spacings(self) -> Range | None:
@@ -179,7 +179,7 @@ class SteppedArcs:
         return Range.of(met) if met.size else None
 
 
-def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> Spread:
+def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> ErrorSize:
     """Return the generation error of the Move Spiral to first order in the loop period and in 1 / ACCEL [mm].
 
     The ratio is a step ahead in every pass, on average half a step, and falls while the axes still start: for
@@ -195,7 +195,7 @@ def loop_error(thickness: float, radius: float, speed: float, loop_period: float
         acceleration: ACCEL [mm/s²].
     """
     delta = thickness / (2 * math.pi) * speed / (2 * radius) * (loop_period + speed / acceleration)
-    return Spread(math.sqrt(1.5) * delta, 2 * delta)
+    return ErrorSize(math.sqrt(1.5) * delta, 2 * delta)
 
 
 def local_pitch(

@@ -63,7 +63,7 @@ def _spread(values: tuple[float, ...]) -> Floats:
 
 
 def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any]) -> dict[str, Floats]:
-    """Figures of the stepped arcs over a swept value, nan where the spiral is refused, each (m,) [µm]."""
+    """AnalysisValues of the stepped arcs over a swept value, nan where the spiral is refused, each (m,) [µm]."""
     found = []
     for value in values.tolist():
         arcs = study.arcs({**base, key: value})

@@ -12,7 +12,7 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, whole
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.machine.tolerances import Spread
+from gantrysim.machine.tolerances import Tolerances
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.machine.figures import figures
@@ -43,7 +43,7 @@ class MachineStudy:
     tolerance: float
     figure: str = "contour_max"
     samples: int = 128
-    spread: Spread = field(default_factory=Spread)
+    spread: Tolerances = field(default_factory=Tolerances)
     seed: int = 1
     measure: Measure = measure
 
@@ -84,7 +84,7 @@ class MachineStudy:
 
     @cached_property
     def _spreads(self) -> dict[str, float]:
-        """Spread of every factor by the name of its column."""
+        """Tolerances of every factor by the name of its column."""
         return self.spread.columns(self.job.built_machine)
 
     @cached_property

@@ -56,7 +56,7 @@ def _table(paths: dict[str, RepeatedPath]) -> Table:
         ]
         for varied, path in paths.items()
     ]
-    return Table(columns, rows, caption="Figures in the manner of ISO 9283.")
+    return Table(columns, rows, caption="AnalysisValues in the manner of ISO 9283.")
 
 
 def _draw_along(paths: dict[str, RepeatedPath], every: str) -> Figure:

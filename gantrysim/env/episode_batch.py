@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.engine.batch import Fleet
+from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import GAINS, Episode, Source
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
@@ -46,7 +46,7 @@ class Outcome(NamedTuple):
     final: dict[str, NDArray[Any]]
 
 
-class SideBySide:
+class EpisodeBatch:
     """Places in which episodes run; all advance in one native call.
 
     Args:
@@ -64,7 +64,7 @@ class SideBySide:
         self.settings, self.source = settings, Source(settings)
         machine, servo = self.source.machine, self.source.servo
         self._axes = len(machine.axes)
-        self._fleet = Fleet(machine, places, threads)
+        self._batch = Batch(machine, places, threads)
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self._centre = {name: np.array(getattr(servo, name)) for name in ("ki", *GAINS)}
         self.entries = entries(machine.axis_names, settings.per_axis)
@@ -88,7 +88,7 @@ class SideBySide:
             randoms: random numbers by place.
         """
         drawn = {place: self.source.draw(random) for place, random in randoms.items()}
-        self._fleet.load({place: drawn[place].simulation for place in sorted(drawn)})
+        self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
             self.episodes[place] = episode
             self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
@@ -119,14 +119,14 @@ class SideBySide:
             return self._outcome(mask)
         self._set_gains(places)
         self._run(places)
-        ticks = self._fleet.field("tick")
+        ticks = self._batch.field("tick")
         for place in places:
             self._measure(place, int(ticks[place]))
         return self._outcome(mask)
 
     def observations(self) -> NDArray[np.float32]:
         """Return the observations of all places, (places, entries)."""
-        progress = np.minimum(self._fleet.field("index") / self._setpoints, 1.0)
+        progress = np.minimum(self._batch.field("index") / self._setpoints, 1.0)
         return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
 
     @property
@@ -143,7 +143,7 @@ class SideBySide:
         simulation = self._episode(place).simulation
         if not self._measured[place]:
             raise GantryError("nothing has been run of this episode yet: take a step first")
-        return simulation.record(self._fleet.rows[place], partial=True)
+        return simulation.record(self._batch.rows[place], partial=True)
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:
         """Return machine, record and tick of the present moment, to be drawn."""
@@ -161,22 +161,22 @@ class SideBySide:
     def _run(self, places: Sequence[int]) -> None:
         """Step until the next decision, or where that comes first to the end of the longest episode."""
         if self.source.ticks is None:
-            self._fleet.finish(places)
+            self._batch.finish(places)
             return
         simulations = {place: self._episode(place).simulation for place in places}
         substeps = simulations[places[0]].substeps
-        left = max(simulation.steps_left(self._fleet.rows[place]) for place, simulation in simulations.items())
+        left = max(simulation.steps_left(self._batch.rows[place]) for place, simulation in simulations.items())
         steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
         for begun in range(0, steps, _MOST_STEPS):
-            self._fleet.step(min(steps - begun, _MOST_STEPS), places)
+            self._batch.step(min(steps - begun, _MOST_STEPS), places)
 
     def _set_gains(self, places: Sequence[int]) -> None:
         chosen = self._action[places].reshape(len(places), len(GAINS), -1)
         factor = self.settings.gain_range**chosen
         for g, name in enumerate(GAINS):
-            self._fleet.field(name)[places, : self._axes] = self._centre[name] * factor[:, g]
+            self._batch.field(name)[places, : self._axes] = self._centre[name] * factor[:, g]
         # the integral term keeps its time constant, kp / ki
-        self._fleet.field("ki")[places, : self._axes] = self._centre["ki"] * factor[:, GAINS.index("kp")]
+        self._batch.field("ki")[places, : self._axes] = self._centre["ki"] * factor[:, GAINS.index("kp")]
 
     def _measure(self, place: int, last: int) -> None:
         """Look at the ticks that have come since the last decision."""
@@ -202,8 +202,8 @@ class SideBySide:
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         settings, measured = self.settings, self.measured
-        left = self._setpoints - self._fleet.field("index")
-        faulty = advanced & (self._fleet.field("fault") != 0)
+        left = self._setpoints - self._batch.field("index")
+        faulty = advanced & (self._batch.field("fault") != 0)
         ended = advanced & (left <= 0) & ~faulty
         alone = self.source.ticks is None  # after its decision nothing is left that could be worth something
         ripple = measured.ripple.max(axis=1)
@@ -215,7 +215,7 @@ class SideBySide:
         }
         faults = np.full(len(self.episodes), None, object)
         for place in np.flatnonzero(faulty).tolist():
-            faults[place] = str(self._episode(place).simulation.fault(self._fleet.rows[place]))
+            faults[place] = str(self._episode(place).simulation.fault(self._batch.rows[place]))
         ticks, square, largest = self._total.T
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
