@@ -1,12 +1,14 @@
 """Ratios of times, taken in turns in one process, and what they should be.
 
-python scripts/benchmark.py [--json] [--rounds 15]
+python scripts/benchmark.py [--json] [--rounds 15] [KEY ...]
 """
 
 import argparse
 import itertools
 import json
 import statistics
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -96,6 +98,16 @@ def batch(rounds: int) -> float:
         Batch(machine.model, SIDE_BY_SIDE).step(nstep=steps)
 
     return ratio(bare, lambda: simulate_batch(machine, [servo] * SIDE_BY_SIDE, setpoints), rounds)
+
+
+def import_time(rounds: int) -> float:
+    """import of what a simulation needs against import of mujoco, numpy and numba alone, each in a fresh process."""
+
+    def fresh(code: str) -> Callable[[], object]:
+        return lambda: subprocess.run([sys.executable, "-c", code], check=True)
+
+    names = "Machine, Servo, simulate, Dispenser, Budget, Run"
+    return 1 / ratio(fresh("import mujoco, numpy, numba"), fresh(f"from gantrysim import {names}"), rounds)
 
 
 def setpoints(rounds: int) -> float:
@@ -238,6 +250,7 @@ BENCHMARKS = {
     "batch": Benchmark(batch, "at least 0.90"),
     "vector_env": Benchmark(vector_env, "at least 0.80"),
     "scalar_env": Benchmark(scalar_env, "at least 5.00"),
+    "import_time": Benchmark(import_time, "at most 1.40"),
     "frame_growth": Benchmark(frame_growth, "at most 1.30"),
     "frame_cost": Benchmark(frame_cost, "at most 1.50"),
     "bead_cost": Benchmark(bead_cost, "at most 8.00"),
@@ -248,10 +261,13 @@ BENCHMARKS = {
 if __name__ == "__main__":
     warnings.filterwarnings("ignore", module="glfw")  # MuJoCo tries it before what needs no display
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "keys", metavar="KEY", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks to run, by default all"
+    )
     parser.add_argument("--json", action="store_true", help="print one object of name to ratio")
     parser.add_argument("--rounds", type=int, default=15, help="pairs of timings per benchmark")
     arguments = parser.parse_args()
-    results = {name: benchmark.measure(arguments.rounds) for name, benchmark in BENCHMARKS.items()}
+    results = {name: BENCHMARKS[name].measure(arguments.rounds) for name in arguments.keys or BENCHMARKS}
     if arguments.json:
         print(json.dumps(results))
     else:

@@ -20,7 +20,7 @@ COMMANDS = {
     **{job: ("run", job, "--no-video", "--no-report") for job in JOBS},
     "loop": ("study", "loop", "an225", "--set", "turns=1", "--set", "diameter=40"),
     "speed": ("study", "speed", "softmc-arc", "--tolerance", "100"),
-    "machine": ("study", "machine", "softmc-arc", "--tolerance", "20", "--samples", "8"),
+    "machine": ("study", "machine", "softmc-arc", "--tolerance", "20", "--samples", "12"),
     "circle": ("study", "circle"),
     "repeat": ("study", "repeat", "softmc-arc", "--repeats", "3"),
     "tune": ("tune", "softmc-arc", "--budget", "24", "--robust", "2", "--unseen", "2"),

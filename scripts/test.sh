@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The whole check, as CI runs it: sets up .venv with the test tools, then ruff, mypy and pytest.
+# The whole check, as CI runs it: sets up .venv with the test tools, then ruff, mypy, import-linter and pytest.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" test
 
@@ -16,4 +16,5 @@ cd "$root"
 ruff check .
 ruff format --check .
 mypy
+lint-imports --no-cache
 pytest --numprocesses auto "$@"
