@@ -14,10 +14,10 @@ PAGE = Path(__file__).parent.parent / "docs" / "job-file.md"
 
 HEAD = """# Job file
 
-A job describes a run completely, in TOML. `gantrysim run JOB` takes a built-in job or a file; `--set KEY=VALUE` changes a
-value, by its full key (`--set servo.damping=0.7`) or by its last part where that is unique (`--set damping=0.7`). `job.toml`
-in every output folder holds all keys with the values that were used. Lengths are in mm, angles in deg, times in s.
-An example is in the [tutorial](tutorial.md). `python scripts/job_file_page.py` writes this page from the docstrings.
+A job describes a run completely, in TOML. `gantrysim run JOB` takes a built-in job or a file; `--set KEY=VALUE` changes
+a value, by its full key (`--set servo.damping=0.7`) or by its last part where that is unique (`--set damping=0.7`).
+`job.toml` in every output folder holds all keys with the values that were used. Lengths are in mm, angles in deg, times
+in s. The [tutorial](tutorial.md) has an example; `python scripts/job_file_page.py` writes this page from the code.
 """
 
 
@@ -25,7 +25,7 @@ def text(value: Any) -> str:
     """Return a default as a job file states it."""
     if value is MISSING:
         return "required"
-    if value is None or value == ():
+    if value is None or value in ((), {}):
         return "none"
     if isinstance(value, bool):
         return str(value).lower()

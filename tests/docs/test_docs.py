@@ -1,0 +1,191 @@
+"""README and docs: their code runs, their numbers are those of the program, their links lead to files."""
+
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+import gantrysim
+from gantrysim import Budget, Job, metrics
+from gantrysim.bead import Bead
+from gantrysim.cli.main import app
+from gantrysim.job.job import builtin_jobs
+
+ROOT = Path(__file__).parent.parent.parent
+PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
+README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
+
+# Encoder counts and friction make a micrometre of the last bit of a setpoint, so other processors' sines show.
+SHOWN = 0.02  # relative
+SHOWN_LEAST = 0.5  # [µm]
+
+
+def row_of(page, *cells):
+    """The numbers of a page's table row that begins with these cells."""
+    row = re.search(rf"^\| {re.escape(' | '.join(cells))} \|(.*)\|$", page, flags=re.MULTILINE)
+    assert row, cells
+    return [float(number) for number in re.findall(r"-?[\d.]+", re.sub("`.*?`", "", row[1]))]
+
+
+def in_um(*lengths):
+    return pytest.approx([1e3 * length for length in lengths], rel=SHOWN, abs=SHOWN_LEAST)
+
+
+def blocks(page, language):
+    return re.findall(rf"^( *)```{language}\n(.*?)^ *```", page, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def an225():
+    return Job.load("an225").run()
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if "```python" in PAGES[name]])
+def test_python_blocks_run_one_after_the_other(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for _, block in blocks(PAGES[name], "python"):
+        exec(compile(textwrap.dedent(block), name, "exec"), names)
+    if "run" in names:
+        assert names["run"].fault is None
+    if name == "README.md":  # what it prints stands below it
+        shown = blocks(README, "")[0][1]
+        printed = capsys.readouterr().out
+        assert re.sub(r"-?[\d.]+ *", "", shown).split() == re.sub(r"-?[\d.]+ *", "", printed).split()
+        numbers = [[float(number) for number in re.findall(r"-?\d+\.\d+", text)] for text in (shown, printed)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=SHOWN, abs=SHOWN_LEAST)
+
+
+@pytest.mark.parametrize("page", [README, TUTORIAL], ids=["README.md", "tutorial.md"])
+def test_the_budget_s_table_is_what_the_job_gives(page, an225):
+    budget = Budget(an225).values
+    for name, part in {**budget.parts, "contour": budget.contour}.items():
+        numbers = row_of(page, name)
+        assert numbers[:3] == in_um(part.rms, part.p95, part.max)
+        assert numbers[3] == pytest.approx(100 * part.share, abs=0.2)
+
+
+def test_the_turns_are_as_far_apart_as_the_tutorial_says(an225):
+    s = metrics.values(an225).spacing
+    text = " ".join(TUTORIAL.split())
+    found = re.search(r"turns are ([\d.]+) mm apart on average, ([\d.]+) mm at least and ([\d.]+) mm at most", text)
+    assert [1e3 * float(length) for length in found.groups()] == in_um(s.mean, s.min, s.max)
+
+
+def test_the_bead_is_what_the_job_gives(an225):
+    job = Job.load("an225")
+    bead = Bead(an225, job.bead)
+    values, text = bead.values, " ".join(TUTORIAL.split())
+    found = re.search(
+        r"lag: ([\d.]+) mm of bead are missing at the start, and the stop overruns by ([\d.]+) mm\. The bead holds "
+        r"([\d.]+) % more glue than requested \(([\d.]+) mm³\)\. The dispenser causes ([\d.]+) mm³ of it; the other "
+        r"([\d.]+) mm³ come from its fixed flow while the path speed ramps, ([\d.]+) mm³ of them at the end",
+        text,
+    )
+    numbers = [float(number) for number in found.groups()]
+    assert numbers[:3] == pytest.approx([values.start.mean, values.stop.mean, values.error_percent], abs=0.01)
+    assert numbers[3:6] == pytest.approx([values.error, values.dispenser, values.ramps], abs=0.1)
+    slow = slice(len(an225.time) // 2, -1)
+    laid = bead.nominal * (bead.commanded_steps * an225.dispense[:-1])[slow].sum()
+    assert numbers[6] == pytest.approx(an225.flow_demand[slow].sum() * an225.period - laid, abs=1)
+    even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
+    assert Bead(even.follow(), even.bead).values.ramps == pytest.approx(0, abs=1e-6)
+    assert values.overlapping > 0  # the blob touches the turn beside it
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["wait_resolution=0", "acceleration=inf"],
+        ["wait_resolution=0"],
+        [],
+        ["loop_period=0.01"],
+        ["loop_period=0.01", "wait_resolution=0"],
+    ],
+    ids=" ".join,
+)
+def test_each_limit_of_the_controller_costs_what_the_tutorial_says(settings):
+    generation = metrics.values(Job.load("an225", settings).run()).generation
+    command = " ".join(f"--set {setting}" for setting in settings)
+    cell = re.escape(f"`{command}` |" if command else "|")
+    rms = re.search(rf"^\| [^|]+ \| ([\d.]+) µm \| {cell}$", TUTORIAL, flags=re.MULTILINE)
+    assert [float(rms[1])] == in_um(generation.rms)
+
+
+@pytest.mark.parametrize("name", builtin_jobs())
+def test_the_jobs_table_is_what_the_jobs_give(name):
+    job = Job.load(name)
+    values = metrics.values(job.run())
+    row = row_of(CONTROLLERS, f"`{name}`", f"`{job.machine}`")
+    assert row[:2] == in_um(values.contour.rms, values.contour.max)
+    spacings = [] if values.spacing is None else [values.spacing.mean]
+    assert [1e3 * spacing for spacing in row[2:]] == in_um(*spacings)
+    assert name == "an225" or f"pictures/{name}.png" in CONTROLLERS
+
+
+def test_the_tutorial_s_job_runs(tmp_path):
+    (tmp_path / "my-job.toml").write_text(blocks(TUTORIAL, "toml")[0][1], encoding="utf-8")
+    job = Job.load(tmp_path / "my-job.toml")
+    assert job.run().fault is None
+    assert job.built_servo.velocity_ff == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_commands_have_the_arguments_that_are_shown(name):
+    lines = [line for _, block in blocks(PAGES[name], "") for line in block.splitlines()]
+    lines += re.findall(r"`(gantrysim \w+ [^`]+)`", PAGES[name])  # one alone names the command
+    root = typer.main.get_command(app)
+    for line in lines:
+        words = shlex.split(line.replace("[JOB]", "an225").partition(" #")[0])
+        if words[:1] != ["gantrysim"]:
+            continue
+        command, rest, context = root, words[1:], click.Context(root, info_name="gantrysim")
+        while hasattr(command, "commands"):
+            command, rest = command.commands[rest[0]], rest[1:]
+            context = click.Context(command, parent=context, info_name=command.name)
+        command.parse_args(context, rest)  # raises where an option or an argument is unknown
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_links_lead_to_files(name):
+    folder = ROOT if name == "README.md" else ROOT / "docs"
+    for link in re.findall(r"\]\(([^)#]+)\)", PAGES[name]):
+        assert (folder / link).exists(), link
+    for script in re.findall(r"(?:bash|python) (scripts/\S+?)[`\s)]", PAGES[name]):
+        assert (ROOT / script).is_file(), script
+
+
+def test_names_of_the_package_exist():
+    for page in PAGES.values():
+        for name in re.findall(r"`gantrysim\.((?:\w+\.)*\w+)`", page):
+            value = gantrysim
+            for part in name.split("."):
+                value = getattr(value, part)
+
+
+def test_every_picture_is_shown_and_together_they_are_small():
+    pictures = list((ROOT / "docs" / "pictures").iterdir())
+    assert sum(picture.stat().st_size for picture in pictures) < 3_000_000
+    for picture in pictures:
+        assert any(f"pictures/{picture.name}" in page for page in PAGES.values()), picture.name
+
+
+def test_the_job_file_s_page_is_up_to_date():
+    page = runpy.run_path(str(ROOT / "scripts" / "job_file_page.py"))["page"]
+    assert page() == PAGES["job-file.md"], "run python scripts/job_file_page.py"
+
+
+@pytest.mark.parametrize("script", ["benchmark.py"])
+def test_scripts_run(script):
+    command = [sys.executable, ROOT / "scripts" / script, "--json", "--rounds", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert '"engine"' in done.stdout
+    assert '"import_time"' in done.stdout
+    assert '"analysis"' in done.stdout
