@@ -21,11 +21,11 @@ from gantrysim.metrics import (
     Analysis,
     ErrorSize,
     Range,
-    values,
     path_speed,
     spacing,
     torque_ripple,
     tracking_error,
+    values,
 )
 from gantrysim.run import Fault, Run
 
