@@ -39,7 +39,8 @@ def in_um(*lengths):
 
 
 def blocks(page, language):
-    return re.findall(rf"^( *)```{language}\n(.*?)^ *```", page, flags=re.DOTALL | re.MULTILINE)
+    fenced = re.findall(r"^ *```(\w*)\n(.*?)^ *```$", page, flags=re.DOTALL | re.MULTILINE)
+    return [text for kind, text in fenced if kind == language]
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +52,12 @@ def an225():
 def test_python_blocks_run_one_after_the_other(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = {}
-    for _, block in blocks(PAGES[name], "python"):
+    for block in blocks(PAGES[name], "python"):
         exec(compile(textwrap.dedent(block), name, "exec"), names)
     if "run" in names:
         assert names["run"].fault is None
     if name == "README.md":  # what it prints stands below it
-        shown = blocks(README, "")[0][1]
+        shown = blocks(README, "")[0]
         printed = capsys.readouterr().out
         assert re.sub(r"-?[\d.]+ *", "", shown).split() == re.sub(r"-?[\d.]+ *", "", printed).split()
         numbers = [[float(number) for number in re.findall(r"-?\d+\.\d+", text)] for text in (shown, printed)]
@@ -131,7 +132,7 @@ def test_the_jobs_table_is_what_the_jobs_give(name):
 
 
 def test_the_tutorial_s_job_runs(tmp_path):
-    (tmp_path / "my-job.toml").write_text(blocks(TUTORIAL, "toml")[0][1], encoding="utf-8")
+    (tmp_path / "my-job.toml").write_text(blocks(TUTORIAL, "toml")[0], encoding="utf-8")
     job = Job.load(tmp_path / "my-job.toml")
     assert job.run().fault is None
     assert job.built_servo.velocity_ff == (0.0, 0.0, 0.0)
@@ -139,7 +140,7 @@ def test_the_tutorial_s_job_runs(tmp_path):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_commands_have_the_arguments_that_are_shown(name):
-    lines = [line for _, block in blocks(PAGES[name], "") for line in block.splitlines()]
+    lines = [line for block in blocks(PAGES[name], "") for line in block.splitlines()]
     prose = re.sub(r"^```.*?^```", "", PAGES[name], flags=re.DOTALL | re.MULTILINE)
     lines += re.findall(r"`(gantrysim \w+ [^`]+)`", prose)  # one alone names the command
     root = typer.main.get_command(app)
