@@ -1,4 +1,4 @@
-"""Draw the README's pictures anew into pictures/: every job on its machine, plots of a run, of a study, of a tuning."""
+"""Draw the README's pictures anew into docs/pictures/: every job on its machine, plots of a run, of a study, of a tuning."""
 
 import itertools
 import shutil
@@ -17,7 +17,7 @@ from gantrysim.study.loop import LoopStudy
 from gantrysim.study.study import run_study
 from gantrysim.tuning import TuningStudy
 
-FOLDER = Path(__file__).parent.parent / "pictures"
+FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 PLOTTED, TUNED = "an225", "fanuc-spiral"
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 PLOTS = ("budget", "plan", "spacing", "bead")
