@@ -1,4 +1,4 @@
-"""Films: frames, times, sizes, and files that are whole or not there at all."""
+"""Films: frames, times, sizes, and files that are complete or absent."""
 
 import dataclasses
 
@@ -13,8 +13,8 @@ from gantrysim import InputError
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_video
 from gantrysim.render.colours import scale_for
-from gantrysim.render.lettering import MUTED
-from gantrysim.render.overlay import run_colours
+from gantrysim.render.fonts import MUTED
+from gantrysim.render.panel import run_colours
 
 from support.films import SHAPES, cut, shows, small_job
 
@@ -164,7 +164,7 @@ def test_runs_side_by_side_are_at_the_same_time(xy, run, short, pair):
             np.testing.assert_array_equal(second.of(frame), other.frame(min(tick, len(short.time) - 1)))
 
 
-def test_each_picture_is_headed_by_its_label_and_says_when_it_is_over(pair, short):
+def test_each_picture_is_headed_by_its_label_and_shows_when_it_has_ended(pair, short):
     letters = 10
     colours = run_colours(2)
     cells = pair.cells
@@ -174,8 +174,8 @@ def test_each_picture_is_headed_by_its_label_and_says_when_it_is_over(pair, shor
         for head, label, colour, other in zip(heads, ("long", "short"), colours, colours[::-1], strict=True):
             assert shows(head, label, letters, colour, bold=True)
             assert not shows(head, label, letters, other, bold=True)
-        assert shows(heads[1], f"over at {short.time[-1]:.2f} s", letters, MUTED) is over
-        assert not shows(heads[0], f"over at {short.time[-1]:.2f} s", letters, MUTED)
+        assert shows(heads[1], f"ended at {short.time[-1]:.2f} s", letters, MUTED) is over
+        assert not shows(heads[0], f"ended at {short.time[-1]:.2f} s", letters, MUTED)
         assert shows(frame[-pair.panel.size[1] :], f"{time:.2f} s", pair.panel.font.size, INK)
 
 
@@ -267,7 +267,7 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
             {"fps": 1e9},
             r"number of frames = 1.\d+e\+09, with 1e\+09 frames per second and speed 1: must be at most 100000",
         ),
-        ("a.gif", {"speed": 1e-9}, r"with 25 frames per second and speed 1e-09: must be at most 100000: ask for fewer"),
+        ("a.gif", {"speed": 1e-9}, r"with 25 frames per second and speed 1e-09: must be at most 100000: use fewer"),
         ("a.mp4", {"speed": 1e-320}, "number of frames = inf, .* must be at most 100000"),
     ):
         with pytest.raises(InputError, match=text):

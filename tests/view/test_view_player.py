@@ -1,4 +1,4 @@
-"""The player, with a window that only takes down what it is told."""
+"""The player, with a window that only records what it shows."""
 
 import numpy as np
 import pytest
@@ -42,10 +42,10 @@ class Paper:
         change()
         self.posed += 1
 
-    def show(self, panel, chart):
-        rows = {left: right for left, right in panel.figures if left} | {"state": panel.figures[-1][1]}
-        rows["fault"] = " ".join(row[1] for row in panel.fault)
-        rows["keys"] = len(panel.keys)
+    def show(self, texts, chart):
+        rows = {left: right for left, right in texts.values if left} | {"state": texts.values[-1][1]}
+        rows["fault"] = " ".join(row[1] for row in texts.fault)
+        rows["keys"] = len(texts.keys)
         rows["qpos"] = self.scene.data.qpos.copy()
         rows["run"] = self.scene.run
         points = chart.figure.linepnt[0]
@@ -127,11 +127,11 @@ def test_replay_keeps_time_with_the_wall_and_stays_at_its_end(made, speed):
         assert rows["mark"] == pytest.approx(run.time[tick])
     assert window.posed == len(set(ticks))  # a picture that is there already is not drawn again
     over = [tick == len(run.time) - 1 for tick in ticks]
-    assert [state == "over" for state in window.column("state")] == over
+    assert [state == "ended" for state in window.column("state")] == over
     assert any(over) is (speed >= 1.0)
 
 
-def test_replay_says_the_figures_of_the_record(made):
+def test_replay_shows_the_values_of_the_record(made):
     _, _, run, _ = made
     window = replayed(made, pictures=20)
     analysis = Analysis(run)
@@ -146,11 +146,11 @@ def test_replay_says_the_figures_of_the_record(made):
     assert set(window.column("replay")) == {"circle"}
 
 
-def test_space_stands_and_goes_on(made):
+def test_space_pauses_and_resumes(made):
     window = replayed(made, pictures=20, keys={4: [SPACE], 10: [SPACE]})
     expected = [min(k, 4) if k < 10 else k - 6 for k in range(20)]
     assert window.times == pytest.approx([k * FRAME for k in expected], abs=0.0051)
-    assert [state == "pause" for state in window.column("state")] == [4 <= k < 10 for k in range(20)]
+    assert [state == "paused" for state in window.column("state")] == [4 <= k < 10 for k in range(20)]
 
 
 def test_arrows_go_back_and_forward_and_home_to_the_start(made):
@@ -204,24 +204,24 @@ def test_live_run_keeps_time_with_the_wall(made):
     assert np.array_equal(source.run.nozzle, run.nozzle)
     lengths = [len(run.time) for run in window.column("run")]
     assert lengths == [min(int(k * FRAME / PERIOD + 1e-6) + 1, len(run.time)) for k in range(40)]
-    assert window.shown[-1]["state"] == "over"
+    assert window.shown[-1]["state"] == "ended"
     assert set(window.column("live")) == {"circle"}
 
 
-def test_live_run_stands_goes_on_and_begins_anew_but_does_not_go_back(made):
+def test_live_run_pauses_and_restarts_but_does_not_go_back(made):
     window, _, _ = live(made, pictures=14, keys={3: [SPACE], 5: [SPACE], 7: [LEFT], 8: [RIGHT], 10: [HOME]})
     expected = [0, 1, 2, 3, 3, 3, 4, 5, 6, 7, 0, 1, 2, 3]
     assert window.times == pytest.approx([k * FRAME for k in expected], abs=0.0051)
 
 
-def test_live_run_that_is_over_begins_anew(made):
+def test_ended_live_run_restarts(made):
     window, source, _ = live(made, pictures=40, keys={35: [BACKSPACE]})
-    assert window.shown[34]["state"] == "over"
+    assert window.shown[34]["state"] == "ended"
     assert window.times[35:] == pytest.approx([k * FRAME for k in range(5)], abs=0.0051)
     assert not source.over
 
 
-def test_live_run_that_cannot_keep_up_says_how_fast_it_is(made):
+def test_live_run_that_cannot_keep_up_shows_its_actual_speed(made):
     class Slow(Live):
         """Steps 10 ms and then has lost patience."""
 
@@ -232,7 +232,7 @@ def test_live_run_that_cannot_keep_up_says_how_fast_it_is(made):
     times = window.times
     assert np.diff(times) == pytest.approx(0.01, abs=0.0051)
     assert window.column("speed")[:10] == ["2 x"] * 10
-    assert window.shown[40]["speed"] == f"2 x, reaches {0.01 / FRAME:.2g} x"
+    assert window.shown[40]["speed"] == f"2 x, actual {0.01 / FRAME:.2g} x"
     assert not source.over
 
 
@@ -269,7 +269,7 @@ def test_a_fault_ends_a_live_run_and_is_shown_and_returned(made):
     assert fault == source.fault
     assert window.shown[0]["fault"] == ""
     assert window.shown[-1]["fault"] == str(fault)
-    assert window.shown[-1]["state"] == "over"
+    assert window.shown[-1]["state"] == "ended"
 
 
 def test_a_replayed_fault_is_shown_at_its_end_alone(made):
@@ -316,8 +316,8 @@ def test_it_rests_until_the_next_picture_is_due(made):
     wall = Wall()
 
     class Busy(Paper):
-        def show(self, panel, chart):
-            super().show(panel, chart)
+        def show(self, texts, chart):
+            super().show(texts, chart)
             wall.now += 0.01 if len(self.shown) < 3 else 0.1
 
     window = Busy(scene, pictures=6)
