@@ -104,26 +104,41 @@ def film_writer(
         encoder = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
         )
-        assert encoder.stderr is not None
+        stdin, stderr = encoder.stdin, encoder.stderr
+        assert stdin is not None
+        assert stderr is not None
         # messages are read at once: the pipe must not fill up
         messages: deque[bytes] = deque(maxlen=_KEPT)
-        listener = threading.Thread(target=messages.extend, args=(encoder.stderr,), name="encoder", daemon=True)
+        listener = threading.Thread(target=messages.extend, args=(stderr,), name="encoder", daemon=True)
         listener.start()
+
+        def append(frame: Picture) -> None:
+            try:
+                stdin.write(np.ascontiguousarray(frame).data)
+            except BrokenPipeError:
+                raise _StoppedError from None
+
         complete = False
         try:
-            yield lambda frame: _send(encoder, frame)
-            _finish(encoder)
-            complete = encoder.returncode == 0
-        except _StoppedError:
-            _finish(encoder)
+            with suppress(_StoppedError):
+                yield append
+                complete = True
+            with suppress(BrokenPipeError):
+                stdin.close()
+            encoder.wait()
         finally:
-            if encoder.poll() is None:
-                encoder.kill()
-                _finish(encoder)
+            encoder.kill()  # after an error, and an interrupt
+            with suppress(BrokenPipeError):
+                stdin.close()
+            encoder.wait()
             listener.join()
-            encoder.stderr.close()
-        if not complete:
+            stderr.close()
+        if not complete or encoder.returncode:
             raise InputError(f"file {file}: cannot be written: {_reason(messages, encoder.returncode)}")
+
+
+class _StoppedError(Exception):
+    """The encoder no longer accepts frames."""
 
 
 def save_picture(file: Path, picture: Picture) -> None:
@@ -132,31 +147,9 @@ def save_picture(file: Path, picture: Picture) -> None:
     Raises:
         InputError: another suffix, or a file that cannot be written.
     """
-    import imageio.v3 as imageio
-
     suffix_of(file, PICTURES)
     with _partial(file) as partial, _write_errors(file):
-        imageio.imwrite(partial, picture)
-
-
-class _StoppedError(Exception):
-    """The encoder no longer accepts frames."""
-
-
-def _send(encoder: subprocess.Popen[bytes], frame: Picture) -> None:
-    assert encoder.stdin is not None
-    try:
-        encoder.stdin.write(np.ascontiguousarray(frame).data)
-    except BrokenPipeError:
-        raise _StoppedError from None
-
-
-def _finish(encoder: subprocess.Popen[bytes]) -> None:
-    """Let the encoder complete its file."""
-    assert encoder.stdin is not None
-    with suppress(BrokenPipeError):
-        encoder.stdin.close()
-    encoder.wait()
+        Image.fromarray(picture).save(partial)
 
 
 def _reason(messages: Iterable[bytes], status: int) -> str:

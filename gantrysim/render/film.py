@@ -78,7 +78,6 @@ class Film(Closing):
         colour: quantity that colours the beads on one scale, one of `gantrysim.render.colours.COLOURS`.
 
     Attributes:
-        size: width and height of the frames [pixels].
         end: time at which the longest run ends [s].
         cells: places of the runs' pictures.
         panel: drawn at the bottom of the frame.

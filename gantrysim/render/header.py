@@ -21,9 +21,7 @@ class Header:
     """Label of a run in the colour of its curve, and its readout.
 
     Args:
-        run: telemetry of the run.
-        label: of the run.
-        colour: of its curve.
+        run, label, colour: of the run.
         width: of the header [pixels].
         largest: size of the letters [pixels].
         lines: of the readout, 1 or 2.

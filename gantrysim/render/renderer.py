@@ -39,16 +39,11 @@ class Renderer(Closing):
     A picture that is narrower than 4:3 shows the same width as one of 4:3, so that nothing is cut off.
 
     Args:
-        machine: the machine of the run.
-        run: the record.
+        machine, run, bead, colour, scale: as for `Scene`.
         camera: name of a camera of the machine; by default "overview", or a view of everything without one.
         size: width and height of the pictures [pixels].
-        bead: settings of the bead.
-        colour: quantity that colours the bead, one of `gantrysim.render.colours.COLOURS`.
-        scale: of the colours; by default one that fits the run.
 
     Attributes:
-        size: width and height of the pictures [pixels].
         scene: the machine with its bead.
         view: the camera.
 
@@ -120,11 +115,6 @@ class Renderer(Closing):
     def data(self) -> mujoco.MjData:
         """Its pose."""
         return self.scene.data
-
-    @property
-    def scale(self) -> Scale | None:
-        """Colour scale of the bead, None for a plain one."""
-        return self.scene.scale
 
     def close(self) -> None:
         """Free the OpenGL context."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -132,9 +130,9 @@ class Scene:
 
 
 def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.MjModel:
-    """Compile the machine with the bead's mesh on the work, in the work's frame."""
-    spec = machine.spec.copy()
-    drawn = sweep.mesh(len(sweep.bead_trace.run.time) - 1)
+    """Compile the machine with the bead's mesh, and the body under a climbing bead, in the work's frame."""
+    spec, run = machine.spec.copy(), sweep.bead_trace.run
+    drawn = sweep.mesh(len(run.time) - 1)
     mesh = spec.add_mesh(name=_BEAD)
     # the compiler requires a volume; the drawn vertices are written later
     mesh.uservert = np.random.default_rng(0).uniform(-1, 1, drawn.vertices.size).astype(np.float32)
@@ -150,7 +148,13 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
         material.rgba, material.emission, material.specular = (_LIT, _LIT, _LIT, 1), _GLOW, 0.0
     _add_to_work(spec, _BEAD, group=0)
-    _add_piece(spec, sweep)
+    piece = workpiece(run, sweep.bead_trace.settings)
+    if piece is not None:
+        mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+        mesh.uservert = piece.vertices.ravel().astype(np.float32)
+        mesh.userface = piece.faces.ravel()
+        spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
+        _add_to_work(spec, _PIECE, group=2)
     model = spec.compile()
     geom = model.geom(_BEAD).id
     # the compiler moves the mesh to its inertial frame; the drawn vertices are in the work's
@@ -159,22 +163,8 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
     model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     # views and light are scaled to the machine, or to a larger bead
     model.stat.center[:] = machine.model.stat.center
-    model.stat.extent = max(
-        float(machine.model.stat.extent), 2e-3 * float(np.ptp(sweep.bead_trace.run.nozzle, axis=0).max())
-    )
+    model.stat.extent = max(float(machine.model.stat.extent), 2e-3 * float(np.ptp(run.nozzle, axis=0).max()))
     return model
-
-
-def _add_piece(spec: mujoco.MjSpec, sweep: Sweep) -> None:
-    """Add the body under a climbing bead."""
-    piece = workpiece(sweep.bead_trace.run, sweep.bead_trace.settings)
-    if piece is None:
-        return
-    mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-    mesh.uservert = piece.vertices.ravel().astype(np.float32)
-    mesh.userface = piece.faces.ravel()
-    spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
-    _add_to_work(spec, _PIECE, group=2)
 
 
 def _add_to_work(spec: mujoco.MjSpec, name: str, group: int) -> None:
@@ -189,24 +179,11 @@ def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float3
     return getattr(model, f"mesh_{part}")[start : start + count]
 
 
-class _Drop(NamedTuple):
-    """An ellipsoid below the tip.
+def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | None:
+    """Return the glue between the needle's tip and the bead at a tick, an ellipsoid, or None while none flows.
 
-    Attributes:
-        centre: in the work frame, (3,) [m].
-        radius: [m].
-        half_height: [m].
-    """
-
-    centre: Floats
-    radius: float
-    half_height: float
-
-
-def _drop_at(bead_trace: BeadTrace, tick: int) -> _Drop | None:
-    """Return the glue between the needle's tip and the bead at a tick, or None while none flows.
-
-    It has the radius of the free thread of the glue: of the nominal section A,
+    It is centre in the work frame, (3,) [m], radius and half height [m]. The radius is that of the free thread of glue:
+    of the nominal section A,
 
         r = sqrt(A / pi) sqrt(Q / Q0),
 
@@ -223,4 +200,4 @@ def _drop_at(bead_trace: BeadTrace, tick: int) -> _Drop | None:
     height = float(tip[2] - bead_trace.surface[tick])
     top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)
     centre = tip + np.array([0.0, 0.0, 0.5 * (top - bottom)])
-    return _Drop(1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom))
+    return 1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom)

@@ -52,13 +52,11 @@ class Strip:
         head: height above the curves, at least that of the title [pixels].
 
     Attributes:
-        size: width and height [pixels].
         end: time at the right end, that of the longest run [s].
         top: error at the upper end [µm].
         left, right: first and last column of the curves.
         above, bottom: first and last row of the curves; the last is that of zero error.
-        time_ticks: [s].
-        error_ticks: [µm].
+        time_ticks, error_ticks: of the axes [s], [µm].
     """
 
     def __init__(
@@ -144,8 +142,7 @@ class Strip:
         np.fmax.at(high, at, run.error)
         rows = np.arange(self.above, self.bottom + 1)[:, None]
         upper, lower = self.row(high) - 0.5 * thick, self.row(low) + 0.5 * thick  # type: ignore[arg-type]
-        covered: Floats = np.clip(np.minimum(rows + 0.5, lower) - np.maximum(rows - 0.5, upper), 0.0, 1.0)
-        return np.nan_to_num(covered)
+        return np.nan_to_num(np.clip(np.minimum(rows + 0.5, lower) - np.maximum(rows - 0.5, upper), 0.0, 1.0))
 
     def _off(self) -> NDArray[np.bool_]:
         """Return whether no run's dispenser is on at each column of the curves."""

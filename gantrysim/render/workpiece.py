@@ -65,14 +65,9 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
     parts = [_solid(track, _reach(track, width), clear, floor)]
     if above.mean() > _MOSTLY:
         parts += _walls(track, ~below, clear, floor)
-    kept = [part for part in parts if len(part.faces)]
-    if not kept:
-        return None
-    starts = np.cumsum([0, *(len(part.vertices) for part in kept[:-1])])
-    return WorkPiece(
-        1e-3 * np.concatenate([part.vertices for part in kept]),
-        np.concatenate([part.faces + start for part, start in zip(kept, starts, strict=True)]).astype(np.int32),
-    )
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32)
+    return WorkPiece(1e-3 * np.concatenate([part.vertices for part in parts]), faces) if len(faces) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,35 +146,28 @@ def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool
 
 def _reach(track: _Track, width: float) -> Floats:
     """Return the half widths of the ledge, (k,) [mm]: the bead's width, or less beside other turns and in bends."""
-    reach: Floats = np.full(len(track.s), width)
+    reach = np.full(len(track.s), width)
     pairs, apart = _pairs(track, width / _SHARE, width)
     for end in range(2):
         np.minimum.at(reach, pairs[:, end], _SHARE * apart)
-    bend: Floats = _BEND / np.maximum(np.abs(track.turning), 1e-9)
-    return np.minimum(reach, bend)
+    return np.minimum(reach, _BEND / np.maximum(np.abs(track.turning), 1e-9))
 
 
 def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiece:
     """Triangulate the ledges and the faces between them in plan view, and add a skirt from the rim to the floor."""
-    from scipy.spatial import Delaunay, QhullError
+    from scipy.spatial import Delaunay
 
     reach = np.maximum(reach, clear)
     ends = np.flatnonzero(np.diff(track.stretch, prepend=-1) > 0)
     tips = np.concatenate([ends, np.append(ends[1:], len(track.s)) - 1])
-    caps = (
-        np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP),
-        np.broadcast_to(np.sin(_CAP), (len(tips), len(_CAP))),
-    )
     each = np.arange(len(track.s))
     of = np.concatenate([each, each, each, np.repeat(tips, len(_CAP))])  # sample of each corner
-    ahead = np.concatenate([np.zeros(3 * len(each)), caps[0].ravel()]) * reach[of]
-    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], len(each)), caps[1].ravel()]) * reach[of]
+    round_ends = np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP)
+    ahead = np.concatenate([np.zeros(3 * len(each)), round_ends.ravel()]) * reach[of]
+    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], len(each)), np.tile(np.sin(_CAP), len(tips))]) * reach[of]
     plan = track.point[of, :2] + ahead[:, None] * track.along[of] + aside[:, None] * track.left[of]
     height = np.maximum(_ceiling(track, plan, of, clear), floor)
-    try:
-        faces = Delaunay(plan).simplices
-    except QhullError:  # all corners in one line
-        return WorkPiece(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    faces = Delaunay(plan).simplices
     a, b, c = np.moveaxis(plan[faces], 1, 0)
     double = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     faces = np.where((double > 0)[:, None], faces, faces[:, ::-1])
@@ -203,7 +191,7 @@ def _ceiling(track: _Track, plan: Floats, of: NDArray[np.intp], clear: float) ->
     own = of[corner]
     other = np.abs(track.s[own] - track.s[sample]) > _SAME_TURN * clear
     other |= np.einsum("ij,ij->i", track.along[own], track.along[sample]) < _ROUND
-    height: Floats = track.point[of, 2].copy()
+    height = track.point[of, 2].copy()
     np.minimum.at(height, corner[other], track.point[sample[other], 2])
     return height
 

@@ -23,10 +23,7 @@ _MARK = (0.9, 0.9, 0.9)
 def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, Floats]:
     """Return at most so many points of a curve, at least 2, with the extreme values of every part of it.
 
-    Args:
-        time: (n,), rising.
-        value: (n,), finite.
-        points: at most.
+    Time is rising, (n,), the values are finite, (n,).
     """
     n = len(time)
     if n <= points:
@@ -43,11 +40,8 @@ def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, 
 def lines(time: Floats, value: Floats, points: int = POINTS, most: int = _LINES) -> list[tuple[Floats, Floats]]:
     """Return a curve with gaps as separate lines, of at most so many points together.
 
-    Args:
-        time: (n,), rising.
-        value: (n,), nan in the gaps.
-        points: at most, in all lines together.
-        most: lines at most; with more parts, the gaps are bridged.
+    Time is rising, (n,), the values are nan in the gaps, (n,). Gaps are bridged where there would be more lines than
+    `most`.
     """
     on = np.isfinite(value)
     edges = np.flatnonzero(np.diff(on, prepend=False, append=False))
@@ -81,11 +75,11 @@ class Chart:
         self.figure = figure
 
     def draw(self, time: Floats, error: Floats, until: float) -> None:
-        """Draw the error up to now.
+        """Draw the contour error up to now.
 
         Args:
             time: (n,) [s].
-            error: contour error, nan while the dispenser is off, (n,) [µm].
+            error: nan while the dispenser is off, (n,) [µm].
             until: end of the time axis, unless the last time is later [s].
         """
         figure = self.figure

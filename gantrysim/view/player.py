@@ -132,13 +132,7 @@ class Player:
             self._telemetry = Telemetry(run)
         source, telemetry, clock = self._source, self._telemetry, self.clock
         self._chart.draw(telemetry.time[: tick + 1], telemetry.error[: tick + 1], source.until)
-        texts = moment_texts(
-            self._name,
-            source,
-            telemetry,
-            clock,
-            pace=self._pace.factor,
-            push=self._push,
-            keys=clock.paused or source.over or now - self._start < _ALL_KEYS,
-        )
+        keys = clock.paused or source.over or now - self._start < _ALL_KEYS
+        pace = self._pace.factor
+        texts = moment_texts(self._name, source, telemetry, clock, pace=pace, push=self._push, keys=keys)
         self._window.show(texts, self._chart)

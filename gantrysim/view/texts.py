@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, auto
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,12 +23,12 @@ _ASCII = str.maketrans({"µ": "u", "·": " ", "²": "2", "³": "3", "°": " deg"
 class Action(Enum):
     """Action of a key."""
 
-    PAUSE = "pause"
-    BACK = "back"
-    FORWARD = "forward"
-    FASTER = "faster"
-    SLOWER = "slower"
-    START = "start"
+    PAUSE = auto()
+    BACK = auto()
+    FORWARD = auto()
+    FASTER = auto()
+    SLOWER = auto()
+    START = auto()
 
 
 # by GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
@@ -62,15 +62,8 @@ LIVE_KEYS = (
 _HINT = ("Space", "pause and show keys")
 
 
-@dataclass(frozen=True)
-class Texts:
-    """The texts in the window, in rows of two columns.
-
-    Attributes:
-        values: of the moment.
-        keys: what keys and mouse do.
-        fault: why the run ended early; empty if it did not.
-    """
+class Texts(NamedTuple):
+    """The texts in the window, in rows of two columns: values of the moment, keys, and the fault if there is one."""
 
     values: tuple[Row, ...]
     keys: tuple[Row, ...]
@@ -78,14 +71,7 @@ class Texts:
 
 
 def moment_texts(
-    name: str,
-    source: Source,
-    telemetry: Telemetry,
-    clock: Clock,
-    *,
-    pace: float | None = None,
-    push: float = 0.0,
-    keys: bool = True,
+    name: str, source: Source, telemetry: Telemetry, clock: Clock, *, pace: float | None, push: float, keys: bool
 ) -> Texts:
     """Return the texts of a source's present tick.
 

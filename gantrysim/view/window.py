@@ -105,8 +105,7 @@ class ViewerWindow:
     def pushes(self) -> Floats:
         """Return the mouse's forces and torques on the bodies of the scene, (bodies, 6) [N, N·m]."""
         with self._inside() as handle, handle.lock():
-            forces: Floats = np.array(self._scene.data.xfrc_applied)
-        return forces
+            return np.array(self._scene.data.xfrc_applied)
 
     def close(self) -> None:
         """Close the window and wait for its thread."""
@@ -150,7 +149,7 @@ class ViewerWindow:
                     self._scene.model,
                     self._scene.data,
                     key_callback=self._keys.append,
-                    show_abandoned_ui=False,
+                    show_left_ui=False,
                     show_right_ui=False,
                 )
             )

@@ -111,7 +111,7 @@ def test_the_colour_of_the_bead_is_that_of_the_scale(xy, run, colour):
         picture = renderer.frame(tick).astype(int)
         bead_trace = BeadTrace(run, stations=1250)
         stations, pixels = laid_stations(xy, run, renderer, bead_trace, tick)
-        scale = renderer.scale
+        scale = renderer.scene.scale
     if colour == "width":
         values = bead_trace.width
     else:

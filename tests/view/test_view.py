@@ -106,6 +106,7 @@ def moment(name, time, until, speed, error, factor, *, live=False, ended=False, 
     """Texts of a source with one tick."""
     source = SimpleNamespace(tick=0, until=until, live=live, over=ended, fault=fault)
     telemetry = SimpleNamespace(time=[time], speed=[speed], error=[error])
+    options = {"pace": None, "push": 0.0, "keys": True} | options
     return moment_texts(name, source, telemetry, Clock(factor, since=None if paused else 0.0), **options)
 
 
