@@ -52,7 +52,7 @@ def save(image: Image.Image, name: str) -> None:
 
 
 def machine_box(renderer: Renderer) -> tuple[float, ...]:
-    """Return the smallest part of a picture, of its proportions, with the machine: left, top, right, bottom [pixels]."""
+    """Return the smallest part of a picture, of its proportions, with the machine: left, top, right, bottom."""
     model, data, camera = renderer.model, renderer.data, renderer.view.fixedcamid
     drawn = (model.geom_rbound > 0) & (model.geom_group == 2)  # no floor, no bead
     signs = np.array(list(itertools.product((-1, 1), repeat=3)))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,11 @@ from gantrysim.cli.terminal import FAULT, warn
 from gantrysim.errors import InputError, positive
 from gantrysim.job.job import Job, builtin_jobs
 from gantrysim.run import Fault
+
+if TYPE_CHECKING:
+    from gantrysim.render.scene import Scene
+    from gantrysim.view.push import Bodies
+    from gantrysim.view.source import Source
 
 
 def view(
@@ -79,34 +84,24 @@ def _is_saved(shown: str, folder: Path) -> bool:
 def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None:
     from gantrysim.render.scene import Scene
     from gantrysim.report.saved import SavedRun
-    from gantrysim.view.player import Player
     from gantrysim.view.source import Replay
-    from gantrysim.view.window import ViewerWindow, WindowClosedError
 
     saved = SavedRun.load(folder)
     if saved.changed:
         warn(f"note: machine {saved.machine.name} has changed since {folder} was run; its present model is shown")
     scene = Scene(saved.machine, saved.run, saved.job.bead, colour=colour)
-    with suppress(WindowClosedError), _deferred_interrupts() as stopped:
-        window = ViewerWindow(scene, camera)
-        try:
-            Player(saved.job.name, scene, Replay(saved.run), window, speed=speed).play(stopped)
-        finally:
-            window.close()
+    _play(saved.job.name, scene, Replay(saved.run), camera, speed)
 
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
     from gantrysim.engine.simulation import Simulation
     from gantrysim.render.colours import scale_for
     from gantrysim.render.scene import Scene
-    from gantrysim.view.player import Player
     from gantrysim.view.push import STIFFNESS, Bodies
     from gantrysim.view.source import Live
-    from gantrysim.view.window import ViewerWindow, WindowClosedError
 
-    machine = job.built_machine
     simulation = Simulation.of(
-        machine,
+        job.built_machine,
         job.built_servo,
         job.setpoints,
         physics_step=job.simulation.physics_step,
@@ -115,14 +110,22 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()
     scale = scale_for(colour, [follower if colour == "plain" else job.run()], [job.bead])
-    scene = Scene(machine, follower, job.bead, colour=colour, scale=scale)
+    scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
-    bodies = Bodies(scene.model, simulation.model)
+    return _play(job.name, scene, Live(simulation), camera, speed, Bodies(scene.model, simulation.model))
+
+
+def _play(
+    name: str, scene: Scene, source: Source, camera: str | None, speed: float, bodies: Bodies | None = None
+) -> Fault | None:
+    """Play a source in a window and return the fault that ended a live run."""
+    from gantrysim.view.player import Player
+    from gantrysim.view.window import ViewerWindow, WindowClosedError
+
     with suppress(WindowClosedError), _deferred_interrupts() as stopped:
         window = ViewerWindow(scene, camera)
         try:
-            player = Player(job.name, scene, Live(simulation), window, bodies=bodies, speed=speed)
-            return player.play(stopped)
+            return Player(name, scene, source, window, bodies=bodies, speed=speed).play(stopped)
         finally:
             window.close()
     return None
