@@ -65,7 +65,7 @@ def colour_bar(scale: Scale, width: int) -> Picture:
     low, _, high = scale.labels()
     middle = (BAR_HEIGHT - _BAR_COLOURS) // 2
     room = width - 4 * _BAR_MARGIN - 2 * max(letters.width(low), letters.width(high))
-    title = letters.shortened(f"bead: {scale.title} [{scale.unit}]", room)
+    title = letters.shortened(f"bead: {scale.short_title} [{scale.unit}]", room)
     for text, x, anchor in ((low, _BAR_MARGIN, "lm"), (title, width / 2, "mm"), (high, width - _BAR_MARGIN, "rm")):
         letters.write(draw, (x, middle), text, _BAR_INK, anchor)
     picture = np.array(image)

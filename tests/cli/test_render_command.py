@@ -120,7 +120,7 @@ def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, fo
     assert not list(folder.glob("*/render*"))
 
 
-def test_a_comparison_of_the_folder_one_stands_in_lies_beside_it(gantrysim_command, folder, monkeypatch):
+def test_a_comparison_of_the_current_folder_is_written_beside_it(gantrysim_command, folder, monkeypatch):
     monkeypatch.chdir(folder / "slow")
     arguments = ("--size", "480x240", "--at", "0.2", "--label", "one", "--label", "two")
     assert gantrysim_command("render", ".", "../fast", *arguments)[0] == 0
@@ -315,7 +315,7 @@ def test_parts_of_a_program_have_their_units_and_ambiguous_keys_are_given_in_ful
     assert labelled(recorded, other)[1] == "program.record.gap = 4, bead.gap = 0.4 mm"
 
 
-def test_programs_too_long_to_be_read_leave_it_to_the_folders():
+def test_runs_with_long_differences_are_labelled_by_their_folders():
     base = Job.load("fanuc-spiral")
     other = base.changed({"program.program": str(base.program["program"]).replace("F6000", "F5000")})
     assert labelled(base, other) == ["run-0", "run-1"]

@@ -52,7 +52,7 @@ def test_a_saved_run_cannot_be_changed(saved, gantrysim_command, setting):
     assert " ".join(err.split()) == f"error: run {saved}: {said}"
 
 
-def test_speed_of_nothing(gantrysim_command):
+def test_zero_speed_is_refused(gantrysim_command):
     assert gantrysim_command("view", "an225", "--speed", "0")[::2] == (2, "error: speed = 0: must be greater than 0\n")
 
 
@@ -73,7 +73,7 @@ def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantr
     assert said in err
 
 
-def test_a_folder_with_the_name_of_a_job_is_the_run_that_it_holds(saved, tmp_path, monkeypatch):
+def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(saved, tmp_path, monkeypatch):
     seen = []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
@@ -96,7 +96,7 @@ def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command
     assert (status, out, err) == (2, "", said)
 
 
-def test_the_job_of_a_run_is_a_job(saved, monkeypatch):
+def test_the_job_file_of_a_run_runs_live(saved, monkeypatch):
     seen = []
     monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
@@ -209,7 +209,7 @@ def launched(monkeypatch, launch_passive):
         assert threading.excepthook is hook
 
 
-def test_a_thread_that_fails_while_the_window_opens_does_not_close_it(monkeypatch):
+def test_a_failing_thread_does_not_close_the_opening_window(monkeypatch):
     def launch_passive(*_, **__):
         other = threading.Thread(target=broken, name="another")
         other.start()
@@ -219,7 +219,7 @@ def test_a_thread_that_fails_while_the_window_opens_does_not_close_it(monkeypatc
     assert launched(monkeypatch, launch_passive) == ("window", ["another"])
 
 
-def test_a_viewer_that_fails_is_no_display_whichever_thread_it_is_in(monkeypatch):
+def test_a_failing_viewer_means_no_display_in_any_thread(monkeypatch):
     inside = FunctionType(broken.__code__, vars(mujoco.viewer))  # as if it stood there
 
     def launch_passive(*_, **__):

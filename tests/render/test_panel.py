@@ -105,7 +105,7 @@ def test_axis_ticks_have_the_shortest_round_step(top, most):
         assert ticks[1] == pytest.approx(step, rel=1e-9)
 
 
-def test_an_error_axis_always_has_a_number_to_read():
+def test_an_error_axis_always_has_two_ticks():
     for top in np.geomspace(0.01, 1e5, 200):
         assert len(axis_ticks(top, 2.5)) >= 2
 
@@ -194,7 +194,7 @@ def test_the_cursor_stands_at_the_time(strip, share):
     assert abs(time_at(columns.mean()) - time) <= 1.5 * per_column
 
 
-def test_the_past_is_bold_and_the_time_to_come_faint(strip, telemetry):
+def test_curves_are_bold_before_the_cursor_and_faint_after_it(strip, telemetry):
     half = strip.picture(0.5 * strip.end)
     whole, none = strip.picture(strip.end), strip.picture(0.0)
     cursor = round(strip.column(0.5 * strip.end))
@@ -228,7 +228,7 @@ def test_the_time_without_glue_is_shaded(strip, run):
     assert (on[row, strip.left + 4 :].mean(axis=1) > 250).mean() > 0.95
 
 
-def test_a_run_without_error_or_of_one_tick_has_its_strip(run):
+def test_a_run_without_error_or_of_one_tick_has_a_strip(run):
     dry = dataclasses.replace(run, dispense=np.zeros(len(run.time), bool))
     for one in (dry, cut(run, 1), cut(dry, 1)):
         drawn = Strip([Telemetry(one)], [INK], SIZE, font(LETTERS))
@@ -380,7 +380,7 @@ def test_the_legend_shows_each_number_beside_its_colour(telemetry, below, above)
     assert shows(legend, "≤", letters, INK) is below
 
 
-def test_the_end_of_a_curve_that_a_fault_has_cut_off_is_marked(run):
+def test_the_end_of_a_faulted_run_is_marked(run):
     broken = Telemetry(dataclasses.replace(cut(run, 900), fault=FAULT))
     drawn = Strip([Telemetry(run), broken], run_colours(2), SIZE, font(LETTERS))
     for time, there in ((0.8, False), (0.9, True), (1.2, True)):
@@ -490,7 +490,7 @@ def test_a_strip_shows_the_names_that_fit(telemetry):
         assert tuple(shows(picture, text, LETTERS, colour) for text, colour in found) == there
 
 
-def test_a_fault_in_a_narrow_strip_stands_there_alone(run):
+def test_a_fault_replaces_the_title_of_a_narrow_strip(run):
     broken = Telemetry(dataclasses.replace(run, fault=FAULT))
     panel = Panel([broken], (240, 240), "small")
     before, after = (panel.picture(run.time[tick])[panel.strip_above :] for tick in (-2, -1))
@@ -505,7 +505,7 @@ def test_a_fault_in_a_narrow_strip_stands_there_alone(run):
     assert not (np.abs(after[: panel.strip.above].astype(int) - rgb(INK)).max(axis=2) < 40).any()
 
 
-def test_a_panel_too_narrow_is_refused_with_the_least_that_will_do(telemetry):
+def test_a_panel_too_narrow_is_refused_with_the_least_width(telemetry):
     for runs, scale in ((1, None), (4, Scale("bead width", "mm", 0.0, 88.8, True, True, GREYS))):
         with pytest.raises(InputError, match="for readout and error strip") as refused:
             Panel([telemetry] * runs, (100, 240), "small", scale)
@@ -566,7 +566,7 @@ def test_an_upright_header_has_its_readout_in_two_lines(telemetry):
     assert (picture[-2:] == rgb(PAPER)).all()
 
 
-def test_a_face_wraps_and_shortens():
+def test_a_font_wraps_and_shortens():
     face = font(12)
     text = "following error on axis x at t = 1.2500 s"
     lines = face.wrapped(text, 100)

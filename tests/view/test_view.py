@@ -55,7 +55,7 @@ def test_clock_stays_at_its_end_and_before_its_start():
     assert clock.toggled(103.0).moved(4.0, 200.0).at(300.0) == 4.0
 
 
-def test_keys_leave_a_speed_within_its_bounds_or_where_it_was_asked_for():
+def test_keys_keep_the_speed_within_its_bounds_or_the_requested_one():
     fast = Clock(5 * FASTEST, since=0.0)
     assert fast.scaled(2.0, 0.0).speed == 5 * FASTEST
     assert fast.scaled(0.5, 0.0).speed == 2.5 * FASTEST

@@ -174,16 +174,16 @@ def test_arrows_double_and_halve_the_speed(made):
     assert window.column("speed") == said
 
 
-def test_home_draws_what_the_viewer_may_have_reset(made):
+def test_home_redraws_what_the_viewer_may_have_reset(made):
     assert replayed(made, pictures=6, keys={0: [SPACE]}).posed == 1
     assert replayed(made, pictures=6, keys={0: [SPACE], 3: [BACKSPACE]}).posed == 2
 
 
-def test_other_keys_are_the_viewers(made):
+def test_other_keys_are_ignored(made):
     assert replayed(made, pictures=5, keys={2: [ord("A"), 256, 290]}).times == replayed(made, pictures=5).times
 
 
-def test_keys_are_told_at_the_beginning_and_while_it_stands(made):
+def test_keys_are_listed_at_the_beginning_and_while_paused(made):
     window = replayed(made, speed=1e-3, pictures=170, keys={164: [SPACE], 168: [SPACE]})
     many, one = window.shown[0]["keys"], window.shown[163]["keys"]
     assert many > 4
@@ -249,7 +249,7 @@ def test_live_run_does_not_catch_up_with_what_it_has_missed(made):
     assert np.diff(window.times) == pytest.approx(steps, abs=0.0101)
 
 
-def test_live_run_goes_on_after_the_end_that_was_foreseen(made):
+def test_live_run_continues_beyond_its_expected_end(made):
     def short(simulation, wall):
         source = Live(simulation, patience=EVER, timer=wall)
         source.until = 0.5
@@ -285,7 +285,7 @@ def test_a_replayed_fault_is_shown_at_its_end_alone(made):
     assert said[-1] == str(run.fault)
 
 
-def test_the_mouse_pushes_the_machine_that_is_stepped(made):
+def test_the_mouse_pushes_the_simulated_machine(made):
     _machine, _, run, scene = made
     wrench = np.zeros((scene.model.nbody, 6))
     wrench[scene.model.body("carriage").id] = (0.0, 30.0, 40.0, 7.0, 8.0, 9.0)  # its guides hold the torque
@@ -300,18 +300,18 @@ def test_the_mouse_pushes_the_machine_that_is_stepped(made):
     assert not source.forces.any()
 
 
-def test_a_replay_asks_for_no_push(made):
+def test_a_replay_ignores_pushes(made):
     window = replayed(made, pictures=3, pushes={1: "no forces at all"})
     assert window.column("push") == [None] * 3
 
 
-def test_speed_of_nothing(made):
+def test_zero_speed_is_refused(made):
     _, _, run, scene = made
     with pytest.raises(InputError, match=r"^speed = 0: must be greater than 0$"):
         Player("circle", scene, Replay(run), Paper(scene), speed=0.0)
 
 
-def test_it_rests_until_the_next_picture_is_due(made):
+def test_the_player_rests_until_the_next_picture(made):
     _, _, run, scene = made
     wall = Wall()
 

@@ -124,7 +124,7 @@ def seen(scene, view):
 
 
 @pytest.mark.parametrize("camera", ["overview", "side", "top"])
-def test_freed_camera_sees_what_the_fixed_one_saw(saved, camera):
+def test_freed_camera_has_the_view_of_the_fixed_one(saved, camera):
     run = SavedRun.load(saved)
     scene = Scene(run.machine, run.run)
     fixed, free = scene.camera(camera), mujoco.MjvCamera()
@@ -157,7 +157,7 @@ def test_colour_bar_goes_from_low_to_high(saved):
     assert not ink[-5:].any()
 
 
-def test_the_colour_bar_says_what_its_ends_stand_for():
+def test_the_colour_bar_labels_its_ends():
     table = np.zeros((256, 3), np.uint8)
     bar = colour_bar(Scale("contour error", "µm", 0.0, 15.07, False, True, table), 300)
     for text, there in (("≥ 15.1", True), ("0.0", True), ("≤", False)):
