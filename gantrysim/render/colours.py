@@ -68,7 +68,7 @@ class Scale:
 
 
 def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | None] | None = None) -> Scale | None:
-    """Return one colour scale for the beads of several runs.
+    """Return one colour scale for the beads of several runs, or None for plain beads.
 
     An error scale begins at 0 and ends at the 99.5th percentile. A width scale is centred on the first run's nominal
     width, where that is known, and spans the 5th to the 95th percentile, so that a blob at a stop does not dominate it.
@@ -77,9 +77,6 @@ def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | N
         colour: one of `COLOURS`.
         runs: the runs to be coloured.
         beads: bead settings of each run.
-
-    Returns:
-        None for plain beads.
 
     Raises:
         InputError: no such colour.

@@ -99,8 +99,7 @@ def film_writer(
                 colours.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
         command = [get_ffmpeg_exe(), "-y", "-v", "error", *frames, *options, str(partial)]
-        # in a session of its own, so that Ctrl-C reaches this process alone; ignoring the signals that Python ignores,
-        # so that it reports a limit on the size of files
+        # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
         encoder = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
         )

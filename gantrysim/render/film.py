@@ -38,8 +38,6 @@ class Take:
     """A run to be filmed.
 
     Attributes:
-        machine: the machine of the run.
-        run: the record.
         label: of the run; by default its machine's name.
         bead: settings of the bead.
     """

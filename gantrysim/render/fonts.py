@@ -74,11 +74,9 @@ class Font:
     def _without_middle(self, text: str, width: float) -> str:
         if self.width(text) <= width:
             return text
-        for letters in range(len(text) - 1, 0, -1):
-            short = f"{text[: letters - letters // 2].rstrip()}…{text[len(text) - letters // 2 :].lstrip()}"
-            if self.width(short) <= width:
-                return short
-        return "…"
+        lengths = range(len(text) - 1, 0, -1)
+        cuts = (f"{text[: n - n // 2].rstrip()}…{text[len(text) - n // 2 :].lstrip()}" for n in lengths)
+        return next((short for short in cuts if self.width(short) <= width), "…")
 
     def wrapped(self, text: str, width: float) -> list[str]:
         """Return a text in lines of at most a width [pixels], where its words allow that."""

@@ -14,9 +14,11 @@ from gantrysim.view.chart import Chart
 from gantrysim.view.clock import Clock, Pace
 from gantrysim.view.push import Bodies
 from gantrysim.view.source import Source
-from gantrysim.view.texts import ACTIONS, Action, moment_texts
+from gantrysim.view.texts import moment_texts
 from gantrysim.view.window import ViewerWindow, WindowClosedError
 
+# GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
+_SPACE, _BACKSPACE, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 259, 262, 263, 264, 265, 268
 _PERIOD = 1 / 60  # of pictures, at best [s]
 _JUMP = 1.0  # of the arrow keys [s]
 _ALL_KEYS = 10.0  # for which all keys are listed at the beginning; later only while paused [s]
@@ -82,8 +84,7 @@ class Player:
             WindowClosedError: the window is closed.
         """
         for key in self._window.pressed():
-            if key in ACTIONS:
-                self._act(ACTIONS[key])
+            self._act(key)
         self._apply_pushes()
         source, now = self._source, self._timer()
         moment = self.clock.at(now)
@@ -100,20 +101,21 @@ class Player:
             self._shown = (run, tick)
         self._show(run, tick, now)
 
-    def _act(self, action: Action) -> None:
+    def _act(self, key: int) -> None:
         now = self._timer()
-        self._pace.reset()
-        if action is Action.PAUSE:
+        if key == _SPACE:
             self.clock = self.clock.toggled(now)
-        elif action in (Action.FASTER, Action.SLOWER):
-            self.clock = self.clock.scaled(2.0 if action is Action.FASTER else 0.5, now)
-        elif action is Action.START:
+        elif key in (_UP, _DOWN):
+            self.clock = self.clock.scaled(2.0 if key == _UP else 0.5, now)
+        elif key in (_HOME, _BACKSPACE):
             self._source.restart()
             self.clock = self.clock.moved(0.0, now)
             self._shown = None
-        elif not self._source.live:
-            jump = _JUMP if action is Action.FORWARD else -_JUMP
-            self.clock = self.clock.moved(self.clock.at(now) + jump, now)
+        elif key in (_LEFT, _RIGHT) and not self._source.live:
+            self.clock = self.clock.moved(self.clock.at(now) + (_JUMP if key == _RIGHT else -_JUMP), now)
+        else:
+            return
+        self._pace.reset()
 
     def _apply_pushes(self) -> None:
         if self._bodies is None:

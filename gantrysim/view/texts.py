@@ -1,9 +1,8 @@
-"""Texts and keys of the viewer: the values of the moment, what keys do, and the fault that ended a run."""
+"""Texts of the viewer: the values of the moment, what keys do, and the fault that ended a run."""
 
 from __future__ import annotations
 
 import textwrap
-from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
@@ -19,28 +18,6 @@ _BEHIND = 0.9  # of the requested speed, below which the actual one is shown
 # the viewer's font is limited to ASCII
 _ASCII = str.maketrans({"µ": "u", "·": " ", "²": "2", "³": "3", "°": " deg", "–": "-", "−": "-", "×": "x"})
 
-
-class Action(Enum):
-    """Action of a key."""
-
-    PAUSE = auto()
-    BACK = auto()
-    FORWARD = auto()
-    FASTER = auto()
-    SLOWER = auto()
-    START = auto()
-
-
-# by GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
-ACTIONS = {
-    32: Action.PAUSE,
-    262: Action.FORWARD,
-    263: Action.BACK,
-    264: Action.SLOWER,
-    265: Action.FASTER,
-    259: Action.START,
-    268: Action.START,
-}
 
 _VIEWER_KEYS = (("[ ], Esc", "switch camera, free camera"), ("F1", "keys of MuJoCo's viewer"))
 REPLAY_KEYS = (

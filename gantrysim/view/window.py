@@ -18,7 +18,7 @@ from gantrysim.render.legend import colour_bar
 from gantrysim.render.scene import Scene
 from gantrysim.view.chart import Chart
 from gantrysim.view.display import NoDisplayError
-from gantrysim.view.texts import Row, Texts
+from gantrysim.view.texts import Texts
 
 _POLL = 0.05  # interval at which waiting threads check the window and Ctrl-C [s]
 _LEAVING = 0.3  # for threads to leave a viewer that has stopped drawing [s]
@@ -91,7 +91,8 @@ class ViewerWindow:
                 (_SMALL, _CORNER.mjGRID_BOTTOMLEFT, texts.keys),
                 (_LARGE, _CORNER.mjGRID_TOPRIGHT, texts.fault),
             )
-            handle.set_texts([(size, corner, *_columns(rows)) for size, corner, rows in parts if rows])
+            columns = ((size, corner, *map("\n".join, zip(*rows, strict=True))) for size, corner, rows in parts if rows)
+            handle.set_texts(list(columns))
             area = handle.viewport
             if area is not None:
                 width, height = round(0.42 * area.width), round(0.26 * area.height)
@@ -202,10 +203,6 @@ def _guarded(simulate: Any, guard: threading.Lock, ended: threading.Event) -> An
 
 
 _abandoned: list[Any] = []  # viewers with a blocked upload, kept until the process ends
-
-
-def _columns(rows: tuple[Row, ...]) -> tuple[str, str]:
-    return "\n".join(row[0] for row in rows), "\n".join(row[1] for row in rows)
 
 
 def _free_view(scene: Scene, view: mujoco.MjvCamera) -> tuple[Floats, float, float, float]:
