@@ -1,4 +1,4 @@
-"""Draw the README's pictures anew into docs/pictures/: every job on its machine, plots of a run, of a study, of a tuning."""
+"""Draw the documentation's pictures into docs/pictures/: every job on its machine, plots of a run, a study and a tuning."""
 
 import itertools
 import shutil
@@ -22,8 +22,8 @@ PLOTTED, TUNED = "an225", "fanuc-spiral"
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 PLOTS = ("budget", "plan", "spacing", "bead")
 SIZE, SMALL, FILMED, ANIMATED = (960, 720), (640, 480), (1280, 960), (560, 460)
-SHARE = 0.74  # of the run, at which the machine is shown
-# What shows each job's bead best: camera, share of the run, and whether as a film's frame with the error as colour.
+SHARE = 0.74  # of the run at which the machine is shown
+# Picture of each job's bead: camera, share of the run, and whether it is a film frame coloured by error.
 DETAILS = {
     "an225": ("nozzle", 0.74, False),
     "an225-3d": ("nozzle", 0.74, False),
@@ -33,14 +33,14 @@ DETAILS = {
     "softmc-helical": ("nozzle", 0.27, False),
     "stage-outline": ("nozzle", 0.74, False),
 }
-FINER = 3  # times as many pixels drawn, and averaged, so that edges of shadows are soft, too
+FINER = 3  # pixels drawn per pixel of a picture and side, to smooth the edges of shadows
 SMOOTH = Image.Resampling.LANCZOS
-MARGIN = 0.03  # round the machine, as a share of the picture
-COLOURS = 256  # of a picture's palette
+MARGIN = 0.03  # around the machine, of the picture's size
+COLOURS = 256  # of a palette
 
 
 def save(image: Image.Image, name: str) -> None:
-    """Large ones as they are, others with a palette: one half for what there is most of, the other for rare colours."""
+    """Save a picture; a small one with a palette, half of it for frequent colours and half for rare ones."""
     if image.width >= SIZE[0]:
         image.save(FOLDER / f"{name}.png", optimize=True)
         return
@@ -52,16 +52,16 @@ def save(image: Image.Image, name: str) -> None:
 
 
 def machine_box(renderer: Renderer) -> tuple[float, ...]:
-    """The least part of the picture, of its own shape, that holds the machine: left, top, right, bottom [pixels]."""
+    """Return the smallest part of a picture, of its proportions, with the machine: left, top, right, bottom."""
     model, data, camera = renderer.model, renderer.data, renderer.view.fixedcamid
     drawn = (model.geom_rbound > 0) & (model.geom_group == 2)  # no floor, no bead
     signs = np.array(list(itertools.product((-1, 1), repeat=3)))
     corners = model.geom_aabb[drawn, None, :3] + signs * model.geom_aabb[drawn, None, 3:]
     world = np.einsum("gij,gcj->gci", data.geom_xmat[drawn].reshape(-1, 3, 3), corners) + data.geom_xpos[drawn, None]
-    seen = (world.reshape(-1, 3) - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
+    local = (world.reshape(-1, 3) - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
     size = np.array(renderer.size)
     focal = 0.5 * size[1] / np.tan(0.5 * np.radians(model.cam_fovy[camera]))
-    places = 0.5 * size + focal * seen[:, :2] * [1, -1] / -seen[:, 2:]
+    places = 0.5 * size + focal * local[:, :2] * [1, -1] / -local[:, 2:]
     low, high = places.min(axis=0) - MARGIN * size, places.max(axis=0) + MARGIN * size
     box = size * min(1.0, ((high - low) / size).max())
     corner = np.clip(0.5 * (low + high - box), 0, size - box)

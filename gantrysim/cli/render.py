@@ -19,91 +19,89 @@ def render(
     folders: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN_DIR", help="Folder of a run; two or four are shown side by side.", show_default=False
+            metavar="RUN_DIR", help="Folder of a run; two or four runs are compared side by side.", show_default=False
         ),
     ],
     camera: Annotated[
         str | None,
         typer.Option(
-            help="overview, top, side, or nozzle, which follows the tip; by default overview, or all of a machine that "
-            "has none."
+            help="overview, top, side, or nozzle, which follows the tip; by default overview, or the whole machine if "
+            "it has no cameras."
         ),
     ] = None,
     size: Annotated[
         str | None,
         typer.Option(
             metavar="WxH",
-            help="Width and height of the film, even numbers of an MP4; by default 960x720, of two runs 1280x640, of "
+            help="Width and height of the film, even numbers for MP4; by default 960x720, for two runs 1280x640, for "
             "four 1280x960.",
         ),
     ] = None,
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 25.0,
     speed: Annotated[
         float | None,
-        typer.Option(
-            help="Seconds of the run in a second of film; by default 1, and more where that took over a minute."
-        ),
+        typer.Option(help="Seconds of the run per second of film; by default 1, or more to keep it below a minute."),
     ] = None,
     colour: Colour = "plain",
     at: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Draw a single picture, at this time of the run.")
+        float | None, typer.Option(metavar="SECONDS", help="Draw a single picture at this time of the run.")
     ] = None,
     label: Annotated[
         list[str] | None,
-        typer.Option(help="What a run is called, once for each; by default by what their jobs differ in."),
+        typer.Option(help="Label of a run, given once per run; by default the values in which the jobs differ."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="File to write: .mp4, .gif, or .png for a single picture, by default at the end; by default "
-            "render.mp4 in the run's folder, or comparison.mp4 beside the first of them, and .png with --at."
+            help="File to write: .mp4, .gif, or .png for a single picture, at the end unless --at is given; by default "
+            "render.mp4 in the run's folder, or comparison.mp4 beside the first of several, and .png with --at."
         ),
     ] = None,
 ) -> None:
     """Draw saved runs: a film or a picture of the machine and its bead, with readout and error strip.
 
-    Nothing is simulated again. Two or four runs are shown side by side at the same time of the run, their errors on one
-    scale; one that is over before the others keeps its last picture.
+    Nothing is simulated again. Two or four runs are shown side by side at the same time of the run, with one scale for
+    their errors; a run that ends before the others keeps its last picture.
 
-    Exit status: 0, 2 for bad input or where there is no OpenGL, 130 after Ctrl-C.
+    Exit status: 0 on success, 2 for bad input or without OpenGL, 130 after Ctrl-C.
     """
-    from gantrysim.render.comparison import labels_of
     from gantrysim.render.encoding import FILMS, film_rate
     from gantrysim.render.film import COUNTS, Film, Take
+    from gantrysim.render.labels import labels_of
     from gantrysim.report.saved import SavedRun
 
     if len(folders) not in COUNTS:
         raise InputError(f"number of runs = {len(folders)}: must be 1, 2 or 4")
     if label and len(label) != len(folders):
-        raise InputError(f"number of labels = {len(label)}: must be {len(folders)}, one for each run")
+        raise InputError(f"number of labels = {len(label)}: must be {len(folders)}, one per run")
     positive("frames per second", fps, "1/s")
     if speed is not None:
         positive("speed of the film", speed)
-    wanted = None if size is None else size_of(size)
+    pixels = None if size is None else size_of(size)
     target = _target(folders, out, at)
-    with interruptible("nothing is written") as go_on:
+    with interruptible("nothing was written") as go_on:
         runs = [SavedRun.load(folder) for folder in folders]
         for run in runs:
             if run.changed:
                 warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
         names = label or labels_of(runs)
         takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
-        with Film(takes, camera=camera, size=wanted, colour=colour) as film:
+        with Film(takes, camera=camera, size=pixels, colour=colour) as film:
             if target.suffix.lower() not in FILMS:
                 film.save_picture(target, at)
-                said = "picture"
+                content = "picture"
             else:
                 with share_bar("render", go_on) as advance:
                     frames = film.save(target, fps=fps, speed=speed, progress=advance)
-                said = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
-    say(f"written to {target}: {said}")
+                content = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
+    say(f"written to {target}: {content}")
 
 
 def size_of(text: str) -> tuple[int, int]:
-    """Return the width and height that a text such as "960x720" gives.
+    """Return the width and height in a text such as "960x720".
 
     Raises:
-        InputError: another text.
+        InputError: the text is not of this form.
     """
     found = re.fullmatch(r"(\d{1,9})[x×](\d{1,9})", text.strip())
     if found is None:
@@ -112,7 +110,7 @@ def size_of(text: str) -> tuple[int, int]:
 
 
 def _target(folders: list[Path], out: Path | None, at: float | None) -> Path:
-    """The file to be written."""
+    """Return the file to be written."""
     from gantrysim.render.encoding import FILMS, PICTURES
     from gantrysim.report.folder import RENDER
 
@@ -126,5 +124,5 @@ def _target(folders: list[Path], out: Path | None, at: float | None) -> Path:
     if suffix not in (*FILMS, *PICTURES):
         raise InputError(f"--out {out}: suffix = {out.suffix!r}: must be {', '.join(FILMS)} or {PICTURES[0]}")
     if at is not None and suffix in FILMS:
-        raise InputError(f"--at {at:g} with --out {out}: --at is of a single picture: must be {PICTURES[0]}")
+        raise InputError(f"--at {at:g} with --out {out}: --at draws a single picture: must be {PICTURES[0]}")
     return out.expanduser()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,36 +17,43 @@ from gantrysim.errors import InputError, positive
 from gantrysim.job.job import Job, builtin_jobs
 from gantrysim.run import Fault
 
+if TYPE_CHECKING:
+    from gantrysim.render.scene import Scene
+    from gantrysim.view.push import Bodies
+    from gantrysim.view.source import Source
+
 
 def view(
     shown: Annotated[
         str,
         typer.Argument(
             metavar="RUN_DIR|JOB",
-            help="Folder of a run, to be replayed; or a built-in job or a TOML file, to be run live.",
+            help="Folder of a run to replay; or a built-in job or TOML file to run live.",
             show_default=False,
         ),
     ],
     camera: Annotated[
         str | None,
-        typer.Option(help="overview, top, side or nozzle; by default overview, or all of a machine that has none."),
+        typer.Option(
+            help="overview, top, side or nozzle; by default overview, or the whole machine if it has no cameras."
+        ),
     ] = None,
     colour: Colour = "plain",
-    speed: Annotated[float, typer.Option(help="Seconds of the run in a second.")] = 1.0,
+    speed: Annotated[float, typer.Option(help="Seconds of the run per second.")] = 1.0,
     model: Model = None,
     settings: Settings = None,
 ) -> None:
-    """Open MuJoCo's viewer on a saved run that plays, or on a job that runs live, with the bead growing.
+    """Open MuJoCo's viewer to replay a saved run or to run a job live, with the growing bead.
 
-    A live run may be pushed: a double click chooses a body, Ctrl and a drag with the right button pushes it, with the
-    left one twists it.
+    A live run can be pushed: a double click selects a body, Ctrl and a drag with the right button pushes it, with the
+    left button twists it.
 
-    Keys: Space pauses and goes on; Left and Right go a second back and forward in a saved run; Up and Down double and
-    halve the speed; Home or Backspace go to the start, and run a job anew; [ and ] change the camera, Esc frees it; F1
-    lists the viewer's own.
+    Keys: Space pauses and resumes; Left and Right jump by a second in a saved run; Up and Down double and halve the
+    speed; Home or Backspace go to the start of a saved run and restart a live one; [ and ] switch the camera, Esc frees
+    it; F1 lists the viewer's own keys.
 
-    Exit status: 0 when the window is closed, 2 for bad input or where there is no display, 3 where a fault ended a live
-    run, 130 after Ctrl-C.
+    Exit status: 0 when the window is closed, 2 for bad input or without a display, 3 if a fault ended a live run, 130
+    after Ctrl-C.
     """
     from gantrysim.view.display import check_display
 
@@ -54,20 +61,19 @@ def view(
     folder = Path(shown).expanduser()
     saved = _is_saved(shown, folder)
     if saved and (model is not None or settings):
-        raise InputError(f"run {shown}: is replayed as it was; --model and --set are for a job that runs live")
+        raise InputError(f"run {shown}: a saved run cannot be changed; --model and --set apply to live jobs only")
     check_display()
-    fault = None
     if saved:
         _replay(folder, camera, colour, speed)
-    else:
-        fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
+        return
+    fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
     if fault is not None:
         warn(str(fault), "fault")
         raise typer.Exit(FAULT)
 
 
 def _is_saved(shown: str, folder: Path) -> bool:
-    """Return whether a folder is meant, or a job."""
+    """Return whether the argument is a run's folder rather than a job."""
     from gantrysim.report.folder import RUN
 
     if folder.is_file():  # a job, or by mistake another file of a run
@@ -78,72 +84,70 @@ def _is_saved(shown: str, folder: Path) -> bool:
 def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None:
     from gantrysim.render.scene import Scene
     from gantrysim.report.saved import SavedRun
-    from gantrysim.view.player import Player
     from gantrysim.view.source import Replay
-    from gantrysim.view.window import ViewerWindow, WindowClosedError
 
     saved = SavedRun.load(folder)
     if saved.changed:
-        warn(f"machine {saved.machine.name} has changed since it ran: what is shown of it is as it is now")
+        warn(f"note: machine {saved.machine.name} has changed since {folder} was run; its present model is shown")
     scene = Scene(saved.machine, saved.run, saved.job.bead, colour=colour)
-    with suppress(WindowClosedError), _undisturbed() as stopped:
-        window = ViewerWindow(scene, camera)
-        try:
-            Player(saved.job.name, scene, Replay(saved.run), window, speed=speed).play(stopped)
-        finally:
-            window.close()
+    _play(saved.job.name, scene, Replay(saved.run), camera, speed)
 
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
     from gantrysim.engine.simulation import Simulation
     from gantrysim.render.colours import scale_for
     from gantrysim.render.scene import Scene
-    from gantrysim.view.player import Player
     from gantrysim.view.push import STIFFNESS, Bodies
     from gantrysim.view.source import Live
-    from gantrysim.view.window import ViewerWindow, WindowClosedError
 
-    machine = job.built_machine
     simulation = Simulation.of(
-        machine,
+        job.built_machine,
         job.built_servo,
         job.setpoints,
         physics_step=job.simulation.physics_step,
         dispenser=job.dispenser,
     )
-    # the bead needs as many rings as one laid without error, and the colours a scale that fits the run to come
+    # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()
     scale = scale_for(colour, [follower if colour == "plain" else job.run()], [job.bead])
-    scene = Scene(machine, follower, job.bead, colour=colour, scale=scale)
+    scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
-    bodies = Bodies(scene.model, simulation.model)
-    with suppress(WindowClosedError), _undisturbed() as stopped:
+    return _play(job.name, scene, Live(simulation), camera, speed, Bodies(scene.model, simulation.model))
+
+
+def _play(
+    name: str, scene: Scene, source: Source, camera: str | None, speed: float, bodies: Bodies | None = None
+) -> Fault | None:
+    """Play a source in a window and return the fault that ended a live run."""
+    from gantrysim.view.player import Player
+    from gantrysim.view.window import ViewerWindow, WindowClosedError
+
+    with suppress(WindowClosedError), _deferred_interrupts() as stopped:
         window = ViewerWindow(scene, camera)
         try:
-            player = Player(job.name, scene, Live(simulation), window, bodies=bodies, speed=speed)
-            return player.play(stopped)
+            return Player(name, scene, source, window, bodies=bodies, speed=speed).play(stopped)
         finally:
             window.close()
     return None
 
 
 @contextmanager
-def _undisturbed() -> Iterator[Callable[[], bool]]:
-    """Hold Ctrl-C and a polite kill back until the block's end; what is given tells whether one came.
+def _deferred_interrupts() -> Iterator[Callable[[], bool]]:
+    """Defer Ctrl-C and SIGTERM to the end of the block, and give a function that returns whether one has arrived.
 
-    An exception in the midst of opening or closing a window would leave its thread to draw what is freed.
+    An exception while a window opens or closes would leave its thread drawing freed memory.
     """
-    came = False
+    interrupted = False
 
     def remember(_number: int, _frame: FrameType | None) -> None:
-        nonlocal came
-        came = True
+        nonlocal interrupted
+        interrupted = True
 
     before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: came
+        yield lambda: interrupted
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    if came:
+    if interrupted:
         raise KeyboardInterrupt

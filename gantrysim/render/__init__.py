@@ -1,4 +1,4 @@
-"""Offscreen pictures and video of a run, from its record: the machine, and the bead growing behind the nozzle."""
+"""Offscreen pictures and films of a run, from its record: the machine and the bead growing behind the nozzle."""
 
 from gantrysim.render.film import Film, Take, save_video
 from gantrysim.render.opengl import NoOpenGLError

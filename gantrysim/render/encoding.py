@@ -1,4 +1,4 @@
-"""Pictures written to files: films frame by frame, single ones; a file is there when it is whole, or not at all."""
+"""Pictures and films written to files, each complete or not at all."""
 
 from __future__ import annotations
 
@@ -26,25 +26,24 @@ _MP4, _GIF = ".mp4", ".gif"
 FILMS = (_MP4, _GIF)
 PICTURES = (".png",)
 
-_HUNDREDTHS = 100.0  # of a second, in which a GIF says how long each of its frames stays
-_SHORTEST, _LONGEST = 2, 65535  # of these, that players keep to, and that it can say
-# What is not labelled is taken by some players for the colours of old television, by others for those of new; with its
-# index in front, a film plays while it is still loaded.
+_HUNDREDTHS = 100.0  # of a second, the unit of a GIF's frame times
+_SHORTEST, _LONGEST = 2, 65535  # the shortest that players respect, and the longest of the format
+# Players guess the colour space of unlabelled films differently; with its index in front a film plays while it loads.
 _MP4_OPTIONS = (
     "-vf scale=out_color_matrix=bt709:out_range=tv,"
     "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709 "
     "-c:v libx264 -crf 14 -pix_fmt yuv420p -movflags +faststart"
 )
 _GIF_OPTIONS = "-lavfi paletteuse=dither=none -c:v gif -loop 0"
-_KEPT = 20  # lines of what an encoder says
-_FINEST_RATE = 1_000_000  # of frames per second as a fraction, its denominator
+_KEPT = 20  # last lines of an encoder's messages
+_FINEST_RATE = 1_000_000  # denominator of frames per second as a fraction
 
 
 def suffix_of(file: Path, known: Sequence[str]) -> str:
     """Return the suffix of a file to be written, in lower case.
 
     Raises:
-        InputError: none of the known ones, a folder, or in no folder that there is.
+        InputError: an unknown suffix, a folder, or no such parent folder.
     """
     suffix = file.suffix.lower()
     if suffix not in known:
@@ -57,15 +56,15 @@ def suffix_of(file: Path, known: Sequence[str]) -> str:
 
 
 def film_rate(file: Path, fps: float) -> float:
-    """Return the frames per second of a film: those asked for, or of a GIF the nearest that it can say.
+    """Return the frames per second of a film; for a GIF the nearest possible.
 
     Raises:
         InputError: not above 0, or another suffix.
     """
-    asked = positive("frames per second", fps, "1/s")
+    requested = positive("frames per second", fps, "1/s")
     if suffix_of(file, FILMS) != _GIF:
-        return asked
-    return _HUNDREDTHS / min(max(round(_HUNDREDTHS / asked), _SHORTEST), _LONGEST)
+        return requested
+    return _HUNDREDTHS / min(max(round(_HUNDREDTHS / requested), _SHORTEST), _LONGEST)
 
 
 @contextmanager
@@ -76,9 +75,9 @@ def film_writer(
 
     Args:
         file: to write.
-        fps: frames per second, as `film_rate` gives them.
+        fps: frames per second, from `film_rate`.
         size: width and height of the frames [pixels].
-        samples: gives frames that have between them all colours of the film, for the one palette of a GIF.
+        samples: gives frames with all colours of the film, for the palette of a GIF.
 
     Raises:
         InputError: a file that cannot be written, or an odd size of an MP4.
@@ -95,36 +94,50 @@ def film_writer(
         options = _MP4_OPTIONS.split()
         if suffix == _GIF:
             palette = partial.with_name("palette.png")
-            found = _palette(samples())
-            with _told(file):
-                found.save(palette)
+            colours = _palette(samples())
+            with _write_errors(file):
+                colours.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
         command = [get_ffmpeg_exe(), "-y", "-v", "error", *frames, *options, str(partial)]
-        # in a session of its own, so that a Ctrl-C reaches this process alone; deaf to signals as Python is, so that
-        # it says which limit it meets
+        # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
         encoder = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
         )
-        assert encoder.stderr is not None
-        # what it says is read at once: no place on a disk that is full, and no pipe that fills
-        said: deque[bytes] = deque(maxlen=_KEPT)
-        listener = threading.Thread(target=said.extend, args=(encoder.stderr,), name="encoder", daemon=True)
+        stdin, stderr = encoder.stdin, encoder.stderr
+        assert stdin is not None
+        assert stderr is not None
+        # messages are read at once: the pipe must not fill up
+        messages: deque[bytes] = deque(maxlen=_KEPT)
+        listener = threading.Thread(target=messages.extend, args=(stderr,), name="encoder", daemon=True)
         listener.start()
-        whole = False
+
+        def append(frame: Picture) -> None:
+            try:
+                stdin.write(np.ascontiguousarray(frame).data)
+            except BrokenPipeError:
+                raise _StoppedError from None
+
+        complete = False
         try:
-            yield lambda frame: _send(encoder, frame)
-            _finish(encoder)
-            whole = encoder.returncode == 0
-        except _StoppedError:
-            _finish(encoder)
+            with suppress(_StoppedError):
+                yield append
+                complete = True
+            with suppress(BrokenPipeError):
+                stdin.close()
+            encoder.wait()
         finally:
-            if encoder.poll() is None:
-                encoder.kill()
-                _finish(encoder)
+            encoder.kill()  # after an error, and an interrupt
+            with suppress(BrokenPipeError):
+                stdin.close()
+            encoder.wait()
             listener.join()
-            encoder.stderr.close()
-        if not whole:
-            raise InputError(f"file {file}: cannot be written: {_reason(said, encoder.returncode)}")
+            stderr.close()
+        if not complete or encoder.returncode:
+            raise InputError(f"file {file}: cannot be written: {_reason(messages, encoder.returncode)}")
+
+
+class _StoppedError(Exception):
+    """The encoder no longer accepts frames."""
 
 
 def save_picture(file: Path, picture: Picture) -> None:
@@ -133,36 +146,14 @@ def save_picture(file: Path, picture: Picture) -> None:
     Raises:
         InputError: another suffix, or a file that cannot be written.
     """
-    import imageio.v3 as imageio
-
     suffix_of(file, PICTURES)
-    with _partial(file) as partial, _told(file):
-        imageio.imwrite(partial, picture)
+    with _partial(file) as partial, _write_errors(file):
+        Image.fromarray(picture).save(partial)
 
 
-class _StoppedError(Exception):
-    """The encoder takes no more."""
-
-
-def _send(encoder: subprocess.Popen[bytes], frame: Picture) -> None:
-    assert encoder.stdin is not None
-    try:
-        encoder.stdin.write(np.ascontiguousarray(frame).data)
-    except BrokenPipeError:
-        raise _StoppedError from None
-
-
-def _finish(encoder: subprocess.Popen[bytes]) -> None:
-    """Let it end what it has."""
-    assert encoder.stdin is not None
-    with suppress(BrokenPipeError):
-        encoder.stdin.close()
-    encoder.wait()
-
-
-def _reason(said: Iterable[bytes], status: int) -> str:
-    """Return why an encoder ended: the last that it said, less the part of it that says so; or how it ended."""
-    lines = [line.decode(errors="replace").strip() for line in said]
+def _reason(messages: Iterable[bytes], status: int) -> str:
+    """Return why an encoder failed: its last message without the name of its part, or its exit status."""
+    lines = [line.decode(errors="replace").strip() for line in messages]
     reasons = [re.sub(r"^\[[^]]* @ [^]]*\] ", "", line) for line in lines if line]
     if reasons:
         return reasons[-1]
@@ -170,8 +161,8 @@ def _reason(said: Iterable[bytes], status: int) -> str:
 
 
 @contextmanager
-def _told(file: Path) -> Iterator[None]:
-    """Say which file could not be written."""
+def _write_errors(file: Path) -> Iterator[None]:
+    """Raise InputError with the file's name for an OSError."""
     try:
         yield
     except OSError as error:
@@ -180,26 +171,25 @@ def _told(file: Path) -> Iterator[None]:
 
 @contextmanager
 def _partial(file: Path) -> Iterator[Path]:
-    """Give a file in a hidden folder beside a file, that takes its place on success and is gone otherwise.
+    """Give a file in a hidden folder that replaces a file beside it on success and is removed otherwise.
 
-    With the folder goes the place in which a child that starts late, or dies late, could still write.
+    Removing the folder also stops an encoder that is still writing.
     """
     target = file.absolute()
-    with _told(file):
+    with _write_errors(file):
         scratch = Path(tempfile.mkdtemp(prefix=partial_name(""), dir=target.parent))
     try:
         yield scratch / target.name
-        with _told(file):
+        with _write_errors(file):
             (scratch / target.name).replace(target)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _palette(samples: Sequence[Picture]) -> Image.Image:
-    """The 256 colours of frames, as a picture of 16 x 16.
+    """Return the 256 colours of frames, as a picture of 16 x 16.
 
-    Half of them share out the pixels, for smooth shades; half the space of colours, for the few pixels that matter, as
-    those of a thin bead.
+    Half of them divide the pixels evenly, for smooth shades; half the colour space, for rare colours as of a thin bead.
     """
     image = Image.fromarray(np.concatenate(samples))
     colours = np.zeros((256, 3), np.uint8)

@@ -1,57 +1,73 @@
-"""The scale of the beads' colours, upright, with its title and its numbers."""
+"""Drawings of a bead's colour scale: upright beside the pictures of a film, level in the viewer."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from gantrysim.plots.style import INK
 from gantrysim.render.colours import Scale
-from gantrysim.render.lettering import PAPER, Font, rgb
+from gantrysim.render.encoding import Picture
+from gantrysim.render.fonts import LINE, PAPER, Font, font
 
-Picture = NDArray[np.uint8]
+_BAR, _GAP = 0.9, 0.5  # widths in sizes of the letters
 
-_LINE = 1.25  # of the size of the letters
-_SHORT = {"contour error": "error", "width of the bead": "width"}
-_MARGIN, _BAR, _GAP = 0.6, 0.9, 0.5  # in sizes of the letters
+BAR_HEIGHT = 34  # of the level bar with its text [pixels]
+_BAR_COLOURS, _BAR_MARGIN, _BAR_LETTERS = 12, 6, 12  # heights of its parts [pixels]
+_BAR_PAPER, _BAR_INK = "#14171c", "#ebebeb"
 
 
 class Legend:
-    """The colours from low to high with three numbers beside them, and the title above.
+    """An upright colour scale with three numbers beside it and its title above.
 
     Args:
-        scale: of the colours.
-        letters: its font.
-        narrow: whether the title is short and may stand in two lines.
+        scale: the colour scale.
+        font: of its text.
+        narrow: whether the title is short and may be wrapped.
 
     Attributes:
         width: [pixels].
     """
 
-    def __init__(self, scale: Scale, letters: Font, narrow: bool = False) -> None:
-        self._scale, self._letters = scale, letters
-        numbers = (_BAR + _GAP) * letters.size + max(map(letters.width, scale.labels()))
-        self._lines = [f"{scale.title} [{scale.unit}]"]
+    def __init__(self, scale: Scale, font: Font, narrow: bool = False) -> None:
+        self._scale, self._font = scale, font
+        numbers = (_BAR + _GAP) * font.size + max(map(font.width, scale.labels()))
+        self._title = [f"{scale.title} [{scale.unit}]"]
         if narrow:
-            self._lines = letters.wrapped(f"{_SHORT.get(scale.title, scale.title)} [{scale.unit}]", numbers)
-        self._margin = round(_MARGIN * letters.size)
-        self.width = round(max(numbers, *map(letters.width, self._lines))) + 2 * self._margin
+            self._title = font.wrapped(f"{scale.short_title} [{scale.unit}]", numbers)
+        self.width = round(max(numbers, *map(font.width, self._title))) + 2 * font.margin
 
     def picture(self, height: int) -> Picture:
-        """Return it in a height [pixels], (height, width, 3)."""
-        letters, margin, bar = self._letters, self._margin, round(_BAR * self._letters.size)
+        """Return the legend in a height [pixels], (height, width, 3)."""
+        font, bar = self._font, round(_BAR * self._font.size)
         image = Image.new("RGB", (self.width, height), PAPER)
         draw = ImageDraw.Draw(image)
-        for number, line in enumerate(self._lines):
-            row = 1 + round((0.08 + _LINE * number) * letters.size)
-            draw.text((margin, row), line, rgb(INK), letters.face)
-        first = 1 + round((_LINE * len(self._lines) + 0.5) * letters.size)
-        last = height - 1 - round(0.75 * letters.size)
-        table = self._scale.table[np.round(np.linspace(255, 0, last + 1 - first)).astype(int)]
-        for text, beside in zip(self._scale.labels(), (last, (first + last) // 2, first), strict=True):
-            place = (round(margin + bar + _GAP * letters.size), beside)
-            draw.text(place, text, rgb(INK), letters.face, anchor="lm")
+        for number, line in enumerate(self._title):
+            font.write(draw, (font.margin, 1 + round((0.08 + LINE * number) * font.size)), line, INK)
+        first = 1 + round((LINE * len(self._title) + 0.5) * font.size)
+        last = height - 1 - round(0.75 * font.size)
+        column = round(font.margin + bar + _GAP * font.size)
+        for text, row in zip(self._scale.labels(), (last, (first + last) // 2, first), strict=True):
+            font.write(draw, (column, row), text, INK, "lm")
         picture = np.array(image)
-        picture[first : last + 1, margin : margin + bar] = table[:, None]
+        colours = self._scale.table[np.round(np.linspace(255, 0, last + 1 - first)).astype(int)]
+        picture[first : last + 1, font.margin : font.margin + bar] = colours[:, None]
         return picture
+
+
+@lru_cache(maxsize=2)
+def colour_bar(scale: Scale, width: int) -> Picture:
+    """Return a level colour scale with its ends and its title above, (BAR_HEIGHT, width, 3)."""
+    image = Image.new("RGB", (width, BAR_HEIGHT), _BAR_PAPER)
+    draw, letters = ImageDraw.Draw(image), font(_BAR_LETTERS)
+    low, _, high = scale.labels()
+    middle = (BAR_HEIGHT - _BAR_COLOURS) // 2
+    room = width - 4 * _BAR_MARGIN - 2 * max(letters.width(low), letters.width(high))
+    title = letters.shortened(f"bead: {scale.short_title} [{scale.unit}]", room)
+    for text, x, anchor in ((low, _BAR_MARGIN, "lm"), (title, width / 2, "mm"), (high, width - _BAR_MARGIN, "rm")):
+        letters.write(draw, (x, middle), text, _BAR_INK, anchor)
+    picture = np.array(image)
+    picture[-_BAR_COLOURS:] = scale.table[np.arange(width) * len(scale.table) // width]
+    return picture

@@ -1,20 +1,20 @@
-"""OpenGL that needs no display."""
+"""OpenGL without a display."""
 
 from __future__ import annotations
 
 import ctypes.util
+import importlib
 import os
 import subprocess
 import sys
 from functools import cache
-from types import TracebackType
 from typing import Any, Self
 
 from gantrysim.errors import GantryError
 
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
-_WITH_THEIR_OWN = ("darwin", "win32")
+_BUILT_IN = ("darwin", "win32")  # platforms with an OpenGL of their own
 _OFF = ("off", "false", "0", "disable", "disabled")
 _TRIAL = "from mujoco.egl import GLContext; GLContext(8, 8).make_current()"
 
@@ -24,76 +24,63 @@ class NoOpenGLError(GantryError, RuntimeError):
 
 
 class Closing:
-    """What holds OpenGL, and is closed at the end of the block that it is the context manager of."""
+    """Base of context managers that close themselves at the end of the block."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Free it."""
+        """Free the OpenGL contexts."""
         raise NotImplementedError
 
 
 def offscreen(width: int, height: int, platform: str = sys.platform) -> Any:
-    """Return a context that is current.
+    """Return a current OpenGL context for pictures of a size [pixels].
 
-    On Linux it is one of EGL, on a GPU where there is one, else of OSMesa, or what MUJOCO_GL asks for; on macOS and
-    Windows it is MuJoCo's own choice, CGL or WGL.
-
-    Args:
-        width: of the pictures [pixels].
-        height: of the pictures [pixels].
-        platform: as `sys.platform` has it.
+    On Linux it is EGL's, on a GPU where there is one, else OSMesa's, or the one that MUJOCO_GL names; on macOS and
+    Windows it is MuJoCo's choice, CGL or WGL.
 
     Raises:
         NoOpenGLError: there is none, or MUJOCO_GL is off.
     """
-    asked = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if asked in _OFF:
-        raise NoOpenGLError(f"MUJOCO_GL is {asked}")
-    if platform in _WITH_THEIR_OWN:
-        return _systems_own(width, height)
-    wanted = [asked] if asked in _LIBRARIES else list(_LIBRARIES)
-    found = [name for name in wanted if ctypes.util.find_library(_LIBRARIES[name]) is not None]
+    requested = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if requested in _OFF:
+        raise NoOpenGLError(f"MUJOCO_GL is {requested}")
+    if platform in _BUILT_IN:
+        try:
+            return _context("gl_context", width, height)
+        except Exception as error:  # each system's library has errors of its own
+            raise NoOpenGLError(f"no offscreen OpenGL: {_one_line(error)}") from None
+    libraries = [requested] if requested in _LIBRARIES else list(_LIBRARIES)
+    found = [name for name in libraries if ctypes.util.find_library(_LIBRARIES[name]) is not None]
     failures = ""
-    # a process that has tried EGL in vain has its functions and cannot load OSMesa's any more
+    # a process in which EGL has failed keeps its functions and can no longer load OSMesa's
     if len(found) == 2 and (failure := _egl_failure()):
         failures += f" (egl: {failure})"
         found.remove("egl")
     for name in found:
         try:
-            if name == "egl":
-                from mujoco.egl import GLContext
-            else:
-                from mujoco.osmesa import GLContext
-            context = GLContext(width, height)
-            context.make_current()
-            return context
+            return _context(name, width, height)
         except (ImportError, RuntimeError, AttributeError) as error:
-            failures += f" ({name}: {' '.join(str(error).split())})"
-    raise NoOpenGLError(f"no OpenGL that needs no display{failures}: install Debian package {_PACKAGES}")
+            failures += f" ({name}: {_one_line(error)})"
+    raise NoOpenGLError(f"no offscreen OpenGL{failures}: install Debian package {_PACKAGES}")
 
 
-def _systems_own(width: int, height: int) -> Any:
-    """Return a context of the system's own OpenGL, which needs no window that is seen."""
-    try:
-        from mujoco.gl_context import GLContext
-
-        context = GLContext(width, height)
-        context.make_current()
-    except Exception as error:  # each system's library has errors of its own
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise NoOpenGLError(f"no OpenGL that draws without a window: {reason}") from None
+def _context(module: str, width: int, height: int) -> Any:
+    context = importlib.import_module(f"mujoco.{module}").GLContext(width, height)
+    context.make_current()
     return context
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 @cache
 def _egl_failure() -> str:
-    """Return why a process of its own cannot open a context by EGL; nothing where it can."""
+    """Return why a separate process cannot open an EGL context; empty if it can."""
     done = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True)
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]

@@ -1,65 +1,55 @@
-"""Pictures of a run, offscreen."""
+"""Offscreen pictures of a run."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from gantrysim.bead import BeadSettings
 from gantrysim.errors import InputError, whole
-from gantrysim.machine.machine import Machine
-from gantrysim.render.closeup import CloseUp
+from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.render.colours import Scale
+from gantrysim.render.encoding import Picture
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
 from gantrysim.run import Run
 
-Image = NDArray[np.uint8]
-
-_FRAMED = 4 / 3  # width over height, for which the machines' cameras are framed
+_FRAMED = 4 / 3  # width over height for which the machines' cameras are framed
 _MOST_GEOMS = 2000
-_LARGEST = 8192  # side of a picture [pixels]; a square one takes some GB to be drawn
+_LARGEST = 8192  # side of a picture [pixels]; a square one takes some GB to draw
+_NEAR = 0.25  # distance of a camera to the tip, below which shadows are refined [m]
+_SHADOWED = 0.11  # radius around the tip that then has shadows [m]
 
 
-def checked_size(what: str, size: tuple[int, int]) -> tuple[int, int]:
-    """Return the width and height of a picture [pixels].
-
-    Args:
-        what: how an error calls the picture.
-        size: width and height.
+def checked_size(name: str, size: tuple[int, int]) -> tuple[int, int]:
+    """Return the width and height of a picture [pixels]; errors call it by the name.
 
     Raises:
-        InputError: no whole numbers from 1 to 8192.
+        InputError: not whole numbers from 1 to 8192.
     """
     for side, pixels in zip(("width", "height"), size, strict=True):
-        if whole(f"{side} of the {what}", pixels, 1) > _LARGEST:
-            raise InputError(f"{side} of the {what} = {pixels:g} pixels: must be at most {_LARGEST} pixels")
+        if whole(f"{side} of the {name}", pixels, 1) > _LARGEST:
+            raise InputError(f"{side} of the {name} = {pixels:g} pixels: must be at most {_LARGEST} pixels")
     return int(size[0]), int(size[1])
 
 
 class Renderer(Closing):
     """Draws a run at any of its ticks. Use it as a context manager.
 
-    A picture that is narrower than 4:3 is as wide as one of 4:3, so that nothing is cut off.
+    A picture that is narrower than 4:3 shows the same width as one of 4:3, so that nothing is cut off.
 
     Args:
-        machine: the machine that ran.
-        run: the record.
-        camera: name of a camera of the machine; by default "overview", or a view of everything where there is none.
+        machine, run, bead, colour, scale: as for `Scene`.
+        camera: name of a camera of the machine; by default "overview", or a view of everything without one.
         size: width and height of the pictures [pixels].
-        bead: how the glue lies.
-        colour: what the bead's colour tells, one of `gantrysim.render.colours.COLOURS`.
-        scale: of the colours; by default one that fits the run.
 
     Attributes:
-        size: width and height of the pictures [pixels].
-        scene: what is drawn.
+        scene: the machine with its bead.
         view: the camera.
 
     Raises:
         InputError: no such camera or colour, or a side that is not from 1 to 8192 pixels.
-        NoOpenGLError: no OpenGL that needs no display, or one that draws no pictures of the size.
+        NoOpenGLError: no OpenGL without a display, or one that cannot draw pictures of the size.
     """
 
     def __init__(
@@ -81,16 +71,40 @@ class Renderer(Closing):
             for fields, name in ((model, "cam_fovy"), (model.vis.global_, "fovy")):
                 half = np.tan(0.5 * np.radians(getattr(fields, name))) * _FRAMED * height / width
                 setattr(fields, name, 2 * np.degrees(np.arctan(half)))
-        self._closeup = CloseUp(model, self.scene.data, self.view)
+        self._tip = int(model.site(NOZZLE).id)
+        self._lights = self._refined_lights()
         self._gl = offscreen(width, height)
         try:
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         except mujoco.FatalError as error:
             self._gl.free()
-            raise NoOpenGLError(f"OpenGL draws no pictures of {width} x {height} pixels here: {error}") from None
+            raise NoOpenGLError(f"OpenGL cannot draw pictures of {width} x {height} pixels: {error}") from None
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
         self._option = mujoco.MjvOption()
+
+    def _refined_lights(self) -> list[int]:
+        """Narrow the shadow maps of the lights for a fixed camera near the tip; return the lights to be aimed at it.
+
+        Spread over the whole machine a shadow map resolves half a millimetre, too coarse to be seen from near. The
+        OpenGL context takes the shadow scale over when it is made.
+        """
+        model, data = self.model, self.data
+        tip = data.site_xpos[self._tip]
+        if self.view.type != mujoco.mjtCamera.mjCAMERA_FIXED:
+            return []
+        if np.linalg.norm(data.cam_xpos[self.view.fixedcamid] - tip) > _NEAR:
+            return []
+        spot = mujoco.mjtLightType.mjLIGHT_SPOT
+        shadows = np.flatnonzero(model.light_active & model.light_castshadow & (model.light_type == spot))
+        refined = []
+        for light in shadows.tolist():
+            distance = float(np.linalg.norm(tip - data.light_xpos[light]))
+            half = np.degrees(np.arctan2(_SHADOWED, distance))
+            if half < model.vis.map.shadowscale * model.light_cutoff[light]:
+                model.vis.map.shadowscale = half / model.light_cutoff[light]
+                refined.append(light)
+        return refined
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -99,13 +113,8 @@ class Renderer(Closing):
 
     @property
     def data(self) -> mujoco.MjData:
-        """Where it stands."""
+        """Its pose."""
         return self.scene.data
-
-    @property
-    def scale(self) -> Scale | None:
-        """Of the bead's colours, None where it is plain."""
-        return self.scene.scale
 
     def close(self) -> None:
         """Free the OpenGL context."""
@@ -114,18 +123,20 @@ class Renderer(Closing):
         self._gl.free()
 
     def show(self, run: Run) -> None:
-        """Draw another run of the machine from now on, with as many rings of the bead.
+        """Draw another run of the machine from now on, with the same number of bead rings.
 
         Raises:
-            TooFewRingsError: they are too few for the ends of all its stretches.
+            TooFewRingsError: too few rings for the ends of its stretches.
         """
         self.scene.show(run)
 
-    def frame(self, tick: int) -> Image:
+    def frame(self, tick: int) -> Picture:
         """Return the picture at a tick, (height, width, 3)."""
         scene = self.scene
         scene.pose(tick)
-        self._closeup.aim()
+        for light in self._lights:
+            offset = self.data.site_xpos[self._tip] - self.data.light_xpos[light]
+            self.data.light_xdir[light] = offset / np.linalg.norm(offset)
         self._gl.make_current()
         mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value

@@ -1,4 +1,4 @@
-"""The machine of a run with its bead, at any of its ticks; without OpenGL, for pictures and for the viewer."""
+"""Model of a machine with the bead of a run, posed at any tick; without OpenGL, for pictures and for the viewer."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.arrays import Floats
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.sweep import Sweep
-from gantrysim.errors import InputError, unknown
+from gantrysim.bead.trace import BeadTrace
+from gantrysim.errors import unknown
 from gantrysim.machine.machine import WORK, Machine
 from gantrysim.render.colours import Scale, errors_along, scale_for
-from gantrysim.render.drop import drop_at
 from gantrysim.render.workpiece import workpiece
 from gantrysim.run import Run
 
@@ -19,27 +20,29 @@ _BEAD = "gantrysim bead"
 _PIECE = "gantrysim work piece"
 _GLUE = (0.98, 0.58, 0.10, 1.0)
 _TURNED = (0.45, 0.47, 0.50, 1.0)
-# A coloured bead mostly glows, for its colours are held against a scale: of a texture's colour so much is lit, and the
-# rest its own light. The machines' lights add up to about 1.1.
+# A coloured bead mostly glows, so that its colours match the scale: _LIT of a colour is lit, the rest is emitted. The
+# machines' lights add up to about 1.1.
 _LIT = 0.3
 _GLOW = (1 - 1.1 * _LIT) / _LIT
+_WETTED = 1.0  # height that a drop climbs up the needle, in radii of the free thread
+_HANGS = 3.0  # height that a drop hangs down above the surface, likewise
 
 
 class Scene:
-    """A model of the machine with a bead on its work, under one that climbs a body that carries it, and its data.
+    """The machine with the bead on its work, the body under a climbing bead, and the drop at the needle.
 
     Args:
-        machine: the machine that ran.
+        machine: the machine of the run.
         run: the record.
-        bead: how the glue lies.
-        colour: what the bead's colour tells, one of `gantrysim.render.colours.COLOURS`.
+        bead: settings of the bead.
+        colour: quantity that colours the bead, one of `gantrysim.render.colours.COLOURS`.
         scale: of the colours; by default one that fits the run.
 
     Attributes:
         model: the compiled machine with the bead.
         data: posed by `pose`.
-        mesh: number of the bead's mesh in the model, which is to be uploaded after `pose`.
-        scale: of the colours, None where the bead is plain.
+        mesh: number of the bead's mesh in the model, to be uploaded after `pose`.
+        scale: of the colours, None for a plain bead.
 
     Raises:
         InputError: no such colour.
@@ -57,7 +60,7 @@ class Scene:
         self.machine = machine
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
         self._colour = colour
-        self._take(run, Sweep(run, bead))
+        self._set_run(run, Sweep(run, bead))
         self.model = _with_bead(machine, self.sweep, self.scale)
         self.data = mujoco.MjData(self.model)
         self.mesh = int(self.model.mesh(_BEAD).id)
@@ -65,21 +68,21 @@ class Scene:
         self._normals = _mesh_part(self.model, self.mesh, "normal")
         self.pose(0)
 
-    def _take(self, run: Run, sweep: Sweep) -> None:
+    def _set_run(self, run: Run, sweep: Sweep) -> None:
         self.run, self.sweep = run, sweep
         if self._colour == "error":
             self._errors = errors_along(sweep.bead_trace)
 
     def show(self, run: Run) -> None:
-        """Show another run of the machine from now on, with as many rings of the bead.
+        """Show another run of the machine from now on, with the same number of bead rings.
 
         Raises:
-            TooFewRingsError: they are too few for the ends of all its stretches.
+            TooFewRingsError: too few rings for the ends of its stretches.
         """
-        self._take(run, Sweep(run, self.sweep.bead_trace.settings, self.sweep))
+        self._set_run(run, Sweep(run, self.sweep.bead_trace.settings, self.sweep))
 
     def pose(self, tick: int) -> None:
-        """Put the machine where it stood at a tick, with the bead laid until then."""
+        """Pose the machine at a tick, with the bead laid until then."""
         self.data.qpos[:] = self.machine.to_qpos(self.run.encoder[tick])
         mujoco.mj_forward(self.model, self.data)
         mesh = self.sweep.mesh(tick)
@@ -88,11 +91,12 @@ class Scene:
             bead_trace = self.sweep.bead_trace
             values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._errors)
             coordinates = _mesh_part(self.model, self.mesh, "texcoord")
-            coordinates[:, 0] = _in_texture(self.scale.share(values)).repeat(len(coordinates) // len(values))
-        self._drop = drop_at(self.sweep.bead_trace, tick)
+            places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
+            coordinates[:, 0] = places.repeat(len(coordinates) // len(values))
+        self._drop = _drop_at(self.sweep.bead_trace, tick)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
-        """Add what is no part of the model, the drop at the nozzle, to a scene that holds the model's geoms."""
+        """Add the drop at the nozzle, which is not part of the model, to a scene that holds the model's geoms."""
         if self._drop is None or scene.ngeom >= scene.maxgeom:
             return
         centre, radius, half_height = self._drop
@@ -107,7 +111,7 @@ class Scene:
         scene.ngeom += 1
 
     def camera(self, name: str | None = None) -> mujoco.MjvCamera:
-        """Return a camera: the named one, by default "overview", or a view of everything where there is none of that.
+        """Return the named camera, by default "overview", or a view of everything on a machine without that.
 
         Raises:
             InputError: no such camera.
@@ -117,23 +121,20 @@ class Scene:
         if name is None and "overview" not in names:
             mujoco.mjv_defaultFreeCamera(self.model, view)
             return view
-        wanted = name or "overview"
-        if not any(names):
-            lacking = f"machine {self.machine.name} has none"
-            raise InputError(f"unknown camera {wanted!r}: {lacking}; leave the camera out to see all of it")
-        if wanted not in names:
-            raise unknown("camera", wanted, filter(None, names))
+        requested = name or "overview"
+        if requested not in names:
+            raise unknown("camera", requested, filter(None, names))
         view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        view.fixedcamid = names.index(wanted)
+        view.fixedcamid = names.index(requested)
         return view
 
 
 def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.MjModel:
-    """Compile the machine once more with the bead's mesh on the work, in the work's own frame."""
-    spec = machine.spec.copy()
-    drawn = sweep.mesh(len(sweep.bead_trace.run.time) - 1)
+    """Compile the machine with the bead's mesh, and the body under a climbing bead, in the work's frame."""
+    spec, run = machine.spec.copy(), sweep.bead_trace.run
+    drawn = sweep.mesh(len(run.time) - 1)
     mesh = spec.add_mesh(name=_BEAD)
-    # the compiler wants a body with a volume; the vertices that are drawn are written afterwards
+    # the compiler requires a volume; the drawn vertices are written later
     mesh.uservert = np.random.default_rng(0).uniform(-1, 1, drawn.vertices.size).astype(np.float32)
     mesh.usernormal = drawn.normals.ravel()
     mesh.userface = sweep.faces().ravel()
@@ -147,46 +148,56 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
         material.rgba, material.emission, material.specular = (_LIT, _LIT, _LIT, 1), _GLOW, 0.0
     _add_to_work(spec, _BEAD, group=0)
-    _add_piece(spec, sweep)
+    piece = workpiece(run, sweep.bead_trace.settings)
+    if piece is not None:
+        mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+        mesh.uservert = piece.vertices.ravel().astype(np.float32)
+        mesh.userface = piece.faces.ravel()
+        spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
+        _add_to_work(spec, _PIECE, group=2)
     model = spec.compile()
     geom = model.geom(_BEAD).id
-    # the compiler has moved the mesh to its own inertial frame; the drawn vertices lie in the work's
+    # the compiler moves the mesh to its inertial frame; the drawn vertices are in the work's
     model.geom_pos[geom] = 0
     model.geom_quat[geom] = (1, 0, 0, 0)
     model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-    # views and light are scaled to the machine, and to the bead where that is larger
+    # views and light are scaled to the machine, or to a larger bead
     model.stat.center[:] = machine.model.stat.center
-    model.stat.extent = max(
-        float(machine.model.stat.extent), 2e-3 * float(np.ptp(sweep.bead_trace.run.nozzle, axis=0).max())
-    )
+    model.stat.extent = max(float(machine.model.stat.extent), 2e-3 * float(np.ptp(run.nozzle, axis=0).max()))
     return model
 
 
-def _add_piece(spec: mujoco.MjSpec, sweep: Sweep) -> None:
-    """Put a body under a bead that climbs."""
-    piece = workpiece(sweep.bead_trace.run, sweep.bead_trace.settings)
-    if piece is None:
-        return
-    mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-    mesh.uservert = piece.vertices.ravel().astype(np.float32)
-    mesh.userface = piece.faces.ravel()
-    spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
-    _add_to_work(spec, _PIECE, group=2)
-
-
 def _add_to_work(spec: mujoco.MjSpec, name: str, group: int) -> None:
-    """Put the mesh of a name, with the material of the same, on the work, where it is only seen."""
-    mesh = mujoco.mjtGeom.mjGEOM_MESH
-    looks = {"type": mesh, "meshname": name, "material": name, "group": group}
+    """Add a mesh with its material to the work, without mass or contacts."""
+    looks = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": name, "material": name, "group": group}
     spec.body(WORK).add_geom(name=name, mass=0, contype=0, conaffinity=0, **looks)
-
-
-def _in_texture(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where colours lie in a texture of 256: from the middle of the first to that of the last."""
-    return (0.5 + 255 * shares) / 256
 
 
 def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float32]:
     start = int(getattr(model, f"mesh_{part}adr")[mesh])
     count = int(getattr(model, f"mesh_{part}num")[mesh])
     return getattr(model, f"mesh_{part}")[start : start + count]
+
+
+def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | None:
+    """Return the glue between the needle's tip and the bead at a tick, an ellipsoid, or None while none flows.
+
+    It is centre in the work frame, (3,) [m], radius and half height [m]. The radius is that of the free thread of glue:
+    of the nominal section A,
+
+        r = sqrt(A / pi) sqrt(Q / Q0),
+
+    with the flow Q and the largest flow of the run, Q0. It wets the needle and reaches down to the surface, or hangs
+    freely where the nozzle is high above it.
+    """
+    run = bead_trace.run
+    flow, most = float(run.flow[tick]), float(run.flow.max())
+    section = bead_trace.nominal if bead_trace.nominal > 0 else float(bead_trace.area.max())
+    if flow <= 0 or section <= 0:
+        return None
+    radius = float(np.sqrt(section / np.pi * flow / most))
+    tip = run.nozzle[tick]
+    height = float(tip[2] - bead_trace.surface[tick])
+    top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)
+    centre = tip + np.array([0.0, 0.0, 0.5 * (top - bottom)])
+    return 1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom)

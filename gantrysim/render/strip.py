@@ -1,4 +1,4 @@
-"""The contour error of runs over time, as a strip whose past is drawn bold, up to a cursor."""
+"""The contour errors of runs over time, drawn bold up to a cursor and faint after it."""
 
 from __future__ import annotations
 
@@ -10,74 +10,71 @@ from PIL import Image, ImageDraw
 
 from gantrysim.arrays import Floats
 from gantrysim.plots.style import COLOURS, INK
-from gantrysim.render.lettering import MUTED, PAPER, Font, rgb
-from gantrysim.render.readout import Readout
-
-Picture = NDArray[np.uint8]
+from gantrysim.render.encoding import Picture
+from gantrysim.render.fonts import MUTED, PAPER, Font, rgb
+from gantrysim.render.telemetry import Telemetry
 
 _GREY, _FAULT = COLOURS["requested"], COLOURS["fault"]
 _HEADROOM = 1.06  # of the error axis over the largest error
-_LEAST = 1e-3  # largest error that is shown as one [µm]
-_FAINT = 0.28  # of the time to come, against the past
-_OFF = 0.22  # of the shade where the dispenser is off
+_LEAST = 1e-3  # largest error that is not drawn as zero [µm]
+_FUTURE = 0.28  # opacity of the curves after the cursor
+_OFF = 0.22  # and of the shade where the dispenser is off
 _GRID = 0.30
-# title, and what the shade is; the first that there is room for
+_SPOT = 0.24  # radius in sizes of the letters
+# title, and name of the shade; the first that fits is drawn
 _NAMES = (("contour error [µm]", "dispenser off"), ("contour error [µm]", "off"), ("error [µm]", "off"))
 
 
-def ticks_of(top: float, most: float) -> Floats:
-    """Return ticks from 0 up to `top` in steps of 1, 2 or 5 times a power of ten, the shortest not below top / most."""
-    least = top / most
+def round_step(least: float) -> float:
+    """Return the smallest of 1, 2, 5 times a power of ten that is at least a positive number."""
     decade = 10.0 ** np.floor(np.log10(least))
-    step = next(factor * decade for factor in (1, 2, 5, 10) if factor * decade >= least * (1 - 1e-9))
+    return float(next(factor * decade for factor in (1, 2, 5, 10) if factor * decade >= least * (1 - 1e-9)))
+
+
+def axis_ticks(top: float, most: float) -> Floats:
+    """Return ticks from 0 up to `top` at a round step, the shortest that is at least top / most."""
+    step = round_step(top / most)
     return step * np.arange(np.floor(top / step * (1 + 1e-9)) + 1)
 
 
 class Strip:
-    """Draws the contour errors of runs over the time of the run, on one scale.
+    """Draws the contour errors of runs over time, on one scale.
 
     Time and error lie at the middles of pixels:
 
         column(t) = left + t / end (right - left)        row(e) = bottom - e / top (bottom - above)
 
     Args:
-        readouts: of the runs.
-        colours: of their curves, one each.
+        runs: telemetry of the runs.
+        colours: of their curves.
         size: width and height of the strip [pixels].
-        font: of its letters.
-        head: height above the curves, by default that of the title [pixels].
+        font: of its text.
+        head: height above the curves, at least that of the title [pixels].
 
     Attributes:
-        size: width and height [pixels].
         end: time at the right end, that of the longest run [s].
         top: error at the upper end [µm].
         left, right: first and last column of the curves.
-        above, bottom: their first and last row; the last is that of no error.
-        time_ticks: [s].
-        error_ticks: [µm].
+        above, bottom: first and last row of the curves; the last is that of zero error.
+        time_ticks, error_ticks: of the axes [s], [µm].
     """
 
     def __init__(
-        self,
-        readouts: Sequence[Readout],
-        colours: Sequence[str],
-        size: tuple[int, int],
-        font: Font,
-        head: int = 0,
+        self, runs: Sequence[Telemetry], colours: Sequence[str], size: tuple[int, int], font: Font, head: int = 0
     ) -> None:
         self.size = width, height = size
-        self._readouts, self._font = tuple(readouts), font
+        self._runs, self._font = tuple(runs), font
         self._colours = [np.array(rgb(colour)) for colour in colours]
-        self.end = max(float(max(one.time[-1], one.run.period)) for one in readouts)
-        largest = max((float(one.max[-1]) for one in readouts if np.isfinite(one.max[-1])), default=0.0)
+        self.end = max(float(max(run.time[-1], run.run.period)) for run in runs)
+        largest = max((float(run.max[-1]) for run in runs if np.isfinite(run.max[-1])), default=0.0)
         self.top = _HEADROOM * largest if largest > _LEAST else 1.0
         self.above = max(round(1.3 * font.size), head)
         self.bottom = height - round(1.35 * font.size)
-        self.error_ticks = ticks_of(self.top, (self.bottom - self.above) / (1.15 * font.size))
+        self.error_ticks = axis_ticks(self.top, (self.bottom - self.above) / (1.15 * font.size))
         self.left = round(max(font.width(f"{tick:g}") for tick in self.error_ticks) + 0.5 * font.size)
         self.right = width - 1 - round(1.8 * font.size)
-        self.time_ticks = ticks_of(self.end, (self.right - self.left) / (4.5 * font.size))
-        self._to_come, self._past = self._drawn()
+        self.time_ticks = axis_ticks(self.end, (self.right - self.left) / (4.5 * font.size))
+        self._future, self._past = self._drawn()
 
     def column(self, time: float) -> float:
         """Return the column of a time [s], that of the end for later ones."""
@@ -90,107 +87,106 @@ class Strip:
     def picture(self, time: float) -> Picture:
         """Return the strip at a time of the run [s], (height, width, 3)."""
         cursor = round(self.column(time))
-        picture = self._to_come.copy()
+        picture = self._future.copy()
         picture[:, : cursor + 1] = self._past[:, : cursor + 1]
         thick = max(1, round(self._font.size / 10))
         first = min(max(cursor - thick // 2, self.left), self.right + 1 - thick)
         picture[self.above : self.bottom + 1, first : first + thick] = rgb(INK)
-        for readout, colour in zip(self._readouts, self._colours, strict=True):
-            error = readout.error[readout.tick(time)]
-            if readout.faulted(time):
-                ended = round(self.column(readout.time[-1]))
-                _spot(picture, ended, self.row(np.nan_to_num(error)), 0.24 * self._font.size, np.array(rgb(_FAULT)))
-            elif np.isfinite(error) and not readout.over(time):
-                _spot(picture, cursor, self.row(error), 0.24 * self._font.size, colour)
+        radius = _SPOT * self._font.size
+        for run, colour in zip(self._runs, self._colours, strict=True):
+            error = run.error[run.tick(time)]
+            if run.faulted(time):
+                end = round(self.column(run.time[-1]))
+                _draw_spot(picture, end, self.row(np.nan_to_num(error)), radius, np.array(rgb(_FAULT)))
+            elif np.isfinite(error) and not run.ended(time):
+                _draw_spot(picture, cursor, self.row(error), radius, colour)
         return picture
 
     def _drawn(self) -> tuple[Picture, Picture]:
-        """What lies right of the cursor, and what left of it."""
+        """Return the strip as it looks right of the cursor, and left of it."""
         paper = Image.new("RGB", self.size, PAPER)
-        draw = ImageDraw.Draw(paper)
-        self._write(draw)
+        off, grey = self._off(), np.array(rgb(_GREY))
+        self._write(ImageDraw.Draw(paper), bool(off.any()))
         base = np.asarray(paper, float)
         area = base[self.above : self.bottom + 1, self.left : self.right + 1]
-        area[:, self._off()] += _OFF * (np.array(rgb(_GREY)) - area[:, self._off()])
+        area[:, off] += _OFF * (grey - area[:, off])
         for tick in self.error_ticks:
             line = area[round(self.row(tick)) - self.above]
-            line += (1.0 if tick == 0 else _GRID) * (np.array(rgb(_GREY)) - line)
+            line += (1.0 if tick == 0 else _GRID) * (grey - line)
         width = max(1.3, 0.13 * self._font.size)
-        return self._with_curves(base, width / 1.3, _FAINT), self._with_curves(base, width, 1.0)
+        return self._with_curves(base, width / 1.3, _FUTURE), self._with_curves(base, width, 1.0)
 
-    def _with_curves(self, base: Floats, thick: float, share: float) -> Picture:
-        """A picture with the curves on it; where they lie on each other they show by turns, as dashes."""
+    def _with_curves(self, base: Floats, thick: float, opacity: float) -> Picture:
+        """Draw the curves; where they overlap they alternate as dashes."""
         picture = base.copy()
         area = picture[self.above : self.bottom + 1, self.left : self.right + 1]
-        covered = [self._coverage(readout, thick)[..., None] for readout in self._readouts]
-        turn = np.arange(area.shape[1]) // round(0.7 * self._font.size) % len(covered)
+        covered = [self._coverage(run, thick)[..., None] for run in self._runs]
+        dash = np.arange(area.shape[1]) // round(0.7 * self._font.size) % len(covered)
         for last in range(len(covered)):
-            part = area[:, turn == last]
+            part = area[:, dash == last]
             for k in range(len(covered)):
                 run = (last + 1 + k) % len(covered)
-                part += share * covered[run][:, turn == last] * (self._colours[run] - part)
-            area[:, turn == last] = part
+                part += opacity * covered[run][:, dash == last] * (self._colours[run] - part)
+            area[:, dash == last] = part
         return np.round(picture).astype(np.uint8)
 
-    def _coverage(self, readout: Readout, thick: float) -> Floats:
-        """Share of every pixel that a curve covers: in each column from its smallest to its largest error there."""
+    def _coverage(self, run: Telemetry, thick: float) -> Floats:
+        """Return the share of every pixel that a curve covers: in each column between its extreme errors there."""
         columns = np.arange(self.left, self.right + 1)
         per_column = self.end / (self.right - self.left)
         edges = (np.append(columns, self.right + 1) - 0.5 - self.left) * per_column
-        value = np.interp(edges, readout.time, readout.error, left=np.nan, right=np.nan)
+        value = np.interp(edges, run.time, run.error, left=np.nan, right=np.nan)
         low, high = np.fmin(value[:-1], value[1:]), np.fmax(value[:-1], value[1:])
-        at = np.clip(np.round(readout.time / per_column).astype(int), 0, len(columns) - 1)
-        np.fmin.at(low, at, readout.error)
-        np.fmax.at(high, at, readout.error)
+        at = np.clip(np.round(run.time / per_column).astype(int), 0, len(columns) - 1)
+        np.fmin.at(low, at, run.error)
+        np.fmax.at(high, at, run.error)
         rows = np.arange(self.above, self.bottom + 1)[:, None]
         upper, lower = self.row(high) - 0.5 * thick, self.row(low) + 0.5 * thick  # type: ignore[arg-type]
-        covered: Floats = np.clip(np.minimum(rows + 0.5, lower) - np.maximum(rows - 0.5, upper), 0.0, 1.0)
-        return np.nan_to_num(covered)
+        return np.nan_to_num(np.clip(np.minimum(rows + 0.5, lower) - np.maximum(rows - 0.5, upper), 0.0, 1.0))
 
     def _off(self) -> NDArray[np.bool_]:
-        """Whether no run's dispenser is on at each column of the curves."""
+        """Return whether no run's dispenser is on at each column of the curves."""
         times = np.linspace(0.0, self.end, self.right + 1 - self.left)
         on = np.zeros(times.size, bool)
-        for readout in self._readouts:
-            tick = np.round(times / readout.run.period).astype(int)
-            there = tick < len(readout.time)
-            on[there] |= readout.run.dispense[tick[there]]
+        for run in self._runs:
+            tick = np.round(times / run.run.period).astype(int)
+            inside = tick < len(run.time)
+            on[inside] |= run.run.dispense[tick[inside]]
         return ~on
 
-    def _write(self, draw: ImageDraw.ImageDraw) -> None:
-        """Title, axes' numbers, and what the shade is."""
+    def _write(self, draw: ImageDraw.ImageDraw, shaded: bool) -> None:
+        """Draw title, numbers of the axes and name of the shade."""
         font = self._font
         above, side = round(0.08 * font.size), 0.8 * font.size
-        shaded = bool(self._off().any())
         for title, shade in _NAMES if shaded else [(title, "") for title, _ in _NAMES]:
             first = self.left + font.width(title) + (font.size + 1.4 * side) * shaded
             start = round(max(first, self.right - font.width(shade)))
             if start + font.width(shade) <= self.size[0] - 0.3 * font.size:
                 break
-        draw.text((self.left, above), title, rgb(INK), font.face)
+        font.write(draw, (self.left, above), title, INK)
         if shaded:
-            draw.text((start, above), shade, rgb(MUTED), font.face)
+            font.write(draw, (start, above), shade, MUTED)
             colour = tuple(round(p + 2 * _OFF * (g - p)) for p, g in zip(rgb(PAPER), rgb(_GREY), strict=True))
             box = (start - 1.4 * side, 0.28 * font.size, start - 0.4 * side, 0.28 * font.size + side)
             draw.rectangle([round(corner) for corner in box], colour)
         for tick in self.error_ticks:
             place = (round(self.left - 0.35 * font.size), round(self.row(tick)))
-            draw.text(place, f"{tick:g}", rgb(MUTED), font.face, anchor="rm")
+            font.write(draw, place, f"{tick:g}", MUTED, "rm")
         below = self.bottom + round(0.25 * font.size)
         for tick in self.time_ticks:
             column = round(self.column(tick))
             draw.line((column, self.bottom + 1, column, below - 1), rgb(_GREY))
-            draw.text((column, below), f"{tick:g}", rgb(MUTED), font.face, anchor="ma")
+            font.write(draw, (column, below), f"{tick:g}", MUTED, "ma")
         last = self.column(self.time_ticks[-1]) + font.width(f"{self.time_ticks[-1]:g}") / 2
-        draw.text((round(last + 0.3 * font.size), below), "s", rgb(MUTED), font.face, anchor="la")
+        font.write(draw, (round(last + 0.3 * font.size), below), "s", MUTED)
 
 
-def _spot(picture: Picture, column: int, row: float, radius: float, colour: Floats) -> None:
-    """Paint a disc with soft edges."""
+def _draw_spot(picture: Picture, column: int, row: float, radius: float, colour: Floats) -> None:
+    """Draw a disc with soft edges."""
     reach = int(np.ceil(radius)) + 1
     rows = np.arange(max(int(row) - reach, 0), min(int(row) + reach + 2, picture.shape[0]))
     columns = np.arange(max(column - reach, 0), min(column + reach + 1, picture.shape[1]))
-    away = np.hypot(rows[:, None] - row, columns - column)
-    share = np.clip(radius + 0.5 - away, 0.0, 1.0)[..., None]
+    distance = np.hypot(rows[:, None] - row, columns - column)
+    share = np.clip(radius + 0.5 - distance, 0.0, 1.0)[..., None]
     patch = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     patch[:] = np.round(patch + share * (colour - patch))

@@ -1,9 +1,9 @@
-"""The body that carries the bead of a path that climbs.
+"""The body under the bead of a path that climbs.
 
-Its top is a ledge along the dispensed part of the requested path: level across it, as the bead's base is, and below it
-by the gap. From the ledge of one turn a face leads to that of the next. Glue is laid from above, so where the path
-passes above itself the ledge is the lower one's, and nothing stands in the needle's way: the upper bead spans what is
-below it, or, where most of a path lies above itself as on a helix, leans on a thin wall beside it.
+Its top is a ledge along the dispensed part of the requested path: level across the path and below it by the gap. Faces
+join the ledges of neighbouring turns. Glue is laid from above: where the path passes above itself the ledge is the
+lower turn's, which leaves room for the needle, and the upper bead spans the distance. Where most of a path lies above
+itself, as on a helix, it leans on a thin wall beside it.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from gantrysim.run import Run
 
 Triangles = NDArray[np.int32]
 
-_STEP = 1.5  # of the samples along the path [mm]
-_NEEDLE = 0.5  # its radius, and some air [mm]
-_FLAT = 0.05  # a path that climbs no higher than this lies on the work itself [mm]
-_FILM = 0.02  # a body that is no thicker than this is not drawn [mm]
+_STEP = 1.5  # distance of the samples along the path [mm]
+_NEEDLE = 0.5  # clearance of the needle: its radius and a margin [mm]
+_FLAT = 0.05  # climb below which a path lies on the work itself [mm]
+_FILM = 0.02  # thickness below which the body is not drawn [mm]
 _LEVEL = 0.05  # cosine of the climb, below which the path has no direction in plan view
-_SHARE = 0.45  # of the distance to what passes beside it, that a ledge takes
-_BEND = 0.8  # of the radius of curvature, likewise
-_ASIDE = 6.0  # half widths along the path, within which it is still the same turn
-_ROUND = 0.7  # cosine of the angle between two directions, from which there is a corner between them
-_MOAT = 1.0  # between the ledge of a turn and what stands higher beside it [mm]
-_MOSTLY = 0.5  # share of the path that lies above itself, from which it leans on a wall
-_WALL = 2.0  # thickness [mm]
-_BESIDE = 0.95  # of the distance to its own turn, at which a wall keeps from every other
+_SHARE = 0.45  # half width of a ledge, of the distance to its neighbour
+_BEND = 0.8  # half width of a ledge, of the radius of curvature
+_SAME_TURN = 6.0  # distance along the path that is still the same turn, in half widths
+_ROUND = 0.7  # cosine of the angle between two directions, below which there is a corner between them
+_MOAT = 1.0  # between the ledge of a turn and higher ones beside it [mm]
+_MOSTLY = 0.5  # share of the path above itself, from which it leans on a wall
+_WALL = 2.0  # thickness of a wall [mm]
+_BESIDE = 0.95  # distance of a wall to all turns, of that to its own
 _CAP = np.radians([-90, -60, -30, 0, 30, 60, 90])  # corners of a ledge's round end
 
 
 class WorkPiece(NamedTuple):
-    """A body on the work, open below, where it stands on it.
+    """A body on the work, open below.
 
     Attributes:
         vertices: in the work frame, (v, 3) [m].
@@ -51,12 +51,7 @@ class WorkPiece(NamedTuple):
 
 
 def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
-    """Return the body that carries the bead of a run, or None where the path does not climb.
-
-    Args:
-        run: the run; only its dispensed part counts.
-        bead: how the glue lies.
-    """
+    """Return the body under the bead of a run, or None where its dispensed path does not climb."""
     if not run.dispense.any() or run.requested.table[1][:, 2].max() < _FLAT:
         return None
     bead_trace = BeadTrace(run, bead)
@@ -70,14 +65,9 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
     parts = [_solid(track, _reach(track, width), clear, floor)]
     if above.mean() > _MOSTLY:
         parts += _walls(track, ~below, clear, floor)
-    kept = [part for part in parts if len(part.faces)]
-    if not kept:
-        return None
-    starts = np.cumsum([0, *(len(part.vertices) for part in kept[:-1])])
-    return WorkPiece(
-        1e-3 * np.concatenate([part.vertices for part in kept]),
-        np.concatenate([part.faces + start for part, start in zip(kept, starts, strict=True)]).astype(np.int32),
-    )
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32)
+    return WorkPiece(1e-3 * np.concatenate([part.vertices for part in parts]), faces) if len(faces) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +78,8 @@ class _Track:
         s: arc length, (k,) [mm].
         point: (k, 3) [mm].
         along: direction in plan view, (k, 2).
-        turning: of it, (k,) [1/mm].
-        stretch: number of the stretch that the sample belongs to, ascending, (k,).
+        turning: curvature in plan view, (k,) [1/mm].
+        stretch: number of the continuous stretch that a sample belongs to, ascending, (k,).
     """
 
     s: Floats
@@ -103,15 +93,15 @@ class _Track:
         """Left normals in plan view, (k, 2)."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
 
-    def only(self, kept: NDArray[np.bool_]) -> _Track:
-        """Return the samples that are kept; what lies on either side of a gap are stretches of their own."""
+    def selected(self, kept: NDArray[np.bool_]) -> _Track:
+        """Return the selected samples; a gap divides a stretch."""
         parts = np.cumsum(np.diff(kept.astype(np.int8), prepend=0) == 1)
         _, stretch = np.unique(np.stack([self.stretch, parts])[:, kept], axis=1, return_inverse=True)
         return _Track(self.s[kept], self.point[kept], self.along[kept], self.turning[kept], stretch.ravel())
 
 
 def _track(run: Run, analysis: Analysis, gap: float) -> _Track | None:
-    """Sample the requested path wherever the program dispenses."""
+    """Sample the requested path wherever the program dispenses; None without a direction in plan view."""
     foot, ticks = analysis.commanded.s, analysis.ticks
     found = []
     for part in np.split(foot, np.flatnonzero(np.diff(ticks) > 1) + 1):
@@ -124,26 +114,26 @@ def _track(run: Run, analysis: Analysis, gap: float) -> _Track | None:
     local = run.requested.local(s)
     tangent = local.tangent[:, :2]
     level = np.linalg.norm(tangent, axis=1)
-    seen = level > _LEVEL
-    if seen.sum() < 2:
+    inclined = level > _LEVEL
+    if inclined.sum() < 2:
         return None
-    along = tangent[seen] / level[seen, None]
-    place = local.position[seen] - [0.0, 0.0, gap]
-    return _Track(s[seen], place, along, local.turning[seen] / level[seen], stretch[seen])
+    along = tangent[inclined] / level[inclined, None]
+    place = local.position[inclined] - [0.0, 0.0, gap]
+    return _Track(s[inclined], place, along, local.turning[inclined] / level[inclined], stretch[inclined])
 
 
 def _pairs(track: _Track, reach: float, width: float) -> tuple[NDArray[np.intp], Floats]:
-    """Pairs of samples of different turns that lie within reach of one another in plan view, (p, 2), and how far."""
+    """Return pairs of samples of different turns within reach in plan view, (p, 2), and their distances, (p,)."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(track.point[:, :2]).query_pairs(reach, output_type="ndarray")
-    other = np.abs(np.diff(track.s[pairs], axis=1)[:, 0]) > _ASIDE * width
+    other = np.abs(np.diff(track.s[pairs], axis=1)[:, 0]) > _SAME_TURN * width
     pairs = pairs[other]
     return pairs, np.linalg.norm(np.diff(track.point[pairs][..., :2], axis=1)[:, 0], axis=1)
 
 
 def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Tell which samples have another turn below them, and which have one above, (k,) each."""
+    """Return which samples have another turn below them, and which have one above, (k,) each."""
     pairs, _ = _pairs(track, clear, width)
     rise = np.diff(track.point[pairs, 2], axis=1)[:, 0]
     pairs, rise = pairs[np.abs(rise) > width], rise[np.abs(rise) > width]
@@ -155,36 +145,29 @@ def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool
 
 
 def _reach(track: _Track, width: float) -> Floats:
-    """Return the half widths of the ledge, (k,) [mm]: of the bead's width, unless there is no room for that."""
-    reach: Floats = np.full(len(track.s), width)
+    """Return the half widths of the ledge, (k,) [mm]: the bead's width, or less beside other turns and in bends."""
+    reach = np.full(len(track.s), width)
     pairs, apart = _pairs(track, width / _SHARE, width)
     for end in range(2):
         np.minimum.at(reach, pairs[:, end], _SHARE * apart)
-    bend: Floats = _BEND / np.maximum(np.abs(track.turning), 1e-9)
-    return np.minimum(reach, bend)
+    return np.minimum(reach, _BEND / np.maximum(np.abs(track.turning), 1e-9))
 
 
 def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiece:
-    """Triangulate the ledges in plan view, with what lies between them, and draw the rim down to the floor."""
-    from scipy.spatial import Delaunay, QhullError
+    """Triangulate the ledges and the faces between them in plan view, and add a skirt from the rim to the floor."""
+    from scipy.spatial import Delaunay
 
     reach = np.maximum(reach, clear)
     ends = np.flatnonzero(np.diff(track.stretch, prepend=-1) > 0)
     tips = np.concatenate([ends, np.append(ends[1:], len(track.s)) - 1])
-    caps = (
-        np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP),
-        np.broadcast_to(np.sin(_CAP), (len(tips), len(_CAP))),
-    )
     each = np.arange(len(track.s))
-    of = np.concatenate([each, each, each, np.repeat(tips, len(_CAP))])  # the sample that a corner belongs to
-    ahead = np.concatenate([np.zeros(3 * len(each)), caps[0].ravel()]) * reach[of]
-    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], len(each)), caps[1].ravel()]) * reach[of]
+    of = np.concatenate([each, each, each, np.repeat(tips, len(_CAP))])  # sample of each corner
+    round_ends = np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP)
+    ahead = np.concatenate([np.zeros(3 * len(each)), round_ends.ravel()]) * reach[of]
+    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], len(each)), np.tile(np.sin(_CAP), len(tips))]) * reach[of]
     plan = track.point[of, :2] + ahead[:, None] * track.along[of] + aside[:, None] * track.left[of]
     height = np.maximum(_ceiling(track, plan, of, clear), floor)
-    try:
-        faces = Delaunay(plan).simplices
-    except QhullError:  # all in one line
-        return WorkPiece(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    faces = Delaunay(plan).simplices
     a, b, c = np.moveaxis(plan[faces], 1, 0)
     double = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     faces = np.where((double > 0)[:, None], faces, faces[:, ::-1])
@@ -193,48 +176,48 @@ def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiec
     rim = _rim(faces)
     foot = np.column_stack([plan, np.full(len(plan), floor)])
     skirt = _band(rim[:, 0] + len(top), rim[:, 1] + len(top), rim[:, 0] + 2 * len(top), rim[:, 1] + 2 * len(top))
-    # the skirt has vertices of its own, so that the edge stays sharp
+    # separate vertices keep the edge sharp
     vertices = np.concatenate([top, top, foot])
     skirt = skirt[vertices[skirt, 2].max(axis=1) > floor]
     return WorkPiece(vertices, np.concatenate([faces, skirt]).astype(np.int32))
 
 
 def _ceiling(track: _Track, plan: Floats, of: NDArray[np.intp], clear: float) -> Floats:
-    """Return how high corners may stand, (v,) [mm]: as their own sample, and no other turn's nearby that is lower."""
+    """Return the heights of corners, (v,) [mm]: of their own sample, or of a lower turn nearby."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(plan).sparse_distance_matrix(cKDTree(track.point[:, :2]), clear + _MOAT, output_type="ndarray")
     corner, sample = near["i"], near["j"]
     own = of[corner]
-    other = np.abs(track.s[own] - track.s[sample]) > _ASIDE * clear
+    other = np.abs(track.s[own] - track.s[sample]) > _SAME_TURN * clear
     other |= np.einsum("ij,ij->i", track.along[own], track.along[sample]) < _ROUND
-    height: Floats = track.point[of, 2].copy()
+    height = track.point[of, 2].copy()
     np.minimum.at(height, corner[other], track.point[sample[other], 2])
     return height
 
 
 def _rim(faces: Triangles) -> Triangles:
-    """Return the edges that only one triangle has, in its sense, (e, 2)."""
+    """Return the edges of a single triangle, in its sense of rotation, (e, 2)."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, where, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     return edges[where[count == 1]]
 
 
 def _band(a: NDArray[np.integer], b: NDArray[np.integer], c: NDArray[np.integer], d: NDArray[np.integer]) -> Triangles:
-    """Triangles of quadrilaterals whose upper edges run from a to b and lower ones from c to d, seen from outside."""
+    """Return triangles of quadrilaterals with upper edges a to b and lower edges c to d, seen from outside."""
     return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)]).astype(np.int32)
 
 
 def _walls(track: _Track, top: NDArray[np.bool_], clear: float, floor: float) -> list[WorkPiece]:
-    """Return walls as high as the uppermost turn, on the side to which it turns, clear of bead and needle."""
+    """Return walls as high as the top turn, on its inner side, clear of bead and needle."""
     from scipy.spatial import cKDTree
 
     side = np.where(track.turning < 0, -1.0, 1.0)
     near, far = (track.point[:, :2] + (offset * side)[:, None] * track.left for offset in (clear, clear + _WALL))
     apart, _ = cKDTree(track.point[:, :2]).query(near)
-    # where it bends more sharply the wall would fold
+    # in sharper bends the wall would fold
     kept = top & (apart > _BESIDE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
-    upper, side, near, far = track.only(kept), side[kept], near[kept], far[kept]
+    upper, side, near, far = track.selected(kept), side[kept], near[kept], far[kept]
     walls = []
     for number in np.unique(upper.stretch):
         at = np.flatnonzero(upper.stretch == number)
@@ -248,7 +231,7 @@ def _walls(track: _Track, top: NDArray[np.bool_], clear: float, floor: float) ->
 
 
 def _box(corners: list[Floats]) -> WorkPiece:
-    """Return the bar whose section has the corners, each given along the bar, (m, 3), anticlockwise from its end."""
+    """Return a bar from the four edges along it, (m, 3) each, counter-clockwise seen from its end."""
     m = len(corners[0])
     vertices, faces = [], []
     for k in range(4):

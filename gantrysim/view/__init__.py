@@ -1,1 +1,1 @@
-"""MuJoCo's interactive viewer, with a saved run that plays or a job that runs live, and the bead that grows."""
+"""MuJoCo's interactive viewer for a saved run that is replayed or a job that runs live, with the growing bead."""

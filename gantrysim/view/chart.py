@@ -1,4 +1,4 @@
-"""The contour error over time, in as few points as MuJoCo's figures hold, with every peak."""
+"""The contour error over time in the viewer, in the few points that MuJoCo's figures hold, with every peak."""
 
 from __future__ import annotations
 
@@ -10,22 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.render.strip import round_step
 
 POINTS = 1000  # that a line of MuJoCo's holds
 _LINES = 99  # the last is the mark of the present
-_LEAST = 1.0  # that the axis of the error holds [µm]
-_STEPS = 6  # of the axis of time, at most
+_LEAST = 1.0  # range of the error axis [µm]
+_STEPS = 6  # of the time axis, at most
 _INK = (0.99, 0.63, 0.15)
 _MARK = (0.9, 0.9, 0.9)
 
 
 def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, Floats]:
-    """Return at most so many points of a curve, with the smallest and the largest value of every part of it.
+    """Return at most so many points of a curve, at least 2, with the extreme values of every part of it.
 
-    Args:
-        time: (n,), rising.
-        value: (n,), finite.
-        points: at most, at least 2.
+    Time is rising, (n,), the values are finite, (n,).
     """
     n = len(time)
     if n <= points:
@@ -40,40 +38,25 @@ def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, 
 
 
 def lines(time: Floats, value: Floats, points: int = POINTS, most: int = _LINES) -> list[tuple[Floats, Floats]]:
-    """Return a curve with gaps as lines without, of at most so many points together.
+    """Return a curve with gaps as separate lines, of at most so many points together.
 
-    Args:
-        time: (n,), rising.
-        value: (n,), nan in the gaps.
-        points: at most, in all lines together.
-        most: lines at most; where there are more parts, the gaps are drawn through.
+    Time is rising, (n,), the values are nan in the gaps, (n,). Gaps are bridged where there would be more lines than
+    `most`.
     """
     on = np.isfinite(value)
     edges = np.flatnonzero(np.diff(on, prepend=False, append=False))
     parts = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
     if len(parts) > most:
         return [thinned(time[on], value[on], points)]
-    share = points / max(int(on.sum()), 1)
-    drawn = []
-    for begin, end in parts:
-        own = (end - begin) if share >= 1 else max(int(share * (end - begin)), 2)
-        drawn.append(thinned(time[begin:end], value[begin:end], own))
-    return drawn
-
-
-def ceiling(value: float) -> float:
-    """Return the smallest of 1, 2, 5 times a power of ten that is no less than a value; 1 of none."""
-    if not value > 0:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-12))
+    share = min(points / max(int(on.sum()), 1), 1.0)
+    return [thinned(time[begin:end], value[begin:end], max(int(share * (end - begin)), 2)) for begin, end in parts]
 
 
 class Chart:
-    """The figure in the window.
+    """The contour error over time.
 
     Attributes:
-        figure: MuJoCo's.
+        figure: MuJoCo's figure.
     """
 
     def __init__(self) -> None:
@@ -92,33 +75,31 @@ class Chart:
         self.figure = figure
 
     def draw(self, time: Floats, error: Floats, until: float) -> None:
-        """Draw the error until now.
+        """Draw the contour error up to now.
 
         Args:
             time: (n,) [s].
-            error: contour error, nan while the dispenser is off, (n,) [µm].
-            until: end of the axis of time, further where the last time is [s].
+            error: nan while the dispenser is off, (n,) [µm].
+            until: end of the time axis, unless the last time is later [s].
         """
         figure = self.figure
-        drawn = lines(time, error)
         largest = float(np.nanmax(error)) if np.isfinite(error).any() else 0.0
-        right = max(until, float(time[-1]), 1e-3)
-        step = ceiling(right / _STEPS)
-        steps = math.ceil(right / step - 1e-9)
-        top = ceiling(max(largest, _LEAST))
+        end = max(until, float(time[-1]), 1e-3)
+        step = round_step(end / _STEPS)
+        steps = math.ceil(end / step - 1e-9)
+        top = round_step(max(largest, _LEAST))
         figure.range[0], figure.range[1] = (0, steps * step), (0, top)
         figure.gridsize[0] = steps + 1
         figure.xformat = "%.0f" if step >= 1 else "%.2g"
         figure.yformat = "%.0f" if top >= 5 else "%.2g"
         figure.linepnt[:] = 0
-        for number, (t, value) in enumerate(drawn):
-            self._line(number, t, value, _INK)
-        now = np.full(2, float(time[-1]))
-        self._line(len(drawn), now, np.array([0.0, top]), _MARK)
+        curves = lines(time, error)
+        for number, curve in enumerate(curves):
+            self._line(number, *curve, _INK)
+        self._line(len(curves), np.full(2, float(time[-1])), np.array([0.0, top]), _MARK)
 
     def _line(self, number: int, time: Floats, value: Floats, colour: tuple[float, float, float]) -> None:
-        figure = self.figure
         pairs: NDArray[np.float32] = np.column_stack([time, value]).astype(np.float32)
-        figure.linedata[number, : pairs.size] = pairs.ravel()
-        figure.linergb[number] = colour
-        figure.linepnt[number] = len(pairs)
+        self.figure.linedata[number, : pairs.size] = pairs.ravel()
+        self.figure.linergb[number] = colour
+        self.figure.linepnt[number] = len(pairs)

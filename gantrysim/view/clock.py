@@ -1,4 +1,4 @@
-"""Which moment is to be shown: the clock of the wall times a speed, and how fast that really went."""
+"""The moment to be shown, from the wall clock and a speed, and the actual pace."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 
-from gantrysim.errors import at_least, finite, positive
+from gantrysim.errors import positive
 
-SLOWEST, FASTEST = 1e-3, 1e3  # to which keys change the speed
-_SPAN = 1.0  # of the wall's time over which the pace is taken [s]
+SLOWEST, FASTEST = 1e-3, 1e3  # speeds that keys reach
+_SPAN = 1.0  # of the wall clock, over which the pace is taken [s]
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Runs from 0 to the end, and stays there.
+    """Runs from 0 to the end, and stops there.
 
-        s(t) = min(s0 + v (t - t0), e),         s0 while it stands
+        s(t) = min(s0 + v (t - t0), e),         s0 while it is paused
 
     Attributes:
-        speed: v, seconds shown in a second.
-        end: e, inf where it is not known [s].
-        moment: s0, what was shown at t0 [s].
-        since: t0 by the wall's clock; None while it stands [s].
+        speed: v, seconds shown per second.
+        end: e, inf if unknown [s].
+        moment: s0, shown at t0 [s].
+        since: t0 on the wall clock; None while it is paused [s].
 
     Raises:
-        InputError: a speed that is not above zero, or a moment outside 0 to the end.
+        InputError: a speed that is not above zero.
     """
 
     speed: float = 1.0
@@ -35,61 +35,52 @@ class Clock:
 
     def __post_init__(self) -> None:
         positive("speed", self.speed)
-        if not math.isinf(self.end):
-            at_least("end", self.end, 0, "s")
-        at_least("moment", self.moment, 0, "s")
-        if self.since is not None:
-            finite("since", self.since, "s")
 
     def at(self, now: float) -> float:
-        """Return the moment to be shown, s [s].
-
-        Args:
-            now: t by the wall's clock [s].
-        """
+        """Return the moment to be shown at a time of the wall clock, s(t) [s]."""
         if self.since is None:
             return min(self.moment, self.end)
         return min(self.moment + self.speed * max(now - self.since, 0.0), self.end)
 
     @property
-    def stands(self) -> bool:
-        """Whether it was told to stand; at its end it is not."""
+    def paused(self) -> bool:
+        """Whether it is paused; a clock at its end is not."""
         return self.since is None
 
     def toggled(self, now: float) -> Clock:
-        """Return one that stands where this one runs, and the other way round."""
-        return replace(self, moment=self.at(now), since=now if self.stands else None)
+        """Return the clock paused, or resumed if it is paused."""
+        return replace(self, moment=self.at(now), since=now if self.paused else None)
 
     def moved(self, moment: float, now: float) -> Clock:
-        """Return one that shows another moment now, or the nearest there is, and goes on as this one does."""
-        return replace(self, moment=min(max(moment, 0.0), self.end), since=None if self.stands else now)
+        """Return the clock set to another moment, or to the nearest that exists."""
+        return replace(self, moment=min(max(moment, 0.0), self.end), since=None if self.paused else now)
 
     def scaled(self, factor: float, now: float) -> Clock:
-        """Return one whose speed is larger by a factor, within SLOWEST to FASTEST; the moment does not jump."""
+        """Return the clock with its speed multiplied, within SLOWEST to FASTEST, without a jump."""
         slowest, fastest = min(SLOWEST, self.speed), max(FASTEST, self.speed)
         return replace(self.moved(self.at(now), now), speed=min(max(self.speed * factor, slowest), fastest))
 
 
 class Pace:
-    """How fast what is shown went over the last second of the wall's clock."""
+    """Actual speed of what is shown over the last second of the wall clock."""
 
     def __init__(self) -> None:
-        self._seen: deque[tuple[float, float]] = deque()
+        self._shown: deque[tuple[float, float]] = deque()
 
     def note(self, now: float, moment: float) -> None:
-        """Take down what is shown at a time of the wall's clock [s]."""
-        self._seen.append((now, moment))
-        while len(self._seen) > 2 and now - self._seen[1][0] >= _SPAN:
-            self._seen.popleft()
+        """Record the moment shown at a time of the wall clock [s]."""
+        self._shown.append((now, moment))
+        while len(self._shown) > 2 and now - self._shown[1][0] >= _SPAN:
+            self._shown.popleft()
 
-    def forget(self) -> None:
-        """Begin anew, after a jump or a change of speed."""
-        self._seen.clear()
+    def reset(self) -> None:
+        """Start again after a jump or a change of speed."""
+        self._shown.clear()
 
     @property
     def factor(self) -> float | None:
-        """Seconds shown in a second; None before a whole second was seen."""
-        if not self._seen:
+        """Seconds shown per second; None before a whole second is recorded."""
+        if not self._shown:
             return None
-        (begun, first), (ended, last) = self._seen[0], self._seen[-1]
-        return (last - first) / (ended - begun) if ended - begun >= _SPAN else None
+        (start, first), (end, last) = self._shown[0], self._shown[-1]
+        return (last - first) / (end - start) if end - start >= _SPAN else None

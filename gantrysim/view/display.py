@@ -1,4 +1,4 @@
-"""Whether there is a display that the viewer can open its window on."""
+"""Check for a display on which the viewer can open its window."""
 
 from __future__ import annotations
 
@@ -13,28 +13,24 @@ _HINT = "`gantrysim render RUN_DIR` makes a video"
 
 
 class NoDisplayError(GantryError, RuntimeError):
-    """No display to open a window on.
-
-    Args:
-        reason: why.
-    """
+    """No display to open a window on, with the reason."""
 
     def __init__(self, reason: str) -> None:
-        super().__init__(f"no display to open a window on: {reason}; {_HINT}")
+        super().__init__(f"cannot open a window: {reason}; {_HINT}")
 
 
 def check_display(platform: str = sys.platform, environment: Mapping[str, str] = os.environ) -> None:
-    """See that a window with OpenGL can be opened, by opening a hidden one.
+    """Check that a window with OpenGL can be opened, by opening a hidden one.
 
     Args:
-        platform: as `sys.platform` has it.
-        environment: its variables.
+        platform: as `sys.platform`.
+        environment: environment variables.
 
     Raises:
-        NoDisplayError: where not; on macOS where the interpreter is not MuJoCo's own.
+        NoDisplayError: no display, or on macOS another interpreter than MuJoCo's.
     """
     if platform == "darwin":
-        # there windows belong to the first thread, which mjpython keeps for them
+        # macOS reserves windows for the first thread, which mjpython keeps free
         import mujoco.viewer
 
         if getattr(mujoco.viewer, "_MJPYTHON", None) is None:
@@ -42,15 +38,16 @@ def check_display(platform: str = sys.platform, environment: Mapping[str, str] =
         return
     if platform.startswith("linux") and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
         raise NoDisplayError("neither DISPLAY nor WAYLAND_DISPLAY is set")
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         opened = _opens_window()
     if not opened:
-        raise NoDisplayError("; ".join(dict.fromkeys(_in_short(str(item.message)) for item in said)) or "GLFW has none")
+        reasons = dict.fromkeys(_message(str(warning.message)) for warning in caught)
+        raise NoDisplayError("; ".join(reasons) or "GLFW finds no display")
 
 
 def _opens_window() -> bool:
-    """Open a hidden window of the kind that the viewer opens, and close it."""
+    """Open a hidden window of the viewer's kind and close it."""
     import glfw
 
     if not glfw.init():
@@ -58,16 +55,12 @@ def _opens_window() -> bool:
     try:
         glfw.window_hint(glfw.VISIBLE, glfw.FALSE)
         glfw.window_hint(glfw.SAMPLES, 4)
-        window = glfw.create_window(16, 16, "gantrysim", None, None)
-        if not window:
-            return False
-        glfw.destroy_window(window)
-        return True
+        return bool(glfw.create_window(16, 16, "gantrysim", None, None))
     finally:
         glfw.terminate()
 
 
-def _in_short(warning: str) -> str:
-    """Return what GLFW says, without its number and quotes: "(65550) b'X11: Failed to open display :9'"."""
+def _message(warning: str) -> str:
+    """Return the message of a GLFW warning such as "(65550) b'X11: Failed to open display :9'"."""
     text = warning.partition(") ")[2] or warning
     return text.removeprefix("b").strip("'\"")

@@ -1,4 +1,4 @@
-"""Plays a source in a window: keys to the clock, the clock's moment to the source, the source's tick to the window."""
+"""Player: keys set the clock, the clock's moment drives the source, and the window shows the source's tick."""
 
 from __future__ import annotations
 
@@ -7,34 +7,35 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gantrysim.render.readout import Readout
 from gantrysim.render.scene import Scene
+from gantrysim.render.telemetry import Telemetry
 from gantrysim.run import Fault, Run
 from gantrysim.view.chart import Chart
 from gantrysim.view.clock import Clock, Pace
-from gantrysim.view.keys import ACTIONS, Action
-from gantrysim.view.panel import told
 from gantrysim.view.push import Bodies
 from gantrysim.view.source import Source
-from gantrysim.view.window import Window, WindowClosedError
+from gantrysim.view.texts import moment_texts
+from gantrysim.view.window import ViewerWindow, WindowClosedError
 
+# GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
+_SPACE, _BACKSPACE, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 259, 262, 263, 264, 265, 268
 _PERIOD = 1 / 60  # of pictures, at best [s]
 _JUMP = 1.0  # of the arrow keys [s]
-_LEGEND = 10.0  # for which all keys are told at the beginning; later only while it stands [s]
+_ALL_KEYS = 10.0  # for which all keys are listed at the beginning; later only while paused [s]
 
 
 class Player:
     """Plays a source until the window is closed.
 
     Args:
-        name: of the job, to be shown.
-        scene: of the machine that the source is of.
-        source: of what is shown.
+        name: of the job.
+        scene: of the source's machine.
+        source: of the run.
         window: to show it in.
-        bodies: that the mouse may push; None where it cannot.
-        speed: seconds shown in a second.
-        timer: the wall's clock [s].
-        rest: called between pictures with the time that is left [s].
+        bodies: that the mouse may push; None for a replay.
+        speed: seconds shown per second.
+        timer: the wall clock [s].
+        rest: called between pictures with the remaining time [s].
 
     Raises:
         InputError: a speed that is not above zero.
@@ -45,7 +46,7 @@ class Player:
         name: str,
         scene: Scene,
         source: Source,
-        window: Window,
+        window: ViewerWindow,
         *,
         bodies: Bodies | None = None,
         speed: float = 1.0,
@@ -57,23 +58,19 @@ class Player:
         self._pace, self._chart = Pace(), Chart()
         self._shown: tuple[Run, int] | None = None
         self._push = 0.0
-        self._readout = Readout(source.run)
-        # a live run may wait at gates, and last longer than is known
+        self._telemetry = Telemetry(source.run)
+        # waiting at gates may prolong a live run
         end = np.inf if source.live else source.until
-        self._begun = timer()
-        self.clock = Clock(speed, end, since=self._begun)
+        self._start = timer()
+        self.clock = Clock(speed, end, since=self._start)
 
     def play(self, stopped: Callable[[], bool] = lambda: False) -> Fault | None:
-        """Play until the window is closed, and return the fault that ended a live run.
-
-        Args:
-            stopped: asked before every picture, whether to end without that.
-        """
+        """Play until the window is closed or `stopped` returns True; return the fault that ended a live run."""
         try:
             while not stopped():
-                begun = self._timer()
+                start = self._timer()
                 self.picture()
-                left = _PERIOD - (self._timer() - begun)
+                left = _PERIOD - (self._timer() - start)
                 if left > 0:
                     self._rest(left)
         except WindowClosedError:
@@ -81,75 +78,63 @@ class Player:
         return self._source.fault if self._source.live else None
 
     def picture(self) -> None:
-        """Show one picture: of now.
+        """Show the picture of now.
 
         Raises:
             WindowClosedError: the window is closed.
         """
         for key in self._window.pressed():
-            if key in ACTIONS:
-                self._do(ACTIONS[key])
-        self._push_on()
+            self._act(key)
+        self._apply_pushes()
         source, now = self._source, self._timer()
-        wanted = self.clock.at(now)
+        moment = self.clock.at(now)
         if not source.over or not source.live:
-            source.go(wanted)
+            source.go(moment)
         run, tick = source.run, source.tick
         at = float(run.time[tick])
-        if source.live and not self.clock.stands and at + run.period < wanted:
-            # it cannot keep up: nothing is to be caught up with later
+        if source.live and not self.clock.paused and at + run.period < moment:
+            # too slow: the clock waits, so that no time has to be made up later
             self.clock = self.clock.moved(at, now)
         self._pace.note(now, self.clock.at(now))
-        if self._shown is None or self._shown != (run, tick):
+        if self._shown != (run, tick):
             self._window.pose(lambda: self._pose(run, tick))
             self._shown = (run, tick)
-        self._say(run, tick, now)
+        self._show(run, tick, now)
 
-    def _do(self, action: Action) -> None:
-        now, live = self._timer(), self._source.live
-        self._pace.forget()
-        if action is Action.PAUSE:
+    def _act(self, key: int) -> None:
+        now = self._timer()
+        if key == _SPACE:
             self.clock = self.clock.toggled(now)
-        elif action in (Action.FASTER, Action.SLOWER):
-            self.clock = self.clock.scaled(2.0 if action is Action.FASTER else 0.5, now)
-        elif action is Action.START:
+        elif key in (_UP, _DOWN):
+            self.clock = self.clock.scaled(2.0 if key == _UP else 0.5, now)
+        elif key in (_HOME, _BACKSPACE):
             self._source.restart()
             self.clock = self.clock.moved(0.0, now)
             self._shown = None
-        elif not live:
-            jump = _JUMP if action is Action.FORWARD else -_JUMP
-            self.clock = self.clock.moved(self.clock.at(now) + jump, now)
+        elif key in (_LEFT, _RIGHT) and not self._source.live:
+            self.clock = self.clock.moved(self.clock.at(now) + (_JUMP if key == _RIGHT else -_JUMP), now)
+        else:
+            return
+        self._pace.reset()
 
-    def _push_on(self) -> None:
+    def _apply_pushes(self) -> None:
         if self._bodies is None:
             return
         wrench = self._window.pushes()
         self._push = float(np.linalg.norm(wrench[:, :3].sum(axis=0)))
-        self._source.push(self._bodies.handed_on(wrench, np.array(self._scene.data.xipos)))
+        self._source.push(self._bodies.transferred(wrench, np.array(self._scene.data.xipos)))
 
     def _pose(self, run: Run, tick: int) -> None:
         if run is not self._scene.run:
             self._scene.show(run)
         self._scene.pose(tick)
 
-    def _say(self, run: Run, tick: int, now: float) -> None:
-        if run is not self._readout.run:
-            self._readout = Readout(run)
-        source, readout, clock = self._source, self._readout, self.clock
-        self._chart.draw(readout.time[: tick + 1], readout.error[: tick + 1], source.until)
-        panel = told(
-            self._name,
-            time=float(run.time[tick]),
-            until=source.until,
-            speed=float(readout.speed[tick]),
-            error=float(readout.error[tick]),
-            factor=clock.speed,
-            pace=self._pace.factor,
-            paused=clock.stands,
-            over=source.over,
-            live=source.live,
-            push=self._push,
-            keys=clock.stands or source.over or now - self._begun < _LEGEND,
-            fault=source.fault,
-        )
-        self._window.show(panel, self._chart)
+    def _show(self, run: Run, tick: int, now: float) -> None:
+        if run is not self._telemetry.run:
+            self._telemetry = Telemetry(run)
+        source, telemetry, clock = self._source, self._telemetry, self.clock
+        self._chart.draw(telemetry.time[: tick + 1], telemetry.error[: tick + 1], source.until)
+        keys = clock.paused or source.over or now - self._start < _ALL_KEYS
+        pace = self._pace.factor
+        texts = moment_texts(self._name, source, telemetry, clock, pace=pace, push=self._push, keys=keys)
+        self._window.show(texts, self._chart)

@@ -1,4 +1,4 @@
-"""Hands the forces that a mouse puts on what is shown to the machine that is stepped."""
+"""Forces of the mouse on the displayed model, transferred to the simulated one."""
 
 from __future__ import annotations
 
@@ -8,55 +8,55 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 
-STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's own 100 moves free bodies, and no servo [N/(m·kg)]
+STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's 100 is too weak against a servo [N/(m·kg)]
 
 
 class Bodies:
-    """Which body of the model that is stepped each body of the one that is shown is, by name.
+    """Maps bodies of the displayed model to those of the simulated one, by name.
 
-    A body that is only shown hands its force to the nearest one above it that is stepped too:
+    A body that exists only in the displayed model passes its force to its nearest ancestor that is simulated:
 
         tau' = tau + (c - c') x f
 
     with c and c' the centres of mass, for a force f and a torque tau about the centre of mass.
 
     Args:
-        shown: the model in the viewer.
-        stepped: the model that the simulation steps.
+        shown: the displayed model.
+        simulated: the simulated model.
 
     Raises:
-        InputError: none of the shown bodies that joints move is stepped.
+        InputError: no displayed body is simulated.
     """
 
-    def __init__(self, shown: mujoco.MjModel, stepped: mujoco.MjModel) -> None:
-        self._bodies = stepped.nbody
-        self._own = np.zeros(shown.nbody, np.intp)  # of every shown body, the shown one that takes its force
-        self._target = np.zeros(shown.nbody, np.intp)  # the same in the stepped model
-        # without names a body is known by its number, where all the numbers before it agree
+    def __init__(self, shown: mujoco.MjModel, simulated: mujoco.MjModel) -> None:
+        self._count = simulated.nbody
+        self._source = np.zeros(shown.nbody, np.intp)  # displayed body that takes the force of each displayed one
+        self._target = np.zeros(shown.nbody, np.intp)  # the same body in the simulated model
+        # unnamed bodies are matched by number as long as all before them agree
         same = True
         for body in range(1, shown.nbody):
             name, parent = shown.body(body).name, int(shown.body_parentid[body])
-            same = same and body < stepped.nbody and name == stepped.body(body).name
-            found = mujoco.mj_name2id(stepped, mujoco.mjtObj.mjOBJ_BODY, name) if name else (body if same else -1)
-            self._own[body], self._target[body] = (
-                (body, found) if found > 0 else (self._own[parent], self._target[parent])
+            same = same and body < simulated.nbody and name == simulated.body(body).name
+            found = mujoco.mj_name2id(simulated, mujoco.mjtObj.mjOBJ_BODY, name) if name else (body if same else -1)
+            self._source[body], self._target[body] = (
+                (body, found) if found > 0 else (self._source[parent], self._target[parent])
             )
-        if shown.nbody > 1 and stepped.nbody > 1 and not self._target.any():
-            raise InputError("the model that is shown has no body of the one that is stepped")
+        if shown.nbody > 1 and simulated.nbody > 1 and not self._target.any():
+            raise InputError("the displayed model has no body of the simulated one")
 
-    def handed_on(self, wrench: Floats, centre: Floats) -> Floats:
-        """Return forces and torques on the stepped bodies, as `xfrc_applied` has them, (bodies, 6) [N, N·m].
+    def transferred(self, wrench: Floats, centre: Floats) -> Floats:
+        """Return forces and torques on the simulated bodies, as `xfrc_applied` has them, (bodies, 6) [N, N·m].
 
         Args:
-            wrench: force and torque on the shown bodies, (shown bodies, 6) [N, N·m].
-            centre: their centres of mass, `xipos`, (shown bodies, 3) [m].
+            wrench: force and torque on the displayed bodies, (displayed bodies, 6) [N, N·m].
+            centre: their centres of mass, `xipos`, (displayed bodies, 3) [m].
         """
-        result = np.zeros((self._bodies, 6))
+        result = np.zeros((self._count, 6))
         for body in np.flatnonzero(wrench.any(axis=1)):
-            target, own = int(self._target[body]), int(self._own[body])
+            target, source = int(self._target[body]), int(self._source[body])
             if target == 0:
-                continue  # the world does not yield
+                continue  # the world is fixed
             force, torque = wrench[body, :3], wrench[body, 3:]
             result[target, :3] += force
-            result[target, 3:] += torque + np.cross(centre[body] - centre[own], force)
+            result[target, 3:] += torque + np.cross(centre[body] - centre[source], force)
         return result

@@ -1,4 +1,4 @@
-"""The command `gantrysim render`, as a person at a terminal meets it."""
+"""The command `gantrysim render`, as used at a terminal."""
 
 import ctypes.util
 import os
@@ -16,8 +16,8 @@ from gantrysim import InputError, Job
 from gantrysim.cli.render import size_of
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, Take
-from gantrysim.render.comparison import labels_of
-from gantrysim.render.overlay import run_colours
+from gantrysim.render.labels import labels_of
+from gantrysim.render.panel import run_colours
 from gantrysim.report.saved import SavedRun
 
 from support.films import cut, saved, shows, small_job
@@ -120,7 +120,7 @@ def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, fo
     assert not list(folder.glob("*/render*"))
 
 
-def test_a_comparison_of_the_folder_one_stands_in_lies_beside_it(gantrysim_command, folder, monkeypatch):
+def test_a_comparison_of_the_current_folder_is_written_beside_it(gantrysim_command, folder, monkeypatch):
     monkeypatch.chdir(folder / "slow")
     arguments = ("--size", "480x240", "--at", "0.2", "--label", "one", "--label", "two")
     assert gantrysim_command("render", ".", "../fast", *arguments)[0] == 0
@@ -144,7 +144,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(gantrysim_command, folder,
     for arguments, text in (
         ((slow, fast, slow), "number of runs = 3: must be 1, 2 or 4"),
         ((slow,) * 5, "number of runs = 5: must be 1, 2 or 4"),
-        ((slow, "--label", "a", "--label", "b"), "number of labels = 2: must be 1, one for each run"),
+        ((slow, "--label", "a", "--label", "b"), "number of labels = 2: must be 1, one per run"),
         ((folder / "none",), f"run {folder}/none: no such folder; gantrysim run JOB --out {folder}/none makes one"),
         ((tmp_path / "empty",), f"run {tmp_path}/empty: holds no run: job.toml and run.npz missing"),
         ((slow, "--camera", "topp"), "unknown camera 'topp': did you mean top? known: "),
@@ -161,7 +161,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(gantrysim_command, folder,
         ((slow, "--out", folder / "no" / "a.mp4"), f"file {folder}/no/a.mp4: no such folder {folder}/no"),
         (
             (slow, "--at", "0.5", "--out", "a.mp4"),
-            "--at 0.5 with --out a.mp4: --at is of a single picture: must be .png",
+            "--at 0.5 with --out a.mp4: --at draws a single picture: must be .png",
         ),
         ((slow, "--at", "20"), "time = 20 s: must be from 0 s to the end of the run, 1.444 s"),
         ((slow, "--fps", "many"), "Invalid value for '--fps'"),
@@ -181,13 +181,13 @@ def test_without_opengl_the_packages_are_named(gantrysim_command, folder, monkey
     before = names(folder / "slow")
     status, printed, errors = gantrysim_command("render", folder / "slow")
     assert (status, printed) == (2, "")
-    assert errors.startswith("error: no OpenGL that needs no display")
+    assert errors.startswith("error: no offscreen OpenGL")
     assert "libegl1" in errors
     assert errors.count("\n") == 1
     assert names(folder / "slow") == before
 
 
-def test_a_machine_that_has_changed_since_is_told(gantrysim_command, folder):
+def test_a_changed_machine_is_reported(gantrysim_command, folder):
     summary = folder / "slow" / "summary.json"
     summary.write_text(summary.read_text().replace('"machine_sha256": "', '"machine_sha256": "0'))
     status, _, errors = gantrysim_command("render", folder / "slow", *SMALLEST, "--at", "0.1")
@@ -206,13 +206,13 @@ def test_an_interrupt_leaves_what_was_there(folder):
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert errors == "interrupted: nothing is written\n"
+    assert errors == "interrupted: nothing was written\n"
     assert names(folder / "slow") == before
     assert (folder / "slow" / "render.mp4").read_bytes() == b"earlier"
 
 
 @pytest.mark.parametrize("arguments", [("--out", "a.mp4"), ("--out", "a.gif"), ("--at", "1", "--out", "a.png")])
-def test_what_does_not_fit_is_told_with_file_and_reason(folder, arguments):
+def test_a_full_disk_is_reported_with_file_and_reason(folder, arguments):
     """A bound on the size of files fails as a full disk does, in the words of another errno."""
     resource = pytest.importorskip("resource")
     before = names(folder), names(folder / "slow")
@@ -235,7 +235,7 @@ def _heed_interrupts():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def test_what_a_killed_process_has_left_is_cleared_away_by_a_later_run(gantrysim_command, folder):
+def test_a_later_run_removes_the_files_of_a_killed_process(gantrysim_command, folder):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     left = folder / "slow" / f".partial-{gone.pid}-xyz"
@@ -277,7 +277,7 @@ def labelled(*jobs, folders=None):
     return labels_of([Kept(job, Path(folder)) for job, folder in zip(jobs, folders, strict=True)])
 
 
-def test_runs_are_called_by_what_their_jobs_differ_in():
+def test_runs_are_labelled_by_the_values_in_which_their_jobs_differ():
     base = Job.load("an225")
     assert labelled(base) == ["an225"]
 
@@ -307,7 +307,7 @@ def test_runs_are_called_by_what_their_jobs_differ_in():
     assert labelled(*four) == [f"loop_period = {period} s" for period in ("1", "0.3", "0.1", "0.01")]
 
 
-def test_parts_of_a_program_have_their_units_and_words_that_two_keys_share_are_said_in_full():
+def test_parts_of_a_program_have_their_units_and_ambiguous_keys_are_given_in_full():
     base = Job.load("softmc-arc")
     assert labelled(base, base.overridden(["program.group.velocity=120"]))[1] == "velocity = 120 mm/s"
     recorded = base.changed({"program.record": {"points": 10, "gap": 2, "what": ["PCMD"]}})
@@ -315,7 +315,7 @@ def test_parts_of_a_program_have_their_units_and_words_that_two_keys_share_are_s
     assert labelled(recorded, other)[1] == "program.record.gap = 4, bead.gap = 0.4 mm"
 
 
-def test_programs_too_long_to_be_read_leave_it_to_the_folders():
+def test_runs_with_long_differences_are_labelled_by_their_folders():
     base = Job.load("fanuc-spiral")
     other = base.changed({"program.program": str(base.program["program"]).replace("F6000", "F5000")})
     assert labelled(base, other) == ["run-0", "run-1"]
@@ -323,7 +323,7 @@ def test_programs_too_long_to_be_read_leave_it_to_the_folders():
     assert labelled(base, base, folders=["a", "../b"]) == ["a", "b"]
 
 
-def test_the_picture_says_the_job(gantrysim_command, folder):
+def test_the_picture_names_the_job(gantrysim_command, folder):
     gantrysim_command("render", folder / "slow", "--size", "480x360", "--at", "0.3")
     picture = np.asarray(Image.open(folder / "slow" / "render.png"))
     assert shows(picture[-66:], "an225", 10, INK, bold=True)

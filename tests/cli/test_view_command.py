@@ -1,4 +1,4 @@
-"""The command gantrysim view, with a window that only takes down what it is told."""
+"""The command gantrysim view, with a window that only records what it shows."""
 
 import json
 import shutil
@@ -45,14 +45,14 @@ def test_nothing_is_simulated_without_a_display(saved, no_display, monkeypatch, 
 
 
 @pytest.mark.parametrize("setting", [["--set", "speed=50"], ["--model", "xy"]])
-def test_a_saved_run_is_replayed_as_it_was(saved, gantrysim_command, setting):
+def test_a_saved_run_cannot_be_changed(saved, gantrysim_command, setting):
     status, _, err = gantrysim_command("view", saved, *setting)
     assert status == 2
-    said = "is replayed as it was; --model and --set are for a job that runs live"
+    said = "a saved run cannot be changed; --model and --set apply to live jobs only"
     assert " ".join(err.split()) == f"error: run {saved}: {said}"
 
 
-def test_speed_of_nothing(gantrysim_command):
+def test_zero_speed_is_refused(gantrysim_command):
     assert gantrysim_command("view", "an225", "--speed", "0")[::2] == (2, "error: speed = 0: must be greater than 0\n")
 
 
@@ -73,7 +73,7 @@ def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantr
     assert said in err
 
 
-def test_a_folder_with_the_name_of_a_job_is_the_run_that_it_holds(saved, tmp_path, monkeypatch):
+def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(saved, tmp_path, monkeypatch):
     seen = []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
@@ -96,7 +96,7 @@ def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command
     assert (status, out, err) == (2, "", said)
 
 
-def test_the_job_of_a_run_is_a_job(saved, monkeypatch):
+def test_the_job_file_of_a_run_runs_live(saved, monkeypatch):
     seen = []
     monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
@@ -112,7 +112,7 @@ def test_importing_the_command_imports_no_viewer():
 
 @pytest.fixture
 def window(monkeypatch):
-    """What the command does with its window, which is closed once it says that the run is over."""
+    """What the command does with its window, which is closed once it says that the run has ended."""
     seen = []
 
     class Window:
@@ -121,15 +121,16 @@ def window(monkeypatch):
             seen.append(("opened", scene, camera))
 
         def pressed(self):
-            if "over" in (said := [entry[1] for entry in seen if entry[0] == "said"])[-1:] or len(said) > 2000:
+            states = [entry[1] for entry in seen if entry[0] == "shown"]
+            if states[-1:] == ["ended"] or len(states) > 2000:
                 raise WindowClosedError
             return []
 
         def pose(self, change):
             change()
 
-        def show(self, panel, chart):
-            seen.append(("said", panel.figures[-1][1], panel))
+        def show(self, texts, chart):
+            seen.append(("shown", texts.values[-1][1], texts))
 
         def pushes(self):
             return np.zeros((self.scene.model.nbody, 6))
@@ -149,10 +150,10 @@ def test_a_live_run_ends_well(saved, window, gantrysim_command):
     assert (kind, camera) == ("opened", "top")
     assert scene.model.vis.map.stiffness == STIFFNESS
     assert window[-1] == ("closed",)
-    assert window[-2][2].figures[0] == ("live", "short")
+    assert window[-2][2].values[0] == ("live", "short")
 
 
-def test_a_fault_of_a_live_run_is_told(saved, window, gantrysim_command):
+def test_a_fault_of_a_live_run_is_reported(saved, window, gantrysim_command):
     arguments = ["--speed", "50", "--set", "following_error_limit=0.05", "--set", "feedforward=0", "--model", "xy"]
     status, out, err = gantrysim_command("view", saved / "job.toml", *arguments)
     assert (status, out) == (3, "")
@@ -169,7 +170,7 @@ def test_a_replay_warns_where_the_machine_has_changed(saved, window, gantrysim_c
     (tmp_path / "summary.json").write_text(json.dumps({"versions": {"machine_sha256": digest}}))
     status, out, err = gantrysim_command("view", tmp_path, "--speed", "50", "--colour", "error")
     assert (status, out) == (0, "")
-    changed = "machine xy has changed since it ran: what is shown of it is as it is now\n"
+    changed = f"note: machine xy has changed since {tmp_path} was run; its present model is shown\n"
     assert err == (changed if digest == "another" else "")
     assert window[0][1].scale.title == "contour error"
     assert window[0][1].model.vis.map.stiffness != STIFFNESS
@@ -208,7 +209,7 @@ def launched(monkeypatch, launch_passive):
         assert threading.excepthook is hook
 
 
-def test_a_thread_that_fails_while_the_window_opens_does_not_close_it(monkeypatch):
+def test_a_failing_thread_does_not_close_the_opening_window(monkeypatch):
     def launch_passive(*_, **__):
         other = threading.Thread(target=broken, name="another")
         other.start()
@@ -218,7 +219,7 @@ def test_a_thread_that_fails_while_the_window_opens_does_not_close_it(monkeypatc
     assert launched(monkeypatch, launch_passive) == ("window", ["another"])
 
 
-def test_a_viewer_that_fails_is_no_display_whichever_thread_it_is_in(monkeypatch):
+def test_a_failing_viewer_means_no_display_in_any_thread(monkeypatch):
     inside = FunctionType(broken.__code__, vars(mujoco.viewer))  # as if it stood there
 
     def launch_passive(*_, **__):
@@ -226,7 +227,7 @@ def test_a_viewer_that_fails_is_no_display_whichever_thread_it_is_in(monkeypatch
         threading.Event().wait()  # as the viewer's own, for a window that never comes
 
     for launch in (launch_passive, lambda *_, **__: broken()):
-        with pytest.raises(NoDisplayError, match=r"^no display to open a window on: no such thing; "):
+        with pytest.raises(NoDisplayError, match=r"^cannot open a window: no such thing; "):
             launched(monkeypatch, launch)
 
 

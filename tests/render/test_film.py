@@ -1,4 +1,4 @@
-"""Films: frames, times, sizes, and files that are whole or not there at all."""
+"""Films: frames, times, sizes, and files that are complete or absent."""
 
 import dataclasses
 
@@ -13,8 +13,8 @@ from gantrysim import InputError
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_video
 from gantrysim.render.colours import scale_for
-from gantrysim.render.lettering import MUTED
-from gantrysim.render.overlay import run_colours
+from gantrysim.render.fonts import MUTED
+from gantrysim.render.panel import run_colours
 
 from support.films import SHAPES, cut, shows, small_job
 
@@ -114,7 +114,7 @@ def test_an_mp4_has_its_frames_its_rate_and_its_pictures(alone, run, tmp_path):
 
 
 @pytest.mark.parametrize(("fps", "duration"), [(10, 100), (30, 30), (500, 20)])
-def test_a_gif_says_hundredths_and_shows_the_right_times_at_them(alone, run, tmp_path, fps, duration):
+def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tmp_path, fps, duration):
     speed = {10: 2.0, 30: 8.0, 500: 10.0}[fps]
     count = alone.save(tmp_path / "a.gif", fps=fps, speed=speed)
     frames, durations, loop = of_gif(tmp_path / "a.gif")
@@ -125,7 +125,7 @@ def test_a_gif_says_hundredths_and_shows_the_right_times_at_them(alone, run, tmp
         assert apart(frames[k], alone.frame(min(k * speed * 1e-3 * duration, alone.end), speed)) < PALETTE
 
 
-def test_a_gif_keeps_the_few_pixels_of_a_colour_of_their_own(xy, run, tmp_path):
+def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
     with Film([Take(xy, run)], size=(420, 200), colour="width") as coloured:
         coloured.save(tmp_path / "a.gif", fps=2)
         frames, _, _ = of_gif(tmp_path / "a.gif")
@@ -142,7 +142,7 @@ def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
     np.testing.assert_array_equal(first, second)
 
 
-def test_a_film_is_played_at_one_to_one_and_faster_where_it_would_last_over_a_minute(xy, run, alone, tmp_path):
+def test_a_film_runs_in_real_time_or_faster_to_stay_below_a_minute(xy, run, alone, tmp_path):
     assert alone.save(tmp_path / "a.mp4", fps=2) == int(np.ceil(2 * run.time[-1])) + 1
     slow = dataclasses.replace(run, time=run.time * 90, period=run.period * 90)  # 130 s
     assert save_video(xy, slow, tmp_path / "b.mp4", size=SIZE, fps=0.2) == int(np.ceil(0.2 * slow.time[-1] / 3)) + 1
@@ -164,7 +164,7 @@ def test_runs_side_by_side_are_at_the_same_time(xy, run, short, pair):
             np.testing.assert_array_equal(second.of(frame), other.frame(min(tick, len(short.time) - 1)))
 
 
-def test_each_picture_is_headed_by_its_label_and_says_when_it_is_over(pair, short):
+def test_each_picture_is_headed_by_its_label_and_shows_when_it_has_ended(pair, short):
     letters = 10
     colours = run_colours(2)
     cells = pair.cells
@@ -174,12 +174,12 @@ def test_each_picture_is_headed_by_its_label_and_says_when_it_is_over(pair, shor
         for head, label, colour, other in zip(heads, ("long", "short"), colours, colours[::-1], strict=True):
             assert shows(head, label, letters, colour, bold=True)
             assert not shows(head, label, letters, other, bold=True)
-        assert shows(heads[1], f"over at {short.time[-1]:.2f} s", letters, MUTED) is over
-        assert not shows(heads[0], f"over at {short.time[-1]:.2f} s", letters, MUTED)
+        assert shows(heads[1], f"ended at {short.time[-1]:.2f} s", letters, MUTED) is over
+        assert not shows(heads[0], f"ended at {short.time[-1]:.2f} s", letters, MUTED)
         assert shows(frame[-pair.panel.size[1] :], f"{time:.2f} s", pair.panel.font.size, INK)
 
 
-def test_four_runs_are_drawn_each_by_itself_again_and_again(xy, run, short):
+def test_four_runs_are_drawn_independently_and_repeatably(xy, run, short):
     bare = dataclasses.replace(run, flow=np.zeros(len(run.time)))
     takes = [Take(xy, one, name) for one, name in ((run, "a"), (short, "b"), (bare, "c"), (cut(run, 400), "d"))]
     with Film(takes, size=(400, 300), colour="error") as four:
@@ -223,7 +223,7 @@ def test_an_interrupted_film_leaves_the_earlier_one_and_nothing_else(alone, tmp_
         ('head -c 400000 | "$REAL" "$@"; echo "Killed" >&2; exit 9', "Killed"),
     ],
 )
-def test_an_encoder_that_fails_leaves_no_half_film(alone, tmp_path, monkeypatch, script, said):
+def test_a_failing_encoder_leaves_no_partial_film(alone, tmp_path, monkeypatch, script, said):
     import imageio_ffmpeg
 
     monkeypatch.setenv("REAL", imageio_ffmpeg.get_ffmpeg_exe())
@@ -267,7 +267,7 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
             {"fps": 1e9},
             r"number of frames = 1.\d+e\+09, with 1e\+09 frames per second and speed 1: must be at most 100000",
         ),
-        ("a.gif", {"speed": 1e-9}, r"with 25 frames per second and speed 1e-09: must be at most 100000: ask for fewer"),
+        ("a.gif", {"speed": 1e-9}, r"with 25 frames per second and speed 1e-09: must be at most 100000: use fewer"),
         ("a.mp4", {"speed": 1e-320}, "number of frames = inf, .* must be at most 100000"),
     ):
         with pytest.raises(InputError, match=text):
@@ -304,7 +304,7 @@ class Unopened:
 
 @pytest.mark.parametrize("count", [1, 2, 4])
 @pytest.mark.parametrize("colour", ["plain", "error"])
-def test_a_film_of_any_shape_has_its_pictures_in_places_of_their_own(xy, run, monkeypatch, count, colour):
+def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch, count, colour):
     monkeypatch.setattr(film, "Renderer", Unopened)
     scale = scale_for(colour, [run])
     monkeypatch.setattr(film, "scale_for", lambda *_: scale)
@@ -328,7 +328,7 @@ def test_a_film_of_any_shape_has_its_pictures_in_places_of_their_own(xy, run, mo
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_a_film_as_high_as_the_least_that_is_named_is_taken(xy, run, monkeypatch, count):
+def test_the_least_height_in_the_error_is_accepted(xy, run, monkeypatch, count):
     monkeypatch.setattr(film, "Renderer", Unopened)
     takes = [Take(xy, run)] * count
     for width in (240, 400, 1000):
@@ -365,7 +365,7 @@ def test_without_opengl_nothing_is_left_open(xy, run, monkeypatch):
     assert not opened
 
 
-def test_no_frame_is_kept(alone, tmp_path):
+def test_frames_are_not_kept_in_memory(alone, tmp_path):
     import gc
     import weakref
 

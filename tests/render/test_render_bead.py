@@ -111,7 +111,7 @@ def test_the_colour_of_the_bead_is_that_of_the_scale(xy, run, colour):
         picture = renderer.frame(tick).astype(int)
         bead_trace = BeadTrace(run, stations=1250)
         stations, pixels = laid_stations(xy, run, renderer, bead_trace, tick)
-        scale = renderer.scale
+        scale = renderer.scene.scale
     if colour == "width":
         values = bead_trace.width
     else:
@@ -161,7 +161,7 @@ def test_the_scale_of_the_width_has_its_middle_at_the_nominal_width(run):
 
 
 @pytest.mark.parametrize("colour", ["width", "error"])
-def test_a_run_without_glue_has_a_scale_as_well(dry, colour):
+def test_a_run_without_glue_has_a_scale(dry, colour):
     scale = scale_for(colour, [dry])
     assert scale.low < scale.high
     assert not scale.below
@@ -175,7 +175,7 @@ def test_several_runs_have_one_scale(run):
     assert min(singles) <= both.high <= max(singles)
 
 
-def test_a_share_is_linear_and_held_at_the_ends(run):
+def test_a_share_is_linear_and_clipped(run):
     scale = scale_for("error", [run])
     values = np.array([-1, 0, 0.25, 0.5, 1, 2]) * scale.high
     assert scale.share(values) == pytest.approx([0, 0, 0.25, 0.5, 1, 1])
@@ -189,7 +189,7 @@ def drops(machine, scene, tick):
     return [(np.array(g.pos), np.array(g.size)) for g in drawn.geoms[: drawn.ngeom]]
 
 
-def test_the_drop_hangs_at_the_needle_while_glue_flows_and_is_drawn_back(xy, run):
+def test_the_drop_has_the_size_of_the_flow(xy, run):
     slow = Dispenser(flow=FLOW, closing=0.03)
     setpoints = MoveSpiral(80, 2, 12, SPEED).setpoints(1e-3).hold(0.3)
     run = simulate(xy, Servo.derive(xy.axes), setpoints, dispenser=slow)

@@ -63,7 +63,7 @@ def test_the_drop_hangs_at_the_needle_however_the_work_is_turned(stage, run, sha
     np.testing.assert_allclose(drop.pos[:2], scene.data.site("nozzle").xpos[:2], atol=3e-5)
 
 
-def test_the_gap_of_the_stage_is_measured_though_its_needle_is_beside_the_work_at_zero(stage, tmp_path):
+def test_the_gap_of_the_stage_is_measured_with_its_needle_beside_the_work(stage, tmp_path):
     assert stage.gap == pytest.approx(0.5, abs=1e-6)
     shutil.copytree(stage.source.parent, tmp_path / "models")
     piece = tmp_path / "models" / "parts" / "piece_asset.xml"

@@ -88,7 +88,7 @@ def test_a_body_stands_where_a_job_climbs_and_nowhere_else(runs, name):
 
 
 @pytest.mark.parametrize("name", CLIMBING)
-def test_the_body_ends_at_the_bead_and_leaves_the_needle_its_way(runs, name):
+def test_the_body_ends_at_the_bead_and_clears_the_needle(runs, name):
     run = runs[name]
     piece = workpiece(run)
     points, left = samples(run, 23)
@@ -199,7 +199,7 @@ def test_the_faces_look_outward(runs):
         assert np.stack([a, b, c])[..., 2].max(axis=0).min() > 0  # and nothing lies flush with the work
 
 
-def test_the_scene_shows_it_and_the_machine_stays_as_it_is(runs):
+def test_the_scene_shows_the_body_and_keeps_the_machine(runs):
     machine = Machine("xyz")
     scene = Scene(machine, runs["an225-3d"])
     geom = scene.model.geom("gantrysim work piece")

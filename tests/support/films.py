@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 from gantrysim import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.render.lettering import PAPER, font, rgb
+from gantrysim.render.fonts import PAPER, font, rgb
 from gantrysim.report.folder import write_run
 
 # of films, from the smallest, 9:16 to 32:9

@@ -1,4 +1,4 @@
-"""The player, with a window that only takes down what it is told."""
+"""The player, with a window that only records what it shows."""
 
 import numpy as np
 import pytest
@@ -42,10 +42,10 @@ class Paper:
         change()
         self.posed += 1
 
-    def show(self, panel, chart):
-        rows = {left: right for left, right in panel.figures if left} | {"state": panel.figures[-1][1]}
-        rows["fault"] = " ".join(row[1] for row in panel.fault)
-        rows["keys"] = len(panel.keys)
+    def show(self, texts, chart):
+        rows = {left: right for left, right in texts.values if left} | {"state": texts.values[-1][1]}
+        rows["fault"] = " ".join(row[1] for row in texts.fault)
+        rows["keys"] = len(texts.keys)
         rows["qpos"] = self.scene.data.qpos.copy()
         rows["run"] = self.scene.run
         points = chart.figure.linepnt[0]
@@ -127,11 +127,11 @@ def test_replay_keeps_time_with_the_wall_and_stays_at_its_end(made, speed):
         assert rows["mark"] == pytest.approx(run.time[tick])
     assert window.posed == len(set(ticks))  # a picture that is there already is not drawn again
     over = [tick == len(run.time) - 1 for tick in ticks]
-    assert [state == "over" for state in window.column("state")] == over
+    assert [state == "ended" for state in window.column("state")] == over
     assert any(over) is (speed >= 1.0)
 
 
-def test_replay_says_the_figures_of_the_record(made):
+def test_replay_shows_the_values_of_the_record(made):
     _, _, run, _ = made
     window = replayed(made, pictures=20)
     analysis = Analysis(run)
@@ -146,11 +146,11 @@ def test_replay_says_the_figures_of_the_record(made):
     assert set(window.column("replay")) == {"circle"}
 
 
-def test_space_stands_and_goes_on(made):
+def test_space_pauses_and_resumes(made):
     window = replayed(made, pictures=20, keys={4: [SPACE], 10: [SPACE]})
     expected = [min(k, 4) if k < 10 else k - 6 for k in range(20)]
     assert window.times == pytest.approx([k * FRAME for k in expected], abs=0.0051)
-    assert [state == "pause" for state in window.column("state")] == [4 <= k < 10 for k in range(20)]
+    assert [state == "paused" for state in window.column("state")] == [4 <= k < 10 for k in range(20)]
 
 
 def test_arrows_go_back_and_forward_and_home_to_the_start(made):
@@ -174,16 +174,16 @@ def test_arrows_double_and_halve_the_speed(made):
     assert window.column("speed") == said
 
 
-def test_home_draws_what_the_viewer_may_have_reset(made):
+def test_home_redraws_what_the_viewer_may_have_reset(made):
     assert replayed(made, pictures=6, keys={0: [SPACE]}).posed == 1
     assert replayed(made, pictures=6, keys={0: [SPACE], 3: [BACKSPACE]}).posed == 2
 
 
-def test_other_keys_are_the_viewers(made):
+def test_other_keys_are_ignored(made):
     assert replayed(made, pictures=5, keys={2: [ord("A"), 256, 290]}).times == replayed(made, pictures=5).times
 
 
-def test_keys_are_told_at_the_beginning_and_while_it_stands(made):
+def test_keys_are_listed_at_the_beginning_and_while_paused(made):
     window = replayed(made, speed=1e-3, pictures=170, keys={164: [SPACE], 168: [SPACE]})
     many, one = window.shown[0]["keys"], window.shown[163]["keys"]
     assert many > 4
@@ -204,24 +204,24 @@ def test_live_run_keeps_time_with_the_wall(made):
     assert np.array_equal(source.run.nozzle, run.nozzle)
     lengths = [len(run.time) for run in window.column("run")]
     assert lengths == [min(int(k * FRAME / PERIOD + 1e-6) + 1, len(run.time)) for k in range(40)]
-    assert window.shown[-1]["state"] == "over"
+    assert window.shown[-1]["state"] == "ended"
     assert set(window.column("live")) == {"circle"}
 
 
-def test_live_run_stands_goes_on_and_begins_anew_but_does_not_go_back(made):
+def test_live_run_pauses_and_restarts_but_does_not_go_back(made):
     window, _, _ = live(made, pictures=14, keys={3: [SPACE], 5: [SPACE], 7: [LEFT], 8: [RIGHT], 10: [HOME]})
     expected = [0, 1, 2, 3, 3, 3, 4, 5, 6, 7, 0, 1, 2, 3]
     assert window.times == pytest.approx([k * FRAME for k in expected], abs=0.0051)
 
 
-def test_live_run_that_is_over_begins_anew(made):
+def test_ended_live_run_restarts(made):
     window, source, _ = live(made, pictures=40, keys={35: [BACKSPACE]})
-    assert window.shown[34]["state"] == "over"
+    assert window.shown[34]["state"] == "ended"
     assert window.times[35:] == pytest.approx([k * FRAME for k in range(5)], abs=0.0051)
     assert not source.over
 
 
-def test_live_run_that_cannot_keep_up_says_how_fast_it_is(made):
+def test_live_run_that_cannot_keep_up_shows_its_actual_speed(made):
     class Slow(Live):
         """Steps 10 ms and then has lost patience."""
 
@@ -232,7 +232,7 @@ def test_live_run_that_cannot_keep_up_says_how_fast_it_is(made):
     times = window.times
     assert np.diff(times) == pytest.approx(0.01, abs=0.0051)
     assert window.column("speed")[:10] == ["2 x"] * 10
-    assert window.shown[40]["speed"] == f"2 x, reaches {0.01 / FRAME:.2g} x"
+    assert window.shown[40]["speed"] == f"2 x, actual {0.01 / FRAME:.2g} x"
     assert not source.over
 
 
@@ -249,7 +249,7 @@ def test_live_run_does_not_catch_up_with_what_it_has_missed(made):
     assert np.diff(window.times) == pytest.approx(steps, abs=0.0101)
 
 
-def test_live_run_goes_on_after_the_end_that_was_foreseen(made):
+def test_live_run_continues_beyond_its_expected_end(made):
     def short(simulation, wall):
         source = Live(simulation, patience=EVER, timer=wall)
         source.until = 0.5
@@ -269,7 +269,7 @@ def test_a_fault_ends_a_live_run_and_is_shown_and_returned(made):
     assert fault == source.fault
     assert window.shown[0]["fault"] == ""
     assert window.shown[-1]["fault"] == str(fault)
-    assert window.shown[-1]["state"] == "over"
+    assert window.shown[-1]["state"] == "ended"
 
 
 def test_a_replayed_fault_is_shown_at_its_end_alone(made):
@@ -285,7 +285,7 @@ def test_a_replayed_fault_is_shown_at_its_end_alone(made):
     assert said[-1] == str(run.fault)
 
 
-def test_the_mouse_pushes_the_machine_that_is_stepped(made):
+def test_the_mouse_pushes_the_simulated_machine(made):
     _machine, _, run, scene = made
     wrench = np.zeros((scene.model.nbody, 6))
     wrench[scene.model.body("carriage").id] = (0.0, 30.0, 40.0, 7.0, 8.0, 9.0)  # its guides hold the torque
@@ -300,24 +300,24 @@ def test_the_mouse_pushes_the_machine_that_is_stepped(made):
     assert not source.forces.any()
 
 
-def test_a_replay_asks_for_no_push(made):
+def test_a_replay_ignores_pushes(made):
     window = replayed(made, pictures=3, pushes={1: "no forces at all"})
     assert window.column("push") == [None] * 3
 
 
-def test_speed_of_nothing(made):
+def test_zero_speed_is_refused(made):
     _, _, run, scene = made
     with pytest.raises(InputError, match=r"^speed = 0: must be greater than 0$"):
         Player("circle", scene, Replay(run), Paper(scene), speed=0.0)
 
 
-def test_it_rests_until_the_next_picture_is_due(made):
+def test_the_player_rests_until_the_next_picture(made):
     _, _, run, scene = made
     wall = Wall()
 
     class Busy(Paper):
-        def show(self, panel, chart):
-            super().show(panel, chart)
+        def show(self, texts, chart):
+            super().show(texts, chart)
             wall.now += 0.01 if len(self.shown) < 3 else 0.1
 
     window = Busy(scene, pictures=6)

@@ -235,7 +235,7 @@ def test_a_push_reaches_the_body_that_was_chosen(name):
     for body in range(1, shown.nbody):
         wrench = np.zeros((shown.nbody, 6))
         wrench[body] = np.arange(1.0, 7.0)
-        handed = bodies.handed_on(wrench, np.zeros((shown.nbody, 3)))
+        handed = bodies.transferred(wrench, np.zeros((shown.nbody, 3)))
         (target,) = np.flatnonzero(handed.any(axis=1))
         assert stepped.body(target).name == shown.body(body).name
         assert np.array_equal(handed[target], wrench[body])
@@ -263,7 +263,7 @@ def test_a_body_that_is_only_shown_hands_its_force_to_the_one_that_holds_it():
     bodies = Bodies(shown, stepped)
     rng = np.random.default_rng(1)
     wrench, centre = rng.normal(size=(shown.nbody, 6)), rng.normal(size=(shown.nbody, 3))
-    handed = bodies.handed_on(wrench, centre)
+    handed = bodies.transferred(wrench, centre)
     # force, and moment about the world's origin, are those of all that hangs on each body
     for name, parts in (("a", (1, 2, 3)), ("b", (4,)), ("post", (5,))):
         target, own = stepped.body(name).id, shown.body(name).id
@@ -271,7 +271,7 @@ def test_a_body_that_is_only_shown_hands_its_force_to_the_one_that_holds_it():
         assert handed[target, :3] == pytest.approx(sum(wrench[k, :3] for k in parts))
         assert handed[target, 3:] + np.cross(centre[own], handed[target, :3]) == pytest.approx(moment, abs=MOMENT)
     assert not handed[0].any()
-    assert not bodies.handed_on(np.eye(shown.nbody, 6)[:1].repeat(shown.nbody, 0) * 0, centre).any()
+    assert not bodies.transferred(np.eye(shown.nbody, 6)[:1].repeat(shown.nbody, 0) * 0, centre).any()
 
 
 def test_bodies_without_names_are_known_by_their_numbers():
@@ -279,11 +279,11 @@ def test_bodies_without_names_are_known_by_their_numbers():
     shown = stepped = mujoco.MjModel.from_xml_string(text)
     wrench = np.zeros((shown.nbody, 6))
     wrench[3] = 1.0
-    assert np.array_equal(Bodies(shown, stepped).handed_on(wrench, np.zeros((shown.nbody, 3))), wrench)
+    assert np.array_equal(Bodies(shown, stepped).transferred(wrench, np.zeros((shown.nbody, 3))), wrench)
 
 
 def test_models_of_different_machines():
     shown = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body name='q'/></worldbody></mujoco>")
     stepped = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body name='r'/></worldbody></mujoco>")
-    with pytest.raises(InputError, match=r"^the model that is shown has no body of the one that is stepped$"):
+    with pytest.raises(InputError, match=r"^the displayed model has no body of the simulated one$"):
         Bodies(shown, stepped)

@@ -15,11 +15,11 @@ import pytest
 
 from gantrysim.errors import GantryError
 from gantrysim.render.colours import Scale, scale_for
+from gantrysim.render.legend import BAR_HEIGHT, colour_bar
 from gantrysim.render.scene import Scene
 from gantrysim.report.saved import SavedRun
-from gantrysim.view.bar import HEIGHT, colour_bar
 from gantrysim.view.display import NoDisplayError, check_display
-from gantrysim.view.window import _free, _freed_when_left
+from gantrysim.view.window import _free_view, _guarded
 
 from support.films import shows
 from support.views import write_run
@@ -39,7 +39,7 @@ def test_no_display():
     with pytest.raises(NoDisplayError) as error:
         check_display("linux", {"HOME": "/"})
     reason = "neither DISPLAY nor WAYLAND_DISPLAY is set"
-    assert str(error.value) == f"no display to open a window on: {reason}{HINT}"
+    assert str(error.value) == f"cannot open a window: {reason}{HINT}"
     assert isinstance(error.value, GantryError)
 
 
@@ -47,7 +47,7 @@ def test_wayland_is_a_display_where_glfw_opens_a_window(monkeypatch):
     monkeypatch.setattr("gantrysim.view.display._opens_window", lambda: True)
     check_display("linux", {"WAYLAND_DISPLAY": "wayland-0"})
     monkeypatch.setattr("gantrysim.view.display._opens_window", lambda: False)
-    with pytest.raises(NoDisplayError, match=r"^no display to open a window on: GLFW has none; "):
+    with pytest.raises(NoDisplayError, match=r"^cannot open a window: GLFW finds no display; "):
         check_display("linux", {"WAYLAND_DISPLAY": "wayland-0"})
 
 
@@ -55,7 +55,7 @@ def test_macos_wants_its_own_interpreter():
     with pytest.raises(NoDisplayError) as error:
         check_display("darwin", {})
     reason = "on macOS MuJoCo's viewer needs its own interpreter, mjpython -m gantrysim view"
-    assert str(error.value) == f"no display to open a window on: {reason}{HINT}"
+    assert str(error.value) == f"cannot open a window: {reason}{HINT}"
 
 
 def command(*arguments, **environment):
@@ -83,13 +83,13 @@ def test_command_without_a_display_is_one_line(environment, reason):
     out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert out == ""
-    assert err == f"error: no display to open a window on: {reason}{HINT}\n"
+    assert err == f"error: cannot open a window: {reason}{HINT}\n"
 
 
-def test_viewer_is_freed_when_nobody_is_inside_and_left_alone_when_somebody_stays(monkeypatch):
+def test_viewer_is_freed_only_while_no_thread_is_inside(monkeypatch):
     monkeypatch.setattr("gantrysim.view.window._LEAVING", 0.1)
     left = []
-    monkeypatch.setattr("gantrysim.view.window._left", left)
+    monkeypatch.setattr("gantrysim.view.window._abandoned", left)
     freed = []
 
     class Simulate:
@@ -101,7 +101,7 @@ def test_viewer_is_freed_when_nobody_is_inside_and_left_alone_when_somebody_stay
 
     guard = threading.Lock()
     ended = threading.Event()
-    viewer = _freed_when_left(Simulate, guard, ended)()
+    viewer = _guarded(Simulate, guard, ended)()
     viewer.render_loop()
     assert ended.is_set()
     with guard:
@@ -124,18 +124,18 @@ def seen(scene, view):
 
 
 @pytest.mark.parametrize("camera", ["overview", "side", "top"])
-def test_freed_camera_sees_what_the_fixed_one_saw(saved, camera):
+def test_freed_camera_has_the_view_of_the_fixed_one(saved, camera):
     run = SavedRun.load(saved)
     scene = Scene(run.machine, run.run)
     fixed, free = scene.camera(camera), mujoco.MjvCamera()
-    free.lookat[:], free.distance, free.azimuth, free.elevation = _free(scene, fixed)
+    free.lookat[:], free.distance, free.azimuth, free.elevation = _free_view(scene, fixed)
     (stood, ahead, slope), (stands, looks, edge) = seen(scene, fixed), seen(scene, free)
     assert looks == pytest.approx(ahead, abs=VIEW)
     reach = float((free.lookat - stood) @ ahead)
     assert stood + reach * ahead == pytest.approx(free.lookat, abs=VIEW)
     assert np.linalg.norm(free.lookat - stands) * edge == pytest.approx(reach * slope, rel=VIEW)
     again = mujoco.MjvCamera()
-    again.lookat[:], again.distance, again.azimuth, again.elevation = _free(scene, free)
+    again.lookat[:], again.distance, again.azimuth, again.elevation = _free_view(scene, free)
     assert np.array_equal(again.lookat, free.lookat)
     assert (again.distance, again.azimuth, again.elevation) == (free.distance, free.azimuth, free.elevation)
 
@@ -144,7 +144,7 @@ def test_colour_bar_goes_from_low_to_high(saved):
     run = SavedRun.load(saved)
     scale = scale_for("width", [run.run], [run.job.bead])
     bar = colour_bar(scale, 300)
-    assert bar.shape == (HEIGHT, 300, 3)
+    assert bar.shape == (BAR_HEIGHT, 300, 3)
     assert bar.dtype == np.uint8
     assert np.array_equal(bar[-1, [0, 150, 299]], scale.table[[0, 128, 255]])
     assert np.array_equal(bar[-12], bar[-1])
@@ -157,7 +157,7 @@ def test_colour_bar_goes_from_low_to_high(saved):
     assert not ink[-5:].any()
 
 
-def test_the_colour_bar_says_what_its_ends_stand_for():
+def test_the_colour_bar_labels_its_ends():
     table = np.zeros((256, 3), np.uint8)
     bar = colour_bar(Scale("contour error", "µm", 0.0, 15.07, False, True, table), 300)
     for text, there in (("≥ 15.1", True), ("0.0", True), ("≤", False)):

@@ -1,4 +1,4 @@
-"""What a picture says in numbers of a run: at every tick, from the record alone."""
+"""Time, path speed and contour error of a run at every tick, from its record."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gantrysim.run import Run
 _UM = 1e3
 
 
-class Readout:
-    """Time, path speed and contour error of a run, tick by tick; each is worked out when it is first asked for.
+class Telemetry:
+    """Time, path speed and contour error of a run at every tick; each is computed on first use.
 
     Args:
-        run: the record; one that has only begun will do.
+        run: the record, also of a run that has only begun.
 
     Attributes:
         run: the record.
@@ -40,8 +40,8 @@ class Readout:
     def error(self) -> Floats:
         """Contour error: distance of the nozzle to the requested path; nan while the dispenser is off, (n,) [µm].
 
-        It ends with the root mean square and the maximum of summary.json's "contour_error_um". In its "error_budget"
-        the row "contour" is of the error normal to the requested path, which differs a little at corners and ends.
+        Its final rms and maximum are summary.json's "contour_error_um". The row "contour" of "error_budget" there is
+        of the error normal to the path, which differs slightly at corners and ends.
         """
         error = np.full(len(self.run.time), np.nan)
         if self.run.dispense.any():
@@ -51,7 +51,7 @@ class Readout:
 
     @cached_property
     def rms(self) -> Floats:
-        """Root mean square of the contour error until each tick; nan before the dispenser was on, (n,) [µm]."""
+        """Root mean square of the contour error up to each tick; nan before the dispenser is on, (n,) [µm]."""
         on = np.isfinite(self.error)
         count = np.cumsum(on)
         square = np.cumsum(np.where(on, self.error, 0.0) ** 2)
@@ -59,17 +59,29 @@ class Readout:
 
     @cached_property
     def max(self) -> Floats:
-        """Largest contour error until each tick; nan before the dispenser was on, (n,) [µm]."""
+        """Largest contour error up to each tick; nan before the dispenser is on, (n,) [µm]."""
         return np.fmax.accumulate(self.error)
 
     def tick(self, time: float) -> int:
-        """Return the tick at a time [s]; that of the end after the end."""
+        """Return the tick at a time [s]; the last one after the end."""
         return int(np.clip(round(time / self.run.period), 0, len(self.run.time) - 1))
 
-    def over(self, time: float) -> bool:
-        """Whether the run has ended before a time [s]."""
+    def ended(self, time: float) -> bool:
+        """Return whether the run has ended before a time [s]."""
         return time > float(self.time[-1]) + 0.5 * self.run.period
 
     def faulted(self, time: float) -> bool:
-        """Whether a fault has ended the run by a time [s]."""
+        """Return whether a fault has ended the run by a time [s]."""
         return self.run.fault is not None and self.tick(time) == len(self.time) - 1
+
+    def error_text(self, tick: int) -> str:
+        """Return the contour error at a tick with its unit, or "off" while the dispenser is off."""
+        error = self.error[tick]
+        return f"{error:.1f} µm" if np.isfinite(error) else "off"
+
+    def rms_max_text(self, tick: int) -> str:
+        """Return rms and maximum contour error up to a tick with their unit."""
+        if not np.isfinite(self.max[tick]):
+            return "–"
+        digits = 1 if self.max[-1] < 100 else 0
+        return f"{self.rms[tick]:.{digits}f} / {self.max[tick]:.{digits}f} µm"

@@ -1,4 +1,4 @@
-"""Readout, error strip and panel: what they say and draw is what the record says."""
+"""Telemetry, error strip, panel and headers of a film against the record."""
 
 import dataclasses
 import re
@@ -12,11 +12,11 @@ from gantrysim import Fault, InputError
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.colours import Scale, scale_for
+from gantrysim.render.fonts import MUTED, PAPER, font, rgb
 from gantrysim.render.header import Header, headers
-from gantrysim.render.lettering import MUTED, PAPER, font, rgb
-from gantrysim.render.overlay import Panel, run_colours
-from gantrysim.render.readout import Readout
-from gantrysim.render.strip import Strip, ticks_of
+from gantrysim.render.panel import Panel, run_colours
+from gantrysim.render.strip import Strip, axis_ticks
+from gantrysim.render.telemetry import Telemetry
 
 from support.films import SHAPES, cut, shows, small_job
 
@@ -36,64 +36,64 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def readout(run):
-    return Readout(run)
+def telemetry(run):
+    return Telemetry(run)
 
 
 @pytest.fixture(scope="module")
-def strip(readout):
-    return Strip([readout], [INK], SIZE, font(LETTERS))
+def strip(telemetry):
+    return Strip([telemetry], [INK], SIZE, font(LETTERS))
 
 
 @pytest.fixture(scope="module")
-def panel(readout):
-    return Panel([readout], FRAME, "small")
+def panel(telemetry):
+    return Panel([telemetry], FRAME, "small")
 
 
-def test_the_readout_ends_with_the_figures_of_the_run(run, readout):
-    figures = Analysis(run).values
-    assert readout.rms[-1] == pytest.approx(1e3 * figures.contour.rms, rel=1e-12)
-    assert readout.max[-1] == pytest.approx(1e3 * figures.contour.max, rel=1e-12)
-    np.testing.assert_array_equal(readout.time, run.time)
-    np.testing.assert_array_equal(readout.speed, path_speed(run))
-    np.testing.assert_array_equal(np.isnan(readout.error), ~run.dispense)
+def test_telemetry_ends_with_the_values_of_the_run(run, telemetry):
+    values = Analysis(run).values
+    assert telemetry.rms[-1] == pytest.approx(1e3 * values.contour.rms, rel=1e-12)
+    assert telemetry.max[-1] == pytest.approx(1e3 * values.contour.max, rel=1e-12)
+    np.testing.assert_array_equal(telemetry.time, run.time)
+    np.testing.assert_array_equal(telemetry.speed, path_speed(run))
+    np.testing.assert_array_equal(np.isnan(telemetry.error), ~run.dispense)
 
 
-def test_what_it_says_at_a_tick_is_of_the_run_until_then(run, readout):
+def test_telemetry_at_a_tick_covers_the_run_up_to_it(run, telemetry):
     for share in (0.2, 0.5, 0.75):
         tick = int(share * len(run.time))
         until = Analysis(cut(run, tick + 1)).nozzle.distance
-        assert readout.error[tick] == pytest.approx(1e3 * until[-1], rel=1e-9)
-        assert readout.rms[tick] == pytest.approx(1e3 * np.sqrt(np.mean(until**2)), rel=1e-9)
-        assert readout.max[tick] == pytest.approx(1e3 * until.max(), rel=1e-9)
+        assert telemetry.error[tick] == pytest.approx(1e3 * until[-1], rel=1e-9)
+        assert telemetry.rms[tick] == pytest.approx(1e3 * np.sqrt(np.mean(until**2)), rel=1e-9)
+        assert telemetry.max[tick] == pytest.approx(1e3 * until.max(), rel=1e-9)
     late = np.arange(len(run.time)) > np.flatnonzero(run.dispense)[-1]
-    assert np.ptp(readout.rms[late]) == np.ptp(readout.max[late]) == 0
+    assert np.ptp(telemetry.rms[late]) == np.ptp(telemetry.max[late]) == 0
 
 
 def test_before_the_dispenser_is_on_there_is_no_error(run):
     off = dataclasses.replace(run, dispense=np.zeros(len(run.time), bool))
-    for values in (Readout(off).error, Readout(off).rms, Readout(off).max):
+    for values in (Telemetry(off).error, Telemetry(off).rms, Telemetry(off).max):
         assert np.isnan(values).all()
-    later = Readout(dataclasses.replace(run, dispense=run.dispense & (run.time > 0.5)))
+    later = Telemetry(dataclasses.replace(run, dispense=run.dispense & (run.time > 0.5)))
     assert np.isnan(later.rms[later.time <= 0.5]).all()
     assert np.isfinite(later.rms[later.time > 0.5]).all()
 
 
-def test_ticks_of_the_readout(run, readout):
-    assert readout.tick(0.0) == 0
-    assert readout.tick(0.3004) == 300
-    assert readout.tick(1e3) == len(run.time) - 1
-    assert not readout.over(run.time[-1])
-    assert readout.over(run.time[-1] + 1e-3)
-    assert not readout.faulted(run.time[-1])
-    broken = Readout(dataclasses.replace(run, fault=FAULT))
+def test_ticks_and_end_of_a_run(run, telemetry):
+    assert telemetry.tick(0.0) == 0
+    assert telemetry.tick(0.3004) == 300
+    assert telemetry.tick(1e3) == len(run.time) - 1
+    assert not telemetry.ended(run.time[-1])
+    assert telemetry.ended(run.time[-1] + 1e-3)
+    assert not telemetry.faulted(run.time[-1])
+    broken = Telemetry(dataclasses.replace(run, fault=FAULT))
     assert broken.faulted(run.time[-1])
     assert not broken.faulted(run.time[-2])
 
 
 @given(st.floats(1e-3, 1e6), st.floats(1.0, 20.0))
-def test_ticks_are_round_and_as_close_as_may_be(top, most):
-    ticks = ticks_of(top, most)
+def test_axis_ticks_have_the_shortest_round_step(top, most):
+    ticks = axis_ticks(top, most)
     assert ticks[0] == 0
     assert ticks[-1] <= top * (1 + 1e-6)
     assert len(ticks) == 1 or np.allclose(np.diff(ticks), ticks[1])
@@ -105,9 +105,9 @@ def test_ticks_are_round_and_as_close_as_may_be(top, most):
         assert ticks[1] == pytest.approx(step, rel=1e-9)
 
 
-def test_an_error_axis_always_has_a_number_to_read():
+def test_an_error_axis_always_has_two_ticks():
     for top in np.geomspace(0.01, 1e5, 200):
-        assert len(ticks_of(top, 2.5)) >= 2
+        assert len(axis_ticks(top, 2.5)) >= 2
 
 
 def rows_like(column, colour, tolerance=2):
@@ -129,14 +129,14 @@ def scales(strip, picture):
     return (lambda column: (column - marks[0]) * per_column), (lambda row: (zero - row) * per_row), per_column, per_row
 
 
-def test_the_curve_is_where_the_readout_says(strip, readout):
+def test_the_curve_is_at_the_errors_of_the_record(strip, telemetry):
     picture = strip.picture(strip.end)
     time_at, error_at, per_column, per_row = scales(strip, picture)
-    period = readout.run.period
+    period = telemetry.run.period
     checked = 0
     for column in range(strip.left + 2, strip.right - 4):
         began, ended = time_at(column - 0.5) - per_column, time_at(column + 0.5) + per_column
-        there = readout.error[max(int(began / period), 0) : int(ended / period) + 2]
+        there = telemetry.error[max(int(began / period), 0) : int(ended / period) + 2]
         drawn = picture[:, column].astype(int)
         weight = np.clip((230 - drawn.mean(axis=1)) / (230 - np.mean(rgb(INK))), 0, 1)
         weight[: strip.above] = weight[strip.bottom - 1 :] = 0  # title and axis
@@ -155,21 +155,21 @@ def test_the_curve_is_where_the_readout_says(strip, readout):
     assert checked > 300
 
 
-def test_the_axes_span_the_run_and_its_errors(strip, readout):
+def test_the_axes_span_the_run_and_its_errors(strip, telemetry):
     """Time from edge to edge; errors from none at the bottom to a little more than the largest at the top."""
-    assert (strip.column(0.0), strip.column(readout.time[-1])) == (strip.left, strip.right)
+    assert (strip.column(0.0), strip.column(telemetry.time[-1])) == (strip.left, strip.right)
     assert (strip.row(0.0), strip.row(strip.top)) == (strip.bottom, strip.above)
-    assert 1.0 < strip.top / readout.max[-1] < 1.1
-    past = (strip.picture(float(readout.time[-1])) < 120).all(axis=2)
+    assert 1.0 < strip.top / telemetry.max[-1] < 1.1
+    past = (strip.picture(float(telemetry.time[-1])) < 120).all(axis=2)
     highest = (
         strip.above + np.flatnonzero(past[strip.above : strip.bottom, strip.left : strip.right - 12].any(axis=1))[0]
     )
-    largest = strip.bottom - readout.max[-1] / strip.top * (strip.bottom - strip.above)
+    largest = strip.bottom - telemetry.max[-1] / strip.top * (strip.bottom - strip.above)
     assert highest == pytest.approx(largest, abs=2 * PIXEL)
 
 
-def test_a_spike_of_one_tick_is_seen_in_full(run, strip):
-    spiked = Readout(run)
+def test_a_spike_of_one_tick_is_drawn_in_full(run, strip):
+    spiked = Telemetry(run)
     error = spiked.error.copy()
     error[700] = 1.5 * np.nanmax(error)
     spiked.__dict__["error"] = error
@@ -194,7 +194,7 @@ def test_the_cursor_stands_at_the_time(strip, share):
     assert abs(time_at(columns.mean()) - time) <= 1.5 * per_column
 
 
-def test_the_past_is_bold_and_the_time_to_come_faint(strip, readout):
+def test_curves_are_bold_before_the_cursor_and_faint_after_it(strip, telemetry):
     half = strip.picture(0.5 * strip.end)
     whole, none = strip.picture(strip.end), strip.picture(0.0)
     cursor = round(strip.column(0.5 * strip.end))
@@ -223,15 +223,15 @@ def test_the_time_without_glue_is_shaded(strip, run):
     assert np.all(np.diff(shaded) == 1)
     assert shows(picture, "dispenser off", LETTERS, MUTED)
     always = dataclasses.replace(run, dispense=np.ones(len(run.time), bool))
-    on = Strip([Readout(always)], [INK], SIZE, font(LETTERS)).picture(0.0)
+    on = Strip([Telemetry(always)], [INK], SIZE, font(LETTERS)).picture(0.0)
     assert not shows(on, "dispenser off", LETTERS, MUTED)
     assert (on[row, strip.left + 4 :].mean(axis=1) > 250).mean() > 0.95
 
 
-def test_a_run_without_error_or_of_one_tick_has_its_strip(run):
+def test_a_run_without_error_or_of_one_tick_has_a_strip(run):
     dry = dataclasses.replace(run, dispense=np.zeros(len(run.time), bool))
     for one in (dry, cut(run, 1), cut(dry, 1)):
-        drawn = Strip([Readout(one)], [INK], SIZE, font(LETTERS))
+        drawn = Strip([Telemetry(one)], [INK], SIZE, font(LETTERS))
         assert drawn.top > 0
         assert drawn.picture(one.time[-1]).shape == (SIZE[1], SIZE[0], 3)
 
@@ -239,7 +239,7 @@ def test_a_run_without_error_or_of_one_tick_has_its_strip(run):
 def test_curves_of_several_runs_have_their_colours_and_one_scale(run):
     slower = cut(run, 900)
     colours = run_colours(2)
-    drawn = Strip([Readout(run), Readout(slower)], colours, SIZE, font(LETTERS))
+    drawn = Strip([Telemetry(run), Telemetry(slower)], colours, SIZE, font(LETTERS))
     picture = drawn.picture(drawn.end)
     seen = [(np.abs(picture.astype(int) - rgb(colour)).max(axis=2) <= 8) for colour in colours]
     columns = [np.flatnonzero(mask[drawn.above : drawn.bottom].any(axis=0)) for mask in seen]
@@ -253,21 +253,21 @@ def test_curves_of_several_runs_have_their_colours_and_one_scale(run):
 
 
 @pytest.mark.parametrize("time", [0.7004, 1.1])
-def test_the_panel_says_the_numbers_of_the_tick(panel, readout, time):
+def test_the_panel_shows_the_values_of_the_tick(panel, telemetry, time):
     picture = panel.picture(time, 4.0)
     tick = round(time / 1e-3)
     letters = panel.font.size
-    right = (f"{time:.2f} s", f"{readout.speed[tick]:.1f} mm/s", f"{readout.error[tick]:.1f} µm", "×4")
-    for text in (*right, f"{readout.rms[tick]:.0f} / {readout.max[tick]:.0f} µm"):
+    right = (f"{time:.2f} s", f"{telemetry.speed[tick]:.1f} mm/s", f"{telemetry.error[tick]:.1f} µm", "×4")
+    for text in (*right, f"{telemetry.rms[tick]:.0f} / {telemetry.max[tick]:.0f} µm"):
         assert shows(picture, text, letters, INK), text
     assert shows(picture, "small", letters, INK, bold=True)
-    for wrong in (f"{time + 0.01:.2f} s", f"{readout.error[tick] + 0.1:.1f} µm", "×2", "off"):
+    for wrong in (f"{time + 0.01:.2f} s", f"{telemetry.error[tick] + 0.1:.1f} µm", "×2", "off"):
         assert not shows(picture, wrong, letters, INK), wrong
     assert not shows(panel.picture(time), "×4", letters, INK)
     np.testing.assert_array_equal(picture, panel.picture(time, 4.0))
 
 
-def test_only_what_changes_is_drawn_anew(panel):
+def test_only_momentary_parts_change_from_frame_to_frame(panel):
     first, second = panel.picture(0.700, 4.0), panel.picture(0.705, 4.0)
     changed = np.argwhere((first != second).any(axis=2))
     block = changed[changed[:, 1] < panel.strip_left]
@@ -282,20 +282,20 @@ def test_while_the_dispenser_is_off_there_is_no_error_to_read(panel, run):
     assert shows(panel.picture(run.time[-1]), f"{run.time[-1]:.2f} s", panel.font.size, INK)
 
 
-def test_a_long_title_is_cut_and_stays_in_its_place(panel, readout):
+def test_a_long_title_is_cut_and_stays_in_its_place(panel, telemetry):
     size = FRAME
-    long = Panel([readout], size, "a name that is longer than the readout is wide").picture(0.5, 4.0)
-    short = Panel([readout], size, "a").picture(0.5, 4.0)
+    long = Panel([telemetry], size, "a name that is longer than the readout is wide").picture(0.5, 4.0)
+    short = Panel([telemetry], size, "a").picture(0.5, 4.0)
     changed = np.argwhere((long != short).any(axis=2))
     letters = panel.font.size
     assert changed[:, 0].max() < 2 * letters
     assert shows(long, "×4", letters, INK)
 
 
-def test_a_fault_is_told_in_red_when_it_happens_and_off_the_curve(run):
+def test_a_fault_is_shown_in_red_when_it_happens_and_off_the_curve(run):
     broken = dataclasses.replace(run, fault=FAULT)
     for frame in (FRAME, (480, 360)):
-        panel = Panel([Readout(broken)], frame, "small")
+        panel = Panel([Telemetry(broken)], frame, "small")
         red = [
             (np.abs(panel.picture(time).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 40)
             for time in (run.time[-1], run.time[-2], 0.5)
@@ -308,19 +308,19 @@ def test_a_fault_is_told_in_red_when_it_happens_and_off_the_curve(run):
         assert words[:, : panel.strip_left].sum() == 0
 
 
-def test_the_words_of_a_fault_are_all_there(run):
+def test_the_message_of_a_fault_is_complete(run):
     short = dataclasses.replace(FAULT, reaction="")
-    panel = Panel([Readout(dataclasses.replace(run, fault=short))], (1920, 1080), "small")
+    panel = Panel([Telemetry(dataclasses.replace(run, fault=short))], (1920, 1080), "small")
     picture = panel.picture(run.time[-1])
     text = "fault: following error on axis x at t = 1.2500 s: 5.02 mm, limit 5 mm"
     assert shows(picture, text, panel.font.size, COLOURS["fault"])
-    four = Panel([Readout(dataclasses.replace(run, fault=FAULT))] * 4, (1280, 960))
+    four = Panel([Telemetry(dataclasses.replace(run, fault=FAULT))] * 4, (1280, 960))
     assert four.strip.bottom - four.strip.above > 1.5 * four.font.size
 
 
-def test_the_legend_shows_the_scale(run, readout):
+def test_the_legend_shows_the_scale(run, telemetry):
     scale = scale_for("error", [run])
-    panel = Panel([readout], FRAME, "small", scale)
+    panel = Panel([telemetry], FRAME, "small", scale)
     picture = panel.picture(0.5)
     assert shows(picture, "contour error [µm]", panel.font.size, INK)
     legend = picture[:, panel.strip_left + panel.strip.size[0] :]
@@ -334,7 +334,7 @@ def test_the_legend_shows_the_scale(run, readout):
     assert shade[0] >= 253  # some shades are equal
     assert shade[-1] <= 2
     assert np.all(np.diff(shade) < 0)
-    plain = Panel([readout], FRAME, "small")
+    plain = Panel([telemetry], FRAME, "small")
     assert plain.strip.size[0] > panel.strip.size[0]
 
 
@@ -355,7 +355,7 @@ def test_the_labels_of_a_scale_have_the_digits_that_they_need(low, high, labels)
 
 
 @given(st.floats(0, 1e4), st.floats(1e-3, 1e4))
-def test_no_label_of_a_scale_misses_its_colour(low, span):
+def test_the_labels_of_a_scale_are_exact_to_half_a_percent(low, span):
     scale = Scale("", "", low, low + span, False, False, GREYS)
     labels = np.array([float(label) for label in scale.labels()])
     away = np.abs(labels - [scale.low, 0.5 * (scale.low + scale.high), scale.high])
@@ -363,9 +363,9 @@ def test_no_label_of_a_scale_misses_its_colour(low, span):
 
 
 @pytest.mark.parametrize(("below", "above"), [(False, True), (True, False), (False, False)])
-def test_the_legend_says_each_number_beside_its_colour(readout, below, above):
-    scale = Scale("width of the bead", "mm", 3.2, 4.4, below, above, GREYS)
-    panel = Panel([readout], FRAME, "small", scale)
+def test_the_legend_shows_each_number_beside_its_colour(telemetry, below, above):
+    scale = Scale("bead width", "mm", 3.2, 4.4, below, above, GREYS)
+    panel = Panel([telemetry], FRAME, "small", scale)
     legend = panel.picture(0.5)[:, panel.strip_left + panel.strip.size[0] :]
     letters = panel.font.size
     upper, lower = legend[letters : len(legend) // 2], legend[len(legend) // 2 + letters // 2 :]
@@ -380,9 +380,9 @@ def test_the_legend_says_each_number_beside_its_colour(readout, below, above):
     assert shows(legend, "≤", letters, INK) is below
 
 
-def test_the_end_of_a_curve_that_a_fault_has_cut_off_is_marked(run):
-    broken = Readout(dataclasses.replace(cut(run, 900), fault=FAULT))
-    drawn = Strip([Readout(run), broken], run_colours(2), SIZE, font(LETTERS))
+def test_the_end_of_a_faulted_run_is_marked(run):
+    broken = Telemetry(dataclasses.replace(cut(run, 900), fault=FAULT))
+    drawn = Strip([Telemetry(run), broken], run_colours(2), SIZE, font(LETTERS))
     for time, there in ((0.8, False), (0.9, True), (1.2, True)):
         red = np.abs(drawn.picture(time).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 3
         assert red.any() == there
@@ -392,34 +392,34 @@ def test_the_end_of_a_curve_that_a_fault_has_cut_off_is_marked(run):
             assert abs(row - drawn.row(broken.error[-1])) < 1
 
 
-def test_a_header_has_label_and_readout_and_says_when_its_run_is_over(run, readout):
+def test_a_header_has_label_and_readout_and_shows_when_its_run_has_ended(run, telemetry):
     colour = run_colours(2)[1]
-    header = Header(readout, "T = 1 s", colour, 640, 18)
+    header = Header(telemetry, "T = 1 s", colour, 640, 18)
     picture = header.picture(0.7)
     assert picture.shape == (*header.size[::-1], 3)
     letters = 18
     assert shows(picture, "T = 1 s", letters, colour, bold=True)
-    for text in (f"{readout.error[700]:.1f} µm", f"{readout.speed[700]:.1f} mm/s"):
+    for text in (f"{telemetry.error[700]:.1f} µm", f"{telemetry.speed[700]:.1f} mm/s"):
         assert shows(picture, text, letters, INK)
-    assert shows(picture, f"{readout.rms[700]:.0f} / {readout.max[700]:.0f} µm", letters, INK)
-    said = f"over at {run.time[-1]:.2f} s"
+    assert shows(picture, f"{telemetry.rms[700]:.0f} / {telemetry.max[700]:.0f} µm", letters, INK)
+    said = f"ended at {run.time[-1]:.2f} s"
     assert not shows(header.picture(run.time[-1]), said, letters, MUTED)
     assert shows(header.picture(run.time[-1] + 1), said, letters, MUTED)
-    broken = Header(Readout(dataclasses.replace(run, fault=FAULT)), "T = 1 s", colour, 640, 18)
+    broken = Header(Telemetry(dataclasses.replace(run, fault=FAULT)), "T = 1 s", colour, 640, 18)
     assert shows(broken.picture(run.time[-1]), f"fault at {run.time[-1]:.2f} s", letters, COLOURS["fault"])
     assert not shows(broken.picture(run.time[-2]), f"fault at {run.time[-1]:.2f} s", letters, COLOURS["fault"])
 
 
-def test_a_narrow_header_leaves_out_what_does_not_fit(readout):
-    picture = Header(readout, "a label that is far too long for it", INK, 160, 18).picture(0.7)
+def test_a_narrow_header_leaves_out_what_does_not_fit(telemetry):
+    picture = Header(telemetry, "a label that is far too long for it", INK, 160, 18).picture(0.7)
     margin = 6
     assert (picture[:, -margin:] == rgb(PAPER)).all()
-    assert shows(picture, f"{readout.error[700]:.1f} µm", 10, INK)
-    assert not shows(picture, f"{readout.speed[700]:.1f} mm/s", 10, INK)
+    assert shows(picture, f"{telemetry.error[700]:.1f} µm", 10, INK)
+    assert not shows(picture, f"{telemetry.speed[700]:.1f} mm/s", 10, INK)
 
 
-def test_letters_scale_with_the_frame_and_stay_legible(readout):
-    panels = [Panel([readout], (width, 3 * width // 4)) for width in (320, 480, 640, 960, 1440)]
+def test_letters_scale_with_the_frame_and_stay_legible(telemetry):
+    panels = [Panel([telemetry], (width, 3 * width // 4)) for width in (320, 480, 640, 960, 1440)]
     sizes = [panel.font.size for panel in panels]
     assert sizes == sorted(sizes)
     assert sizes[0] >= 10
@@ -427,11 +427,11 @@ def test_letters_scale_with_the_frame_and_stay_legible(readout):
     assert panels[3].size == (960, pytest.approx(0.18 * 720, abs=1))
 
 
-@pytest.mark.parametrize("scale", [None, Scale("width of the bead", "mm", 0.0, 88.8, True, True, GREYS)])
+@pytest.mark.parametrize("scale", [None, Scale("bead width", "mm", 0.0, 88.8, True, True, GREYS)])
 @pytest.mark.parametrize("runs", [1, 2, 4])
 @pytest.mark.parametrize("frame", SHAPES, ids=str)
-def test_a_film_of_any_shape_has_a_panel_that_can_be_read(readout, frame, runs, scale):
-    panel = Panel([readout] * runs, frame, "small", scale)
+def test_a_film_of_any_shape_has_a_panel_that_can_be_read(telemetry, frame, runs, scale):
+    panel = Panel([telemetry] * runs, frame, "small", scale)
     picture = panel.picture(0.7, 4.0)
     letters = panel.font.size
     assert picture.shape == (*panel.size[::-1], 3)
@@ -440,7 +440,7 @@ def test_a_film_of_any_shape_has_a_panel_that_can_be_read(readout, frame, runs, 
     assert letters >= max(9, min(frame) / 44)
     assert panel.strip.size[0] >= 12.5 * letters - 1
     assert panel.strip.bottom - panel.strip.above > 2 * letters
-    said = ["0.70 s", "×4"] if runs > 1 else ["0.70 s", "×4", f"{readout.speed[700]:.1f} mm/s", "contour error"]
+    said = ["0.70 s", "×4"] if runs > 1 else ["0.70 s", "×4", f"{telemetry.speed[700]:.1f} mm/s", "contour error"]
     for text in said:
         assert shows(picture[:, : panel.legend_left], text, letters, INK if text != "contour error" else MUTED), text
     strip = picture[panel.strip_above :, panel.strip_left : panel.strip_left + panel.strip.size[0]]
@@ -454,21 +454,21 @@ def test_a_film_of_any_shape_has_a_panel_that_can_be_read(readout, frame, runs, 
 
 
 @pytest.mark.parametrize("frame", [(240, 240), (320, 240), (240, 427), (480, 360)])
-def test_what_can_be_read_of_a_fault_stands_in_a_narrow_strip(run, frame):
-    panel = Panel([Readout(dataclasses.replace(run, fault=FAULT))], frame, "small")
+def test_a_fault_stays_legible_in_a_narrow_strip(run, frame):
+    panel = Panel([Telemetry(dataclasses.replace(run, fault=FAULT))], frame, "small")
     strip = panel.picture(run.time[-1])[panel.strip_above :]
     assert any(shows(strip, "fault: following error", size, COLOURS["fault"]) for size in (9, 10, 11, 12))
     assert any(shows(strip, "…", size, COLOURS["fault"]) for size in (9, 10, 11, 12)) or frame == (480, 360)
     assert panel.strip.bottom - panel.strip.above > 1.5 * panel.font.size
-    four = Panel([Readout(dataclasses.replace(run, fault=FAULT))] * 4, frame)
+    four = Panel([Telemetry(dataclasses.replace(run, fault=FAULT))] * 4, frame)
     assert four.strip.bottom - four.strip.above > 1.5 * four.font.size
     red = np.abs(four.picture(run.time[-1]).astype(int) - rgb(COLOURS["fault"])).max(axis=2) < 90
     words = red[: four.strip_above + four.strip.above].any(axis=1)
     assert np.count_nonzero(np.diff(words.astype(int)) == 1) >= 3  # lines, of small letters
 
 
-def test_nothing_stands_beside_a_fault(run):
-    broken = Readout(dataclasses.replace(run, fault=FAULT))
+def test_nothing_is_drawn_beside_a_fault(run):
+    broken = Telemetry(dataclasses.replace(run, fault=FAULT))
     stood = []
     for frame in (*SHAPES, (270, 240), (290, 240), (310, 240)):
         panel = Panel([broken], frame, "small")
@@ -483,15 +483,15 @@ def test_nothing_stands_beside_a_fault(run):
     assert any(stood)
 
 
-def test_a_strip_says_what_there_is_room_for(readout):
+def test_a_strip_shows_the_names_that_fit(telemetry):
     for width, there in ((600, (1, 1, 1)), (300, (1, 0, 1)), (210, (0, 0, 1))):
-        picture = Strip([readout], [INK], (width, 120), font(LETTERS)).picture(0.0)
+        picture = Strip([telemetry], [INK], (width, 120), font(LETTERS)).picture(0.0)
         found = (("contour error [µm]", INK), ("dispenser off", MUTED), ("off", MUTED))
         assert tuple(shows(picture, text, LETTERS, colour) for text, colour in found) == there
 
 
-def test_a_fault_in_a_narrow_strip_stands_there_alone(run):
-    broken = Readout(dataclasses.replace(run, fault=FAULT))
+def test_a_fault_replaces_the_title_of_a_narrow_strip(run):
+    broken = Telemetry(dataclasses.replace(run, fault=FAULT))
     panel = Panel([broken], (240, 240), "small")
     before, after = (panel.picture(run.time[tick])[panel.strip_above :] for tick in (-2, -1))
     head = after[: panel.strip.above, panel.strip_left + panel.strip.left :]
@@ -505,68 +505,68 @@ def test_a_fault_in_a_narrow_strip_stands_there_alone(run):
     assert not (np.abs(after[: panel.strip.above].astype(int) - rgb(INK)).max(axis=2) < 40).any()
 
 
-def test_a_panel_too_narrow_is_refused_with_the_least_that_will_do(readout):
-    for runs, scale in ((1, None), (4, Scale("width of the bead", "mm", 0.0, 88.8, True, True, GREYS))):
+def test_a_panel_too_narrow_is_refused_with_the_least_width(telemetry):
+    for runs, scale in ((1, None), (4, Scale("bead width", "mm", 0.0, 88.8, True, True, GREYS))):
         with pytest.raises(InputError, match="for readout and error strip") as refused:
-            Panel([readout] * runs, (100, 240), "small", scale)
+            Panel([telemetry] * runs, (100, 240), "small", scale)
         least = int(re.fullmatch(r"width of the film = 100: must be at least (\d+), .*", str(refused.value))[1])
         assert 100 < least <= 240
-        assert Panel([readout] * runs, (least, 240), "small", scale).font.size == 9
+        assert Panel([telemetry] * runs, (least, 240), "small", scale).font.size == 9
         with pytest.raises(InputError, match=f"must be at least {least}"):
-            Panel([readout] * runs, (least - 1, 240), "small", scale)
+            Panel([telemetry] * runs, (least - 1, 240), "small", scale)
 
 
-def test_labels_that_were_cut_to_the_same_are_cut_where_they_can_be_told_apart():
+def test_shortened_labels_stay_different():
     bold = font(12, True)
     fitting = ["loop_period = 1 s", "loop_period = 2 s"]
-    assert bold.told_apart(fitting, 200) == fitting
-    ends = bold.told_apart(["one and so on and on", "two and so on and on"], 80)
+    assert bold.distinct(fitting, 200) == fitting
+    ends = bold.distinct(["one and so on and on", "two and so on and on"], 80)
     assert [text[:3] for text in ends] == ["one", "two"]
     assert all(text.endswith("…") for text in ends)
     long = [f"loop_period = {period} s, following_error_limit = {limit}" for period, limit in
             ((0.1, 5), (1, 5), (0.01, 5), (0.1, 0.05))]  # fmt: skip
-    assert bold.told_apart(["loop_period = 1 s", "loop_period = 0.01 s"], 100) == ["loop_pe…= 1 s", "loop_p…0.01 s"]
+    assert bold.distinct(["loop_period = 1 s", "loop_period = 0.01 s"], 100) == ["loop_pe…= 1 s", "loop_p…0.01 s"]
     for width in range(80, 140, 5):
-        assert all(part in text for part, text in zip(("1", "0.01"), bold.told_apart(
+        assert all(part in text for part, text in zip(("1", "0.01"), bold.distinct(
             ["loop_period = 1 s", "loop_period = 0.01 s"], width), strict=True))  # fmt: skip
-    two = bold.told_apart(long[::3], 220)
+    two = bold.distinct(long[::3], 220)
     assert [text[:13] for text in two] == ["loop_period ="] * 2
     assert [text[-3:] for text in two] == ["= 5", ".05"]
-    four = bold.told_apart(long, 220)
+    four = bold.distinct(long, 220)
     assert four == ["…0.1…5", "…1…5", "…0.01…5", "…0.1…0.05"]
     assert max(map(bold.width, two)) <= 220
     inside = [f"the same words in front {word} the same words behind, and a few more of them" for word in ("aa", "bb")]
-    assert [text[:3] for text in bold.told_apart(inside, 100)] == ["…aa", "…bb"]
+    assert [text[:3] for text in bold.distinct(inside, 100)] == ["…aa", "…bb"]
     assert (
-        bold.told_apart(["twice the same label", "twice the same label"], 60)
+        bold.distinct(["twice the same label", "twice the same label"], 60)
         == [bold.shortened("twice the same label", 60)] * 2
     )
 
 
-def test_headers_side_by_side_can_be_told_apart(readout):
+def test_headers_side_by_side_have_different_labels(telemetry):
     labels = [f"loop_period = 0.1 s, following_error_limit = {limit}" for limit in (5, 0.05)]
-    made = headers([readout] * 2, labels, run_colours(2), 300, 18)
+    made = headers([telemetry] * 2, labels, run_colours(2), 300, 18)
     for header, label, colour in zip(made, labels, run_colours(2), strict=True):
         end = label[-13:]
         assert shows(header.picture(0.5), end.split()[-1], header.font.size, colour, bold=True)
-    roomy = headers([readout] * 2, labels, run_colours(2), 640, 18)
+    roomy = headers([telemetry] * 2, labels, run_colours(2), 640, 18)
     for header, label, colour in zip(roomy, labels, run_colours(2), strict=True):
         assert shows(header.picture(0.5), label, header.font.size, colour, bold=True)
         assert shows(header.picture(99.0), label, header.font.size, colour, bold=True)
 
 
-def test_an_upright_header_has_its_readout_in_two_lines(readout):
-    one, two = (Header(readout, "a", INK, 358, 18, lines) for lines in (1, 2))
+def test_an_upright_header_has_its_readout_in_two_lines(telemetry):
+    one, two = (Header(telemetry, "a", INK, 358, 18, lines) for lines in (1, 2))
     assert two.font.size > 1.5 * one.font.size
     picture = two.picture(0.7)
-    for text in (f"{readout.error[700]:.1f} µm", f"{readout.speed[700]:.1f} mm/s"):
+    for text in (f"{telemetry.error[700]:.1f} µm", f"{telemetry.speed[700]:.1f} mm/s"):
         assert shows(picture, text, two.font.size, INK)
-    assert shows(picture, f"{readout.rms[700]:.0f} / {readout.max[700]:.0f} µm", two.font.size, INK)
+    assert shows(picture, f"{telemetry.rms[700]:.0f} / {telemetry.max[700]:.0f} µm", two.font.size, INK)
     assert picture.shape[0] == two.size[1]
     assert (picture[-2:] == rgb(PAPER)).all()
 
 
-def test_a_face_wraps_and_shortens():
+def test_a_font_wraps_and_shortens():
     face = font(12)
     text = "following error on axis x at t = 1.2500 s"
     lines = face.wrapped(text, 100)

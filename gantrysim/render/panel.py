@@ -1,0 +1,205 @@
+"""The panel below the pictures of a film: readout, error strip and colour scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from gantrysim.errors import InputError
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK
+from gantrysim.render.colours import Scale
+from gantrysim.render.encoding import Picture
+from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font, rgb
+from gantrysim.render.legend import Legend
+from gantrysim.render.strip import Strip
+from gantrysim.render.telemetry import Telemetry
+
+_SHARE = 0.18  # height of a panel of one row, of that of the frame
+_LEAST_HEIGHT = 66  # [pixels], for letters of 10
+_ROW, _STRIP_ROW = 6.6, 5.6  # heights of a row of the panel, and of one with only the strip, in sizes of the letters
+_LEAST_LETTERS = 9
+_LEAST_STRIP = 12.5  # width of the strip in sizes of the letters
+_ENOUGH = 0.75  # letters of a simpler layout, of the largest that any layout allows
+_BESIDE_FAULTS = 4.2  # width of the strip that fault messages leave free, in sizes of the letters
+_MOST_FAULTS = 0.42  # height of fault messages, of that of the strip
+_WIDEST_READOUT = "contour error8888.8 mm/s"
+_RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
+_RULE = "#d5d9df"
+
+
+def run_colours(count: int) -> tuple[str, ...]:
+    """Return the colours of runs side by side; for a single one, that of the contour error in all plots."""
+    return (COLOURS["contour"],) if count == 1 else _RUN_COLOURS[:count]
+
+
+def _readout_width(runs: int, end: float, letters: Font) -> int:
+    """Return the width of the readout [pixels]."""
+    widest = _WIDEST_READOUT if runs == 1 else f"t {end:.2f} s"
+    return round(letters.margin + letters.width(widest) + 1.8 * letters.size)
+
+
+def _layout(frame: tuple[int, int], runs: int, end: float, scale: Scale | None) -> tuple[int, bool, int]:
+    """Return the simplest layout whose letters are not much smaller than those of others.
+
+    It is the number of rows, 2 with the strip below the readout; whether the legend has a short title in several lines;
+    and the size of the letters [pixels].
+
+    Raises:
+        InputError: the frame is too narrow for any layout.
+    """
+
+    def least_width(rows: int, narrow: bool, size: int) -> int:
+        legend = 0 if scale is None else Legend(scale, font(size), narrow).width
+        strip = round(_LEAST_STRIP * size)
+        readout = _readout_width(runs, end, font(size))
+        return readout + strip + legend if rows == 1 else max(readout + legend, strip)
+
+    largest = int(max(_SHARE * frame[1], _LEAST_HEIGHT) / _ROW)
+    kinds = [(rows, narrow) for rows in ((1, 2) if runs == 1 else (1,)) for narrow in (False, True)[: 1 + bool(scale)]]
+    fitting = []
+    for kind in kinds:
+        sizes = (size for size in range(largest, _LEAST_LETTERS - 1, -1) if least_width(*kind, size) <= frame[0])
+        fitting += [(*kind, size) for size in islice(sizes, 1)]
+    if not fitting:
+        least = min(least_width(*kind, _LEAST_LETTERS) for kind in kinds)
+        raise InputError(f"width of the film = {frame[0]}: must be at least {least}, for readout and error strip")
+    enough = _ENOUGH * max(size for *_, size in fitting)
+    return next(layout for layout in fitting if layout[2] >= enough)
+
+
+class Panel:
+    """Readout of one run, or the time of several; their error strip; the colour scale of the beads.
+
+    In a frame that is narrow for its height the strip stands below the readout. Constant parts are drawn once.
+
+    Args:
+        runs: telemetry of the runs.
+        frame: width and height of the film [pixels].
+        title: of a single run.
+        scale: of the beads' colours, None for plain beads.
+
+    Attributes:
+        size: width and height [pixels].
+        font: of its text.
+        strip: the error strip.
+        strip_left, strip_above: first column and row of the strip [pixels].
+        legend_left: first column of the legend, which ends at the right edge [pixels].
+
+    Raises:
+        InputError: the frame is too narrow for readout and strip.
+    """
+
+    def __init__(
+        self, runs: Sequence[Telemetry], frame: tuple[int, int], title: str = "", scale: Scale | None = None
+    ) -> None:
+        self._runs, self._title = tuple(runs), title
+        end = max(float(run.time[-1]) for run in runs)
+        rows, narrow, letters = _layout(frame, len(runs), end, scale)
+        width, self.font = frame[0], font(letters)
+        row = max(round(_SHARE * frame[1]), _LEAST_HEIGHT)
+        if int(row / _ROW) > letters:
+            row = round(_ROW * letters)
+        readout = _readout_width(len(runs), end, self.font)
+        self._right = readout - round(0.8 * self.font.size)
+        legend = np.empty((row, 0, 3), np.uint8)
+        if scale is not None:
+            legend = Legend(scale, self.font, narrow).picture(row)
+        self.legend_left = width - legend.shape[1]
+        if rows == 1:
+            self.size = width, row
+            self.strip_left, self.strip_above = readout, 1
+            room = self.legend_left - readout, row - 1
+        else:
+            self.size = width, row + round(_STRIP_ROW * self.font.size)
+            self.strip_left, self.strip_above = self.font.margin, row
+            room = width - self.font.margin, self.size[1] - row
+        self._faults = self._fault_lines(room)
+        head = max((place + round(LINE * size) for _, _, place, size in self._faults), default=0)
+        self.strip = Strip(runs, run_colours(len(runs)), room, self.font, head)
+        self._labels = Image.new("RGB", (readout, row), PAPER)
+        self._draw_labels()
+        self._base = np.empty((self.size[1], width, 3), np.uint8)
+        self._base[:] = rgb(PAPER)
+        self._base[:row, self.legend_left :] = legend
+
+    def picture(self, time: float, speed: float | None = None) -> Picture:
+        """Return the panel at a time of the run, (height, width, 3).
+
+        Args:
+            time: of the run [s].
+            speed: seconds of the run in a second of the film, None for a single picture.
+        """
+        picture = self._base.copy()
+        readout = self._readout(time, speed)
+        picture[: readout.shape[0], : readout.shape[1]] = readout
+        picture[0] = rgb(_RULE)
+        strip = self._with_faults(time, self.strip.picture(time))
+        picture[self.strip_above :, self.strip_left : self.strip_left + strip.shape[1]] = strip
+        return picture
+
+    def _draw_labels(self) -> None:
+        """Draw the constant part of the readout."""
+        draw = ImageDraw.Draw(self._labels)
+        names = ("", "t", "path speed", "contour error", "rms / max") if len(self._runs) == 1 else ("t",)
+        for row, name in enumerate(names):
+            self.font.write(draw, (self.font.margin, self._row(row)), name, MUTED, "lm")
+        if len(self._runs) == 1:
+            bold = font(self.font.size, True)
+            title = bold.shortened(self._title, self._right - self.font.margin - self.font.width(" ×8.88"))
+            bold.write(draw, (self.font.margin, self._row(0)), title, INK, "lm")
+
+    def _readout(self, time: float, speed: float | None) -> Picture:
+        image = self._labels.copy()
+        draw = ImageDraw.Draw(image)
+        playing, now = "" if speed is None else f"×{speed:g}", f"{time:.2f} s"
+        lines = [now, playing]
+        if len(self._runs) == 1:
+            run = self._runs[0]
+            tick = run.tick(time)
+            lines = [playing, now, f"{run.speed[tick]:.1f} mm/s", run.error_text(tick), run.rms_max_text(tick)]
+        for row, text in enumerate(lines):
+            self.font.write(draw, (self._right, self._row(row)), text, INK, "rm")
+        return np.asarray(image)
+
+    def _row(self, line: int) -> int:
+        """Return the middle of a line of the readout."""
+        return round((line + 0.5) * (self._labels.height - 0.6 * self.font.size) / 5 + 0.3 * self.font.size)
+
+    def _fault_lines(self, room: tuple[int, int]) -> list[tuple[Telemetry, str, int, int]]:
+        """Return the lines of fault messages, each with its run, its row and the size of its letters.
+
+        The letters shrink until the messages fit; at the least legible size these are cut.
+        """
+        head = "fault: " if len(self._runs) == 1 else "■ fault: "
+        faulted = [run for run in self._runs if run.run.fault is not None]
+        width, height = room[0] - _BESIDE_FAULTS * self.font.size, _MOST_FAULTS * room[1]
+        for size in range(self.font.size, 0, -1):
+            each = max(1, int(height / (LINE * size)) // max(len(faulted), 1))
+            messages = [font(size).wrapped(f"{head}{run.run.fault}", width) for run in faulted]
+            if size <= _LEAST_LETTERS:
+                messages = [
+                    [*lines[: each - 1], font(size).shortened(" ".join(lines[each - 1 :]), width)] for lines in messages
+                ]
+            lines = [(run, line) for run, message in zip(faulted, messages, strict=True) for line in message if line]
+            if len(lines) * LINE * size <= height:
+                break
+        return [(run, line, round(row * LINE * size), size) for row, (run, line) in enumerate(lines)]
+
+    def _with_faults(self, time: float, strip: Picture) -> Picture:
+        """Return the strip headed by the messages of faults that have ended runs by a time."""
+        faults = [fault for fault in self._faults if fault[0].faulted(time)]
+        if not faults:
+            return strip
+        image = Image.fromarray(strip)
+        draw = ImageDraw.Draw(image)
+        left = self.strip.left
+        draw.rectangle((left, 0, self.strip.size[0], self.strip.above - 1), rgb(PAPER))
+        colours = run_colours(len(self._runs))
+        for run, line, row, size in faults:
+            font(size).write(draw, (left, row), line, COLOURS["fault"])
+            if line.startswith("■"):
+                font(size).write(draw, (left, row), "■", colours[self._runs.index(run)])
+        return np.asarray(image)
