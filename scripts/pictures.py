@@ -1,4 +1,4 @@
-"""Draw the documentation's pictures into docs/pictures/: every job on its machine, plots of a run, a study and a tuning."""
+"""Draw the pictures of docs/: every job on its machine, plots of a run, a study and a tuning."""
 
 import itertools
 import shutil
