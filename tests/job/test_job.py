@@ -129,7 +129,7 @@ def test_a_key_inside_what_is_no_table_is_refused(tmp_path):
     file = tmp_path / "job.toml"
     file.write_text(job_text("an225").replace("[program]", "[program]\ngroup = 3"))
     changes = ["program.controller=softmc.Program", "velocity=30"]
-    with pytest.raises(InputError, match=r"^--set velocity=30: group is no table in this job$"):
+    with pytest.raises(InputError, match=r"^--set velocity=30: group is not a table in this job$"):
         Job.load(file, changes)
 
 
