@@ -141,7 +141,7 @@ class Job(BaseModel):
         for name, value in self.servo:
             if isinstance(value, list) and len(value) != len(axes):
                 raise InputError(
-                    f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, for the axes "
+                    f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
                     f"{', '.join(axes)} of machine {self.built_machine.name}"
                 )
 
