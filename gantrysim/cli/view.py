@@ -7,15 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gantrysim.cli.options import Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
 from gantrysim.errors import InputError, positive
-from gantrysim.job.job import Job, builtin_jobs
-from gantrysim.run import Fault
+
+if TYPE_CHECKING:
+    from gantrysim.job.job import Job
+    from gantrysim.run import Fault
 
 
 def view(
@@ -48,6 +50,7 @@ def view(
     Exit status: 0 when the window is closed, 2 for bad input or where there is no display, 3 where a fault ended a live
     run, 130 after Ctrl-C.
     """
+    from gantrysim.job.job import Job
     from gantrysim.view.display import check_display
 
     positive("speed", speed)
@@ -68,6 +71,7 @@ def view(
 
 def _is_saved(shown: str, folder: Path) -> bool:
     """Return whether a folder is meant, or a job."""
+    from gantrysim.job.job import builtin_jobs
     from gantrysim.report.folder import RUN
 
     if folder.is_file():  # a job, or by mistake another file of a run

@@ -103,7 +103,7 @@ def test_a_machine_that_is_gone_is_named_with_what_to_do(own):
     machine.rename(folder / "moved" / "its.xml")
     known = ", ".join(builtin_models())
     text = (
-        f"run {folder}: its machine {machine} is gone: set machine in {folder}/job.toml to a file, or to one of {known}"
+        f"run {folder}: its machine {machine} is missing: set machine in {folder}/job.toml to a file, or to one of {known}"
     )
     with pytest.raises(InputError) as refused:
         SavedRun.load(folder)
@@ -114,9 +114,9 @@ def test_a_machine_that_is_gone_is_named_with_what_to_do(own):
     back = SavedRun.load(folder)
     assert back.machine.source == folder / "moved" / "its.xml"
     assert back.changed is False
-    # a name that no machine has is not a file that is gone anywhere
+    # an unknown machine name gets the same message
     job.write_text(job.read_text().replace("moved/its.xml", "yx"))
-    with pytest.raises(InputError, match=f"run {folder}: its machine yx is gone: set machine in {folder}/job.toml to"):
+    with pytest.raises(InputError, match=f"run {folder}: its machine yx is missing: set machine in {folder}/job.toml to"):
         SavedRun.load(folder)
 
 
