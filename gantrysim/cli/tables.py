@@ -47,9 +47,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     contour, (x, y, _) = values.contour, values.contour.point
     add("contour", contour, SPANS["contour"])
     table.caption = "share of the mean square contour error; a negative share offsets others\n"
-    table.caption += "largest contour error at t = {:.2f} s, x = {:.1f}, y = {:.1f} mm".format(
-        whole.time, *whole.point[:2]
-    )
+    table.caption += f"largest contour error at t = {contour.time:.2f} s, x = {x:.1f}, y = {y:.1f} mm"
     table.caption_justify = "left"
     return table
 
