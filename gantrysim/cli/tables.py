@@ -32,7 +32,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.add_column("link", no_wrap=True)
     for column in ("rms", "95 %", "max", "share"):
         table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("from one end to the other")
+    table.add_column("from … to")
 
     def add(label: str, part: PartValues, span: str = "") -> None:
         numbers = [f"{_UM * value:.1f}" for value in (part.rms, part.p95, part.max)]
@@ -80,9 +80,11 @@ def _add_bead(table: Table, bead: BeadValues) -> None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"
         covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; coverage {100 * bead.coverage:.1f} %"
         table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
-    table.add_row("missing at start", f"{bead.start.mean:+.2f} mm", "length of nominal bead")
+    missing = "excess" if bead.start.mean < 0 else "missing"
+    table.add_row("start", f"{abs(bead.start.mean):.2f} mm {missing}", "length of nominal bead")
     if bead.stop is not None:
-        table.add_row("excess at stop", f"{bead.stop.mean:+.2f} mm", "length of nominal bead")
+        excess = "missing" if bead.stop.mean < 0 else "excess"
+        table.add_row("stop", f"{abs(bead.stop.mean):.2f} mm {excess}", "length of nominal bead")
     table.add_row("volume", f"{bead.laid:.4g} mm³", f"{bead.error_percent:+.2f} % of {volume:.4g} requested")
     parts = {"ramps": bead.ramps, "starts": bead.starts, "running": bead.running, "stops": bead.stops}
     shares = ", ".join(f"{name} {_volume(value, volume)}" for name, value in parts.items())

@@ -49,7 +49,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         return [name, meaning, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
 
     links = Table(
-        ["link", "from one end to the other, and cause", *numbers],
+        ["link", "from … to: cause", *numbers],
         [
             *(row(name, f"{SPANS[name]}: {CAUSES[name]}", part) for name, part in values.parts.items()),
             row("contour", f"{SPANS['contour']}: total", values.contour),
