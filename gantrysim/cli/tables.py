@@ -32,7 +32,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.add_column("link", no_wrap=True)
     for column in ("rms", "95 %", "max", "share"):
         table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("from … to")
+    table.add_column("span")
 
     def add(label: str, part: PartValues, span: str = "") -> None:
         numbers = [f"{_UM * value:.1f}" for value in (part.rms, part.p95, part.max)]

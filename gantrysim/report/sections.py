@@ -43,26 +43,23 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         "x, y, z [mm]",
     ]
 
-    def row(name: str, meaning: str, part: PartValues) -> list[str | float | None]:
+    def row(part: PartValues, *labels: str) -> list[str | float | None]:
         point = ",\N{NO-BREAK SPACE}".join(f"{value:.1f}".replace("-", "−") for value in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
-        return [name, meaning, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
+        return [*labels, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
 
     links = Table(
-        ["link", "from … to: cause", *numbers],
+        ["link", "span and cause", *numbers],
         [
-            *(row(name, f"{SPANS[name]}: {CAUSES[name]}", part) for name, part in values.parts.items()),
-            row("contour", f"{SPANS['contour']}: total", values.contour),
+            *(row(part, link, f"{SPANS[link]}: {CAUSES[link]}") for link, part in values.parts.items()),
+            row(values.contour, "contour", f"{SPANS['contour']}: total"),
         ],
         "Error normal to the requested path, its share of the mean square, and where it is largest",
         COLOURS,
     )
     axes = Table(
-        ["axis", "part", *numbers],
-        [
-            row(name, "following error", budget.values_of(part))
-            for name, part in budget.tracking_by_axis(machine).items()
-        ],
+        ["axis", *numbers],
+        [row(budget.values_of(part), axis) for axis, part in budget.tracking_by_axis(machine).items()],
         "Tracking part by axis, to first order",
     )
     return Section(
