@@ -6,7 +6,7 @@ import base64
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from numbers import Integral
@@ -82,7 +82,6 @@ class Section:
         text: a paragraph, or several.
         figure: a matplotlib figure, or several, side by side where there is room: the page is 10.7 inches wide.
         table: a table, or several.
-        html: markup inserted as it is; its content must have been escaped.
         facts: values shown large: name, value with its unit, and a remark.
         alternative: alternative text of each figure; by default made from its labels.
         video: content of an MP4 file.
@@ -93,7 +92,6 @@ class Section:
     text: str | Sequence[str] | None = None
     figure: Figure | Sequence[Figure] | None = None
     table: Table | Sequence[Table] | None = None
-    html: str | None = None
     facts: Sequence[tuple[str, str, str]] = ()
     alternative: str | Sequence[str] | None = None
     video: bytes | None = None
@@ -110,7 +108,7 @@ def write_page(
 ) -> None:
     """Write a page as one HTML file that includes style, figures and video; an earlier file stays until it is complete.
 
-    The same content gives the same bytes. All text is escaped except `Section.html`.
+    The same content gives the same bytes. All text is escaped.
 
     Args:
         file: to write or replace.
@@ -129,13 +127,14 @@ def write_page(
 
     own = files("gantrysim.report")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(several=_several, base64=lambda content: base64.b64encode(content).decode("ascii"))
     template = environment.from_string((own / "page.html").read_text(encoding="utf-8"))
     content = template.render(
         title=title,
         subtitle=subtitle,
         warning=warning,
         style=Markup((own / "page.css").read_text(encoding="utf-8")),
-        sections=_shown(sections, progress or (lambda share: None)),
+        sections=list(_with_figures(sections, progress or (lambda share: None))),
     )
     target = Path(file)
     partial = target.with_name(f".partial-{target.name}")
@@ -146,46 +145,38 @@ def write_page(
         partial.unlink(missing_ok=True)
 
 
-def _shown(sections: Sequence[Section], progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Return the sections as the template needs them."""
+def _with_figures(
+    sections: Sequence[Section], progress: Callable[[float], None]
+) -> Iterator[tuple[str, Section, list[dict[str, Any]]]]:
+    """Yield each section with its unique name before it, and its figures, drawn, behind it."""
+    names: set[str] = set()
+    for k, section in enumerate(sections, 1):
+        name = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
+        if name in names:
+            name += f"-{k}"
+        names.add(name)
+        yield name, section, _drawn(section, f"f{k}")
+        progress(k / len(sections))
+
+
+def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
     from markupsafe import Markup
 
     from gantrysim.report.svg import description, inline_svg
 
-    shown, names = [], set()
-    for k, section in enumerate(sections):
-        name = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
-        if name in names:
-            name += f"-{k + 1}"
-        names.add(name)
-        drawn = _several(section.figure)
-        given = _several(section.alternative) or [description(figure) for figure in drawn]
-        if len(given) != len(drawn):
-            raise InputError(
-                f"section {section.title}: {len(given)} alternative texts, must be {len(drawn)}, one per figure"
-            )
-        figures = [
-            {
-                "svg": Markup(inline_svg(figure, f"f{k + 1}-{i + 1}", text or section.title)),
-                "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0]),
-            }
-            for i, (figure, text) in enumerate(zip(drawn, given, strict=True))
-        ]
-        shown.append(
-            {
-                "name": name,
-                "title": section.title,
-                "paragraphs": _several(section.text),
-                "facts": section.facts,
-                "tables": _several(section.table),
-                "figures": figures,
-                "html": None if section.html is None else Markup(section.html),
-                "video": None if section.video is None else base64.b64encode(section.video).decode("ascii"),
-                "code": section.code,
-            }
+    figures = _several(section.figure)
+    texts = _several(section.alternative) or [description(figure) for figure in figures]
+    if len(texts) != len(figures):
+        raise InputError(
+            f"section {section.title}: {len(texts)} alternative texts, must be {len(figures)}, one per figure"
         )
-        progress((k + 1) / len(sections))
-    return shown
+    return [
+        {
+            "svg": Markup(inline_svg(figure, f"{prefix}-{i}", text or section.title)),
+            "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0]),
+        }
+        for i, (figure, text) in enumerate(zip(figures, texts, strict=True), 1)
+    ]
 
 
 def _several(content: Any) -> list[Any]:

@@ -21,7 +21,6 @@ _HREF = "{http://www.w3.org/1999/xlink}href"
 _NUMBER = re.compile(r"-?\d+\.\d+")
 _FONT = re.compile(r"font: ([^;']*px) [^;]*")  # as matplotlib writes it
 _FAMILY = re.compile(r"font-family: [^;]*; ?")
-_UPRIGHT = re.compile(r" ?rotate\(-?0 [^)]*\)")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COORDINATES = ("d", "x", "y")
 _RASTER_DPI = 150  # of images
@@ -58,7 +57,6 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     title.text = alternative
     root.insert(0, title)
     root.attrib.update({"role": "img", "aria-labelledby": f"{prefix}-title"})
-    _drop_bare_groups(root)
     return ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
 
 
@@ -108,27 +106,9 @@ def _make_local(element: ElementTree.Element, names: dict[str, str]) -> None:
                 text = _FAMILY.sub("", _FONT.sub(r"font: \1 var(--sans)", text))
                 for ink in ("#000000", INK):
                     text = text.replace(ink, "currentColor")
-            elif key == "transform":
-                text = _UPRIGHT.sub("", text)
-            if text:
-                own[key] = text
+            own[key] = text
     element.attrib.clear()
     element.attrib.update(own)
-    if element.text is not None and not element.text.strip():
-        element.text = None
-    if element.tail is not None and not element.tail.strip():
-        element.tail = None
-
-
-def _drop_bare_groups(root: ElementTree.Element) -> None:
-    """Replace groups without attributes by their children, which makes the file smaller."""
-    for child in list(root):
-        _drop_bare_groups(child)
-    children: list[ElementTree.Element] = []
-    for child in list(root):
-        children.extend(list(child) if child.tag == "g" and not child.attrib else [child])
-        root.remove(child)
-    root.extend(children)
 
 
 def _local(tag: str) -> str:
