@@ -127,13 +127,14 @@ def margins_table(period: float = ServoSettings().period) -> Table:
         machine = Machine(name)
         found = Plant.of(machine, period).margins(Servo.derive(machine.axes, period))
         for a, (axis, margins) in enumerate(zip(machine.axes, found, strict=True)):
-            numbers = (
+            table.add_row(
+                "" if a else name,
+                axis.name,
                 f"{margins.gain:.2f}",
                 f"{margins.phase:.0f}",
                 f"{1e3 * margins.delay:.2f}",
                 f"{margins.sensitivity:.2f}",
                 f"{margins.crossover:.1f}",
             )
-            table.add_row("" if a else name, axis.name, *numbers)
         table.add_section()
     return table

@@ -18,13 +18,7 @@ _UM = 1e3
 
 
 def links_table(name: str, machine: Machine, budget: Budget) -> Table:
-    """Return the error budget, a row per link of the chain.
-
-    Args:
-        name: name of the job.
-        machine: the machine of the run.
-        budget: the budget of the run.
-    """
+    """Return the error budget of a run of the job `name`, a row per link of the chain."""
     run, values = budget.analysis.run, budget.values
     until = "" if run.fault is None else ", until the fault"
     title = escape(f"{name} on {run.machine}: error normal to the path [µm]{until}")

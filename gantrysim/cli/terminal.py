@@ -36,13 +36,7 @@ def show(content: RenderableType) -> None:
 
 
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
-    """Print a text without markup.
-
-    Args:
-        text: the text.
-        wrap: whether to wrap it at the terminal's width: for prose, not for lines that programs read.
-        end: printed after it.
-    """
+    """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
     _output.print(escape(text), soft_wrap=not wrap, highlight=False, end=end)
 
 
@@ -56,9 +50,7 @@ def warn(text: str, kind: str = "") -> None:
 def share_bar(task: str, go_on: Callable[[], None] = lambda: None) -> Iterator[Callable[[float], None]]:
     """Show a progress bar during the block; yields a function to call with the completed share, 0 to 1.
 
-    Args:
-        task: name of the task.
-        go_on: called before each update, see `interruptible`.
+    `go_on` is called before each update, see `interruptible`.
     """
     with _bars(TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn()) as bars:
         bar = bars.add_task(task, total=1.0)
@@ -90,9 +82,7 @@ def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
 
     The first interrupt is lost in code that cannot propagate it, such as a finaliser, which is then not reported. Where
     code turns it into another error, as ctypes does when converting arguments, the block still ends as interrupted.
-
-    Args:
-        left: what the command leaves behind, for its message.
+    `left` tells what the command leaves behind, for its message.
     """
     interrupted = False
     message = (left,) if left else ()

@@ -14,16 +14,10 @@ Content = dict[str, Any]  # of a job file
 
 
 def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None:
-    """Set a value in the content of a job file; None removes it.
-
-    Args:
-        content: to be changed.
-        key: full dotted key.
-        value: a TOML value.
-        known: all full dotted keys.
+    """Set the value of a full dotted key in the content of a job file; None removes it.
 
     Raises:
-        InputError: an unknown key.
+        InputError: the key is not among the known ones.
     """
     if key not in known:
         raise unknown("key", key, known)
@@ -35,13 +29,10 @@ def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None
 
 
 def override(content: Content, text: str, known: Sequence[str]) -> None:
-    """Set a value in the content of a job file as --set does; a path in `machine` is relative to the working folder.
+    """Set a value in the content of a job file by "key=value", as --set does.
 
-    Args:
-        content: to be changed.
-        text: "key=value" with a TOML value or unquoted text; the key is dotted, or its last parts where they are
-            unique.
-        known: all full dotted keys.
+    The value is TOML or unquoted text; the key is a known one in full, or its last parts where they are unique. A path
+    in `machine` is relative to the working folder.
 
     Raises:
         InputError: not "key=value", or an unknown or ambiguous key.

@@ -70,12 +70,8 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
 
     Other files in the folder stay. On failure nothing is left, not even a folder that this call created.
 
-    Args:
-        folder: folder to write into.
-        output: the files that may be written.
-
     Raises:
-        InputError: the folder cannot be created, or holds files of these names that no such command has written.
+        InputError: the folder cannot be written, or holds files of these names that no such command has written.
     """
     target = output.check(folder)
     created = [parent for parent in (target, *target.parents) if not parent.exists()]

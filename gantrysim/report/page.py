@@ -30,13 +30,7 @@ def write_run_page(
 ) -> None:
     """Write the report of a run as one HTML file.
 
-    Args:
-        file: to write.
-        job: the job of the run.
-        machine: the machine of the run.
-        bead: the bead of the run, with or without glue.
-        video: its MP4 file; None or a missing file for no video.
-        progress: called with the completed share.
+    It includes the MP4 file `video` where it exists; `progress` is called with the completed share.
     """
     run = bead.run
     write_page(

@@ -33,11 +33,6 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     It has no external references and no size but its view box; its ids begin with `prefix`. Black and the plots' ink
     become the text colour of the page, fonts that of the page. Lines are simplified within a quarter of a point.
     Formulas should use plain characters, as √12: a page lacks the fonts of mathtext.
-
-    Args:
-        figure: a matplotlib figure.
-        prefix: prefix of the ids, unique in the page.
-        alternative: alternative text.
     """
     import matplotlib  # slow to import
 

@@ -48,25 +48,10 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
 def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantrysim_command, tmp_path):
     gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert list(summary) == [
-        "job",
-        "machine",
-        "error_budget",
-        "requested_spacing_mm",
-        "bead_spacing_mm",
-        "tracking_error_um",
-        "generation_error_um",
-        "contour_error_um",
-        "path_speed_mm_s",
-        "path_length_mm",
-        "duration_s",
-        "end_point_mm",
-        "servo",
-        "bead",
-        "notes",
-        "fault",
-        "versions",
-    ]
+    assert " ".join(summary) == (
+        "job machine error_budget requested_spacing_mm bead_spacing_mm tracking_error_um generation_error_um "
+        "contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm servo bead notes fault versions"
+    )
     assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
     assert list(summary["tracking_error_um"]) == ["x", "y", "path"]
     assert list(summary["path_speed_mm_s"]) == ["mean", "min", "max"]
