@@ -83,7 +83,6 @@ class Section:
         figure: a matplotlib figure, or several, side by side where there is room: the page is 10.7 inches wide.
         table: a table, or several.
         facts: values shown large: name, value with its unit, and a remark.
-        alternative: alternative text of each figure; by default made from its labels.
         video: content of an MP4 file.
         code: preformatted text.
     """
@@ -93,7 +92,6 @@ class Section:
     figure: Figure | Sequence[Figure] | None = None
     table: Table | Sequence[Table] | None = None
     facts: Sequence[tuple[str, str, str]] = ()
-    alternative: str | Sequence[str] | None = None
     video: bytes | None = None
     code: str | None = None
 
@@ -119,7 +117,6 @@ def write_page(
         progress: called with the completed share.
 
     Raises:
-        InputError: the number of alternative texts of a section is not that of its figures.
         OSError: the file cannot be written.
     """
     from jinja2 import Environment, StrictUndefined  # slow to import
@@ -148,7 +145,7 @@ def write_page(
 def _with_figures(
     sections: Sequence[Section], progress: Callable[[float], None]
 ) -> Iterator[tuple[str, Section, list[dict[str, Any]]]]:
-    """Yield each section with its unique name before it, and its figures, drawn, behind it."""
+    """Yield the unique name of each section, the section, and its figures as SVG."""
     names: set[str] = set()
     for k, section in enumerate(sections, 1):
         name = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
@@ -164,19 +161,12 @@ def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
 
     from gantrysim.report.svg import description, inline_svg
 
-    figures = _several(section.figure)
-    texts = _several(section.alternative) or [description(figure) for figure in figures]
-    if len(texts) != len(figures):
-        raise InputError(
-            f"section {section.title}: {len(texts)} alternative texts, must be {len(figures)}, one per figure"
-        )
-    return [
-        {
-            "svg": Markup(inline_svg(figure, f"{prefix}-{i}", text or section.title)),
-            "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0]),
-        }
-        for i, (figure, text) in enumerate(zip(figures, texts, strict=True), 1)
-    ]
+    drawn = []
+    for i, figure in enumerate(_several(section.figure), 1):
+        alternative = ": ".join(filter(None, (section.title, description(figure))))
+        svg = Markup(inline_svg(figure, f"{prefix}-{i}", alternative))
+        drawn.append({"svg": svg, "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0])})
+    return drawn
 
 
 def _several(content: Any) -> list[Any]:

@@ -74,10 +74,6 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
             drawn(draw_budget, budget, _WIDE, 4.4 if values.turns else 1.6),
             drawn(draw_budget_along, budget, _WIDE, 8.0),
         ],
-        alternative=[
-            "Share of each link in the mean square contour error as a stacked bar, and the rms error by turn.",
-            "The contour error and the contribution of each link along the path.",
-        ],
     )
 
 
@@ -114,32 +110,19 @@ def errors_section(analysis: Analysis) -> Section:
             rows,
             "Tracking error, commanded to encoder; rms and max in the row's unit",
         ),
-        alternative="Tracking error of each axis, and the error normal to the requested path, over time.",
     )
 
 
 def plan_section(analysis: Analysis) -> Section:
     """Return the section of the plan view."""
-    tall = view_height(*plan_extent(analysis), _PLAN)
-    return Section(
-        "Plan view",
-        figure=drawn(draw_plan, analysis, _PLAN, tall),
-        alternative="Plan view of the requested path, and of the nozzle's trace with its error magnified.",
-    )
+    return Section("Plan view", figure=drawn(draw_plan, analysis, _PLAN, view_height(*plan_extent(analysis), _PLAN)))
 
 
 def spacing_section(analysis: Analysis) -> Section:
     """Return the section of the spacing of neighbouring turns."""
     return Section(
         "Spacing of neighbouring turns",
-        figure=[
-            drawn(draw_polar_spacing, analysis, _HALF, 4.8),
-            drawn(draw_spacing, analysis, _HALF, 4.8),
-        ],
-        alternative=[
-            "Spacing of neighbouring turns by direction in the path's plane, one line per turn.",
-            "Spacing of neighbouring turns by tangent angle within the turn, one line per turn.",
-        ],
+        figure=[drawn(draw, analysis, _HALF, 4.8) for draw in (draw_polar_spacing, draw_spacing)],
     )
 
 
@@ -154,10 +137,6 @@ def bead_section(bead: Bead) -> Section:
         figure=[
             drawn(draw_height_map, bead, _PLAN, 0.9 * height),
             drawn(draw_bead_along, bead, _WIDE, 5.4 if bead.clearance.size else 3.0),
-        ],
-        alternative=[
-            "Plan view of the height of the glue.",
-            "Width of the bead along the nozzle's trace, and the gap or overlap between neighbouring turns.",
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )
