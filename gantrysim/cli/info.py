@@ -1,8 +1,9 @@
-"""What comes along: tables of the built-in machines, the jobs, the settings, and the servo's gains."""
+"""The tables of `gantrysim info`: built-in machines and jobs, settings, default gains and stability margins."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import fields
 
 from rich.markup import escape
@@ -12,49 +13,50 @@ from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import described
 from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job, ServoSettings, builtin_jobs, job_text
-from gantrysim.machine.axis import Axis
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.machine.needle import Needle
 from gantrysim.stability.margins import Plant
 
 
-def machines_table() -> Table:
-    """The built-in machines, an axis to a row."""
-    table = Table(title="machines", title_justify="left")
-    for name, justify in (
-        ("machine", "left"),
-        ("axis", "left"),
-        ("travel", "right"),
-        ("speed", "right"),
-        ("acceleration", "right"),
-        ("encoder", "right"),
-    ):
-        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    for name in builtin_models():
-        for first, axis in enumerate(Machine(name).axes):
-            table.add_row(
-                "" if first else name,
-                axis.name,
-                f"{axis.travel[0]:g} to {axis.travel[1]:g} {axis.unit}",
-                f"{axis.speed_limit:g} {axis.unit}/s",
-                f"{_acceleration(axis):.3g} {axis.unit}/s²",
-                f"{1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}",
-            )
-        table.add_section()
-    table.caption = "acceleration: of the peak torque against inertia and Coulomb friction, at rest"
+def _table(title: str, texts: Iterable[str], numbers: Iterable[str] = (), caption: str | None = None) -> Table:
+    """Return a table without rows: columns of text, the last of them wrapped, then columns of numbers."""
+    table = Table(title=title, title_justify="left", caption=caption, caption_justify="left")
+    *names, last = texts
+    for name in names:
+        table.add_column(name, no_wrap=True)
+    table.add_column(last)
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
     return table
 
 
-def _acceleration(axis: Axis) -> float:
-    return (axis.peak_torque - axis.coulomb) / axis.inertia
+def machines_table() -> Table:
+    """Return the built-in machines, a row per axis."""
+    table = _table(
+        "built-in machines",
+        ("machine", "axis"),
+        ("travel", "speed", "acceleration", "encoder"),
+        "acceleration: from rest, with the peak torque against inertia and Coulomb friction",
+    )
+    for name in builtin_models():
+        for a, axis in enumerate(Machine(name).axes):
+            acceleration = (axis.peak_torque - axis.coulomb) / axis.inertia
+            table.add_row(
+                "" if a else name,
+                axis.name,
+                f"{axis.travel[0]:g} to {axis.travel[1]:g} {axis.unit}",
+                f"{axis.speed_limit:g} {axis.unit}/s",
+                f"{acceleration:.3g} {axis.unit}/s²",
+                f"{1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}",
+            )
+        table.add_section()
+    return table
 
 
 def jobs_table() -> Table:
-    """The built-in jobs."""
-    table = Table(title="jobs", title_justify="left")
-    for name in ("job", "machine", "controller", "what"):
-        table.add_column(name, no_wrap=name != "what")
+    """Return the built-in jobs, described by the comments of their files."""
+    table = _table("built-in jobs", ("job", "machine", "controller", "description"))
     for name in builtin_jobs():
         job = Job.load(name)
         comment = [line.removeprefix("#").strip() for line in job_text(name).splitlines() if line.startswith("#")]
@@ -63,11 +65,8 @@ def jobs_table() -> Table:
 
 
 def settings_table() -> Table:
-    """The servo's settings with their defaults."""
-    table = Table(title="servo settings, as in --set servo.damping=0.7", title_justify="left")
-    table.add_column("setting", no_wrap=True)
-    table.add_column("default", no_wrap=True)
-    table.add_column("what")
+    """Return the servo settings with their defaults."""
+    table = _table("servo settings, as in --set servo.damping=0.7", ("setting", "default", "description"))
     for name, field in ServoSettings.model_fields.items():
         default = "derived" if field.default is None else f"{field.default:g}"
         table.add_row(name, default, escape(field.description or ""))
@@ -75,35 +74,36 @@ def settings_table() -> Table:
 
 
 def glue_table() -> Table:
-    """The settings of dispenser, needle and bead with their defaults."""
-    table = Table(title="settings of the glue, as in --set dispenser.dead_time=0.01", title_justify="left")
-    table.add_column("setting", no_wrap=True)
-    table.add_column("default", no_wrap=True)
-    table.add_column("what")
+    """Return the settings of dispenser, needle and bead with their defaults."""
+    table = _table(
+        "dispenser and bead settings, as in --set dispenser.dead_time=0.01", ("setting", "default", "description")
+    )
     for prefix, kind in (("dispenser", Dispenser), ("dispenser.needle", Needle), ("bead", BeadSettings)):
-        said = described(kind)
+        descriptions = described(kind)
         for field in fields(kind):
             default = field.default
-            text = "none" if default is None else f"{default:g}" if isinstance(default, float) else str(default).lower()
-            table.add_row(f"{prefix}.{field.name}", text, escape(said.get(field.name, "")))
+            text = f"{default:g}" if isinstance(default, float) else str(default).lower()
+            table.add_row(f"{prefix}.{field.name}", text, escape(descriptions.get(field.name, "")))
         table.add_section()
     return table
 
 
 def gains_table(period: float = ServoSettings().period) -> Table:
-    """The gains that follow for every machine at a servo period [s]."""
-    table = Table(title=f"gains that follow at a period of {1e3 * period:g} ms", title_justify="left")
-    table.add_column("machine", no_wrap=True)
-    table.add_column("axis", no_wrap=True)
+    """Return the default gains of each machine at a servo period [s]."""
     columns = {
         "kp": "kp",
         "kd": "kd",
         "velocity\n_ff": "velocity_ff",
         "accelera-\ntion_ff": "acceleration_ff",
-        "limit": "torque_limit",
+        "torque\nlimit": "torque_limit",
     }
-    for column in ("Hz", *columns):
-        table.add_column(column, justify="right", no_wrap=True)
+    table = _table(
+        f"default gains at a servo period of {1e3 * period:g} ms",
+        ("machine", "axis"),
+        ("Hz", *columns),
+        "Hz: natural frequency; kp N·m/u, kd and velocity_ff N·m·s/u, acceleration_ff N·m·s²/u, torque limit N·m; "
+        "u: mm or deg",
+    )
     for name in builtin_models():
         axes = Machine(name).axes
         servo = Servo.derive(axes, period)
@@ -112,32 +112,29 @@ def gains_table(period: float = ServoSettings().period) -> Table:
             gains = [f"{getattr(servo, gain)[a]:.3g}" for gain in columns.values()]
             table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
         table.add_section()
-    table.caption = (
-        "Hz: natural frequency; kp N·m/u, kd and velocity_ff N·m·s/u, acceleration_ff N·m·s²/u, torque limit N·m; "
-        "u is mm or deg"
-    )
     return table
 
 
 def margins_table(period: float = ServoSettings().period) -> Table:
-    """How far every machine is from instability with the gains that follow at a servo period [s]."""
-    table = Table(title=f"stability margins with these gains at a period of {1e3 * period:g} ms", title_justify="left")
-    for name in ("machine", "axis"):
-        table.add_column(name, no_wrap=True)
-    for name in ("gain", "phase\n\\[deg]", "delay\n\\[ms]", "peak\nof |S|", "crossover\n\\[Hz]"):
-        table.add_column(name, justify="right", no_wrap=True)
+    """Return the stability margins of each machine with the default gains at a servo period [s]."""
+    table = _table(
+        f"stability margins with these gains at a servo period of {1e3 * period:g} ms",
+        ("machine", "axis"),
+        ("gain", "phase\n\\[deg]", "delay\n\\[ms]", "peak\nof |S|", "crossover\n\\[Hz]"),
+        "at home, without Coulomb friction; gain: factor on all gains of the axis",
+    )
     for name in builtin_models():
         machine = Machine(name)
         found = Plant.of(machine, period).margins(Servo.derive(machine.axes, period))
         for a, (axis, margins) in enumerate(zip(machine.axes, found, strict=True)):
-            numbers = (
+            table.add_row(
+                "" if a else name,
+                axis.name,
                 f"{margins.gain:.2f}",
                 f"{margins.phase:.0f}",
                 f"{1e3 * margins.delay:.2f}",
                 f"{margins.sensitivity:.2f}",
                 f"{margins.crossover:.1f}",
             )
-            table.add_row("" if a else name, axis.name, *numbers)
         table.add_section()
-    table.caption = "of the moving axis at home, without Coulomb friction; gain: factor on all gains of the axis"
     return table

@@ -19,7 +19,7 @@ from gantrysim.errors import GantryError
 
 
 class _Commands(TyperGroup):
-    """The commands, which say that they were interrupted: typer itself would end without a word."""
+    """The commands; an interrupt ends them with a message, which typer itself does not print."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -33,7 +33,7 @@ app = typer.Typer(
     cls=_Commands,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Simulate a gantry that lays glue, and see which link of its chain was how far off.",
+    help="Simulate a glue-dispensing gantry and attribute the bead's error to controller, servo, encoder or structure.",
 )
 app.add_typer(study_app, name="study")
 app.command()(run)
@@ -45,7 +45,7 @@ app.command()(view)
 @app.callback(invoke_without_command=True)
 def _main(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     if version:
         typer.echo(metadata.version("gantrysim"))
@@ -55,7 +55,7 @@ def _main(
 
 @app.command()
 def info() -> None:
-    """List the built-in machines and jobs, the settings of servo and glue, and the servo's gains that follow."""
+    """List the built-in machines and jobs, all settings, and the default gains with their stability margins."""
     from gantrysim.cli import info
 
     for table in (
@@ -70,7 +70,7 @@ def info() -> None:
 
 
 def main() -> None:
-    """Run the command; bad input, in its words or in its values, is one line and exit status 2."""
+    """Run the command; bad input ends it with one line and exit status 2."""
     try:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:

@@ -7,71 +7,67 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.bead import Bead
 from gantrysim.cli.options import Model, Settings
-from gantrysim.cli.tables import links_table, outcome_table
 from gantrysim.cli.terminal import FAULT, interruptible, say, share_bar, show, warn
-from gantrysim.job.job import Job
-from gantrysim.metrics.analysis import Analysis
-from gantrysim.metrics.budget import Budget
+from gantrysim.errors import InputError
 
 
 def run(
-    job: Annotated[str, typer.Argument(help="A built-in job or a TOML file.")] = "an225",
-    out: Annotated[Path | None, typer.Option(help="Folder to write into; by default out/ and the job's name.")] = None,
+    job: Annotated[str, typer.Argument(help="Built-in job or TOML file.")] = "an225",
+    out: Annotated[Path | None, typer.Option(help="Output folder; by default out/ and the job's name.")] = None,
     model: Model = None,
     settings: Settings = None,
     servo: Annotated[
         Path | None,
-        typer.Option(
-            help="TOML file whose table \\[servo] is taken instead of the job's, as the tuned.toml of gantrysim tune."
-        ),
+        typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml of gantrysim tune."),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
-    drawn: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
+    with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
 ) -> None:
-    """Run a job: simulate it, print its figures, and write record, plots, summary, report and video.
+    """Simulate a job, print its error budget, and write record, summary, plots, report and video.
 
-    Exit status: 0 after a whole run, 2 for bad input, 3 where a fault ended the run, 130 after Ctrl-C, which
-    leaves the folder as it was.
+    Exit status: 0 for a complete run, 2 for bad input, 3 for a run that ended in a fault, 130 after Ctrl-C, which
+    leaves the output folder unchanged.
     """
-    from gantrysim import plots, render
-    from gantrysim.report import folder as report
-    from gantrysim.report.page import headline, write_run_page
+    from gantrysim.bead import Bead
+    from gantrysim.cli.tables import links_table, outcome_table
+    from gantrysim.job.job import Job
+    from gantrysim.metrics.analysis import Analysis
+    from gantrysim.metrics.budget import Budget
+    from gantrysim.plots import save_plots
+    from gantrysim.render import NoOpenGLError, save_video
+    from gantrysim.report.folder import PLOTS, REPORT, VIDEO, output_folder, write_run
+    from gantrysim.report.headline import headline
+    from gantrysim.report.page import write_run_page
 
     loaded = Job.load(job, settings or (), model, servo)
+    machine = loaded.built_machine
     folder = out if out is not None else Path("out") / loaded.name
     no_video = None
-    with interruptible("nothing is written") as go_on, report.output_folder(folder) as scratch:
+    with interruptible("nothing is written") as go_on, output_folder(folder) as scratch:
         with share_bar("simulate", go_on) as advance:
             record = loaded.run(advance)
+        if record.fault is not None and not record.dispense.any():
+            raise InputError(f"nothing to evaluate, the run ended before the dispenser was on: {record.fault}")
         analysis = Analysis(record)
         budget = Budget(analysis)
         bead = Bead(record, loaded.bead, analysis)
         laid = bead.values if bead.nominal > 0 else None
-        report.write_run(scratch, loaded, loaded.built_machine, budget, laid)
-        if drawn:
+        write_run(scratch, loaded, machine, budget, laid)
+        if with_report:
             with share_bar("plot", go_on) as advance:
-                plots.save_plots(analysis, scratch / report.PLOTS, bead=bead, progress=advance)
+                save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
         if video:
             try:
                 with share_bar("video", go_on) as advance:
-                    render.save_video(
-                        loaded.built_machine,
-                        record,
-                        scratch / report.VIDEO,
-                        bead=loaded.bead,
-                        label=loaded.name,
-                        progress=advance,
-                    )
-            except render.NoOpenGLError as error:
+                    save_video(machine, record, scratch / VIDEO, bead=loaded.bead, label=loaded.name, progress=advance)
+            except NoOpenGLError as error:
                 no_video = f"no video: {error}"
-        if drawn:
-            page, film = scratch / report.REPORT, scratch / report.VIDEO
+        if with_report:
             with share_bar("report", go_on) as advance:
-                write_run_page(page, loaded, loaded.built_machine, bead, film, advance)
+                write_run_page(scratch / REPORT, loaded, machine, bead, scratch / VIDEO, advance)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
-    show(links_table(loaded.name, loaded.built_machine, budget))
+    show(links_table(loaded.name, machine, budget))
     show(outcome_table(record, analysis.values, laid))
     say(headline(budget), wrap=True)
     for note in loaded.notes:

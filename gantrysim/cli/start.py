@@ -1,4 +1,4 @@
-"""The first lines of the command: how it ends while its modules are still being imported, which takes a second."""
+"""Entry point of the command; handles an interrupt while its modules are still being imported."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from types import TracebackType
 
-_BAD_INPUT, _INTERRUPTED = 2, 130  # as in gantrysim.cli.terminal, which imports too much
+_BAD_INPUT, _INTERRUPTED = 2, 130  # as in gantrysim.cli.terminal, which is slow to import
 
 
 def main() -> None:
@@ -18,18 +18,18 @@ def main() -> None:
 
 
 def last_words(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Print in one line what ended the process, as `sys.excepthook`: Ctrl-C, or a MUJOCO_GL that MuJoCo does not know.
+    """Report Ctrl-C and an invalid MUJOCO_GL in one line, as `sys.excepthook`; leave the rest to Python's own hook.
 
     Raises:
-        SystemExit: with the command's exit status; everything else is left to Python's own hook.
+        SystemExit: with the exit status of the command.
     """
-    # an import that an interrupt ends may raise an error of its own
+    # an interrupted import may raise an error of its own
     if any(isinstance(each, KeyboardInterrupt) for each in _causes(error)):
         print("interrupted: nothing is written", file=sys.stderr)
         raise SystemExit(_INTERRUPTED)
     if isinstance(error, RuntimeError) and "MUJOCO_GL" in str(error):
         name = str(error).rpartition(": ")[2]
-        print(f"error: MUJOCO_GL = {name}: must be egl, osmesa or off, or not be set", file=sys.stderr)
+        print(f"error: MUJOCO_GL = {name}: must be egl, osmesa, off or unset", file=sys.stderr)
         raise SystemExit(_BAD_INPUT)
     sys.__excepthook__(kind, error, trace)
 

@@ -1,4 +1,4 @@
-"""What the commands have in common at the terminal: what they say, progress bars, interrupts, exit statuses."""
+"""Terminal output, progress bars, interrupts and exit statuses of the commands."""
 
 from __future__ import annotations
 
@@ -23,42 +23,34 @@ from rich.progress import (
 
 # exit statuses
 INPUT_ERROR = 2
-FAULT = 3  # a fault ended the run, or every run of a study
-INTERRUPTED = 130  # as shells have it after Ctrl-C
+FAULT = 3  # a fault ended the run, or all runs of a study
+INTERRUPTED = 130  # the shells' status after Ctrl-C
 
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
 
 
 def show(content: RenderableType) -> None:
-    """Print a table, or whatever rich draws."""
+    """Print a table or another rich renderable."""
     _output.print(content)
 
 
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
-    """Print a text as it is.
-
-    Args:
-        text: to be printed.
-        wrap: whether lines end at the terminal's width: prose, not lines that others read.
-        end: what follows it.
-    """
+    """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
     _output.print(escape(text), soft_wrap=not wrap, highlight=False, end=end)
 
 
 def warn(text: str, kind: str = "") -> None:
-    """Print a line to the standard error, headed by what kind of failure it tells, as "error" or "fault"."""
+    """Print a line to the standard error, headed by the kind of failure, such as "error" or "fault"."""
     head = f"[bold red]{kind}[/]: " if kind else ""
     _messages.print(f"{head}{escape(text)}", soft_wrap=True, highlight=False)
 
 
 @contextmanager
 def share_bar(task: str, go_on: Callable[[], None] = lambda: None) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar inside the block; what is given is called with the share that is done, 0 to 1.
+    """Show a progress bar during the block; yields a function to call with the completed share, 0 to 1.
 
-    Args:
-        task: what is done.
-        go_on: called each time before, as that of `interruptible`.
+    `go_on` is called before each update, see `interruptible`.
     """
     with _bars(TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn()) as bars:
         bar = bars.add_task(task, total=1.0)
@@ -72,10 +64,7 @@ def share_bar(task: str, go_on: Callable[[], None] = lambda: None) -> Iterator[C
 
 @contextmanager
 def count_bar(task: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Show a progress bar inside the block.
-
-    What is given is called with the number done, that of all, and a few words of news, which may be none.
-    """
+    """Show a progress bar during the block; yields a function to call with number done, total and a short status."""
     columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     with _bars(*columns, TextColumn("{task.fields[news]}")) as bars:
         bar = bars.add_task(task, total=None, news="")
@@ -89,32 +78,29 @@ def _bars(*columns: ProgressColumn) -> Progress:
 
 @contextmanager
 def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
-    """Have a polite kill end the block as Ctrl-C does: workers stopped, rows kept.
+    """Let SIGTERM end the block as Ctrl-C does; yields a function that raises a pending interrupt again.
 
-    What is given raises the interrupt once more: the first is lost where it meets code that cannot pass it on, such as
-    a finaliser, which then says nothing of it. Code that makes another error of it, as ctypes does where it converts
-    arguments, is seen through.
-
-    Args:
-        left: what an interrupt leaves behind, for the command's last words.
+    The first interrupt is lost in code that cannot propagate it, such as a finaliser, which is then not reported. Where
+    code turns it into another error, as ctypes does when converting arguments, the block still ends as interrupted.
+    `left` tells what the command leaves behind, for its message.
     """
-    asked = False
-    words = (left,) if left else ()
+    interrupted = False
+    message = (left,) if left else ()
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
-        raise KeyboardInterrupt(*words)
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt(*message)
 
     def go_on() -> None:
-        if asked:
-            raise KeyboardInterrupt(*words)
+        if interrupted:
+            raise KeyboardInterrupt(*message)
 
     def unraisable(lost: Any) -> None:
-        if not asked:
-            tell(lost)
+        if not interrupted:
+            report(lost)
 
-    tell, sys.unraisablehook = sys.unraisablehook, unraisable
+    report, sys.unraisablehook = sys.unraisablehook, unraisable
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield go_on
@@ -124,4 +110,4 @@ def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        sys.unraisablehook = tell
+        sys.unraisablehook = report

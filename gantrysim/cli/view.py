@@ -14,11 +14,11 @@ import typer
 from gantrysim.cli.options import Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
 from gantrysim.errors import InputError, positive
-from gantrysim.job.job import Job, builtin_jobs
-from gantrysim.run import Fault
 
 if TYPE_CHECKING:
+    from gantrysim.job.job import Job
     from gantrysim.render.scene import Scene
+    from gantrysim.run import Fault
     from gantrysim.view.push import Bodies
     from gantrysim.view.source import Source
 
@@ -55,6 +55,7 @@ def view(
     Exit status: 0 when the window is closed, 2 for bad input or without a display, 3 if a fault ended a live run, 130
     after Ctrl-C.
     """
+    from gantrysim.job.job import Job
     from gantrysim.view.display import check_display
 
     positive("speed", speed)
@@ -74,6 +75,7 @@ def view(
 
 def _is_saved(shown: str, folder: Path) -> bool:
     """Return whether the argument is a run's folder rather than a job."""
+    from gantrysim.job.job import builtin_jobs
     from gantrysim.report.folder import RUN
 
     if folder.is_file():  # a job, or by mistake another file of a run

@@ -18,7 +18,8 @@ from pydantic import (
 )
 
 from gantrysim.errors import InputError, finite, positive, unknown, whole
-from gantrysim.job.job import Job, ServoSettings, one_line
+from gantrysim.job.job import Job, ServoSettings
+from gantrysim.job.toml_files import one_line
 from gantrysim.machine.tolerances import Tolerances
 
 Range = float | tuple[float, float]  # a fixed value, or the lowest and the highest that are drawn

@@ -1,1 +1,1 @@
-"""A job: one file that describes a run completely, and overrides of its values."""
+"""Jobs: one file that describes a run completely, and overrides of its values."""

@@ -1,4 +1,4 @@
-"""A job: program, machine, servo and dispenser in one file that says all there is to say of a run."""
+"""A job: the program, machine, servo, dispenser and bead of a run, in one TOML file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import Controller, arguments, build, dotted, keys
@@ -20,7 +20,8 @@ from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, at_least, unknown
-from gantrysim.job.overrides import change, machine_in_full, override
+from gantrysim.job.overrides import absolute_machine, change, override
+from gantrysim.job.toml_files import read_toml, validated
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
@@ -59,7 +60,7 @@ class ServoSettings(BaseModel):
 
 
 class SimulationSettings(BaseModel):
-    """Longest physics step, by default the machine's own, and how long the last position is held at the end [s]."""
+    """Longest physics step, by default the machine's own, and time for which the last position is held [s]."""
 
     model_config = _STRICT
 
@@ -68,16 +69,15 @@ class SimulationSettings(BaseModel):
 
 
 class Job(BaseModel):
-    """All there is to say of a run; read from TOML, written back with every default spelt out.
+    """Complete description of a run, read from TOML and written back with every default.
 
     Attributes:
-        name: of the job: letters, digits, spaces and any of _ . + -
-        machine: a built-in machine, or the path of an MJCF file; a relative one is taken from the folder of
-            the job file.
-        program: the controller's name as `controller`, and its arguments.
+        name: letters, digits, spaces and any of _ . + -
+        machine: name of a built-in machine, or path of an MJCF file, relative to the folder of the job file.
+        program: name of the controller as `controller`, and its arguments.
         servo: arguments of `Servo.derive`.
         dispenser: arguments of `Dispenser`.
-        bead: how the glue lies, and the grid on which it is looked at, as in `BeadSettings`.
+        bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
     """
 
@@ -93,7 +93,7 @@ class Job(BaseModel):
 
     @field_validator("program")
     @classmethod
-    def _known_program(cls, value: dict[str, Any]) -> dict[str, Any]:
+    def _check_program(cls, value: dict[str, Any]) -> dict[str, Any]:
         values = dict(value)
         name = str(values.pop("controller", None))
         return {"controller": name, **arguments(build(name, values))}
@@ -106,23 +106,19 @@ class Job(BaseModel):
         machine: str | None = None,
         servo: str | os.PathLike[str] | None = None,
     ) -> Job:
-        """Return a built-in job by its name, or the job in a TOML file.
+        """Return a built-in job, or the job in a TOML file.
 
         Args:
             job: name or path.
-            overrides: "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its
-                last parts alone where they are unique.
-            machine: a machine to take instead of the job's.
-            servo: a TOML file whose table [servo] is taken instead of the job's, before the overrides.
+            overrides: texts "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its
+                last parts where they are unique.
+            machine: machine to use instead of the job's.
+            servo: TOML file whose table [servo] replaces the job's, before the overrides.
 
         Raises:
-            InputError: no such job, or a key or value that is not in order.
+            InputError: an unknown job, or an invalid key or value.
         """
-        text, folder = _read(str(job))
-        try:
-            content = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"job {job}: is not TOML: {error}") from None
+        content, folder = _read_job(str(job))
         for section in ("program", "servo", "dispenser", "bead", "simulation"):
             if not isinstance(content.get(section, {}), dict):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
@@ -131,19 +127,16 @@ class Job(BaseModel):
         for setting in overrides:
             override(content, setting, _known_keys(content))
         if machine is not None:
-            content["machine"] = machine_in_full(machine, Path())
+            content["machine"] = absolute_machine(machine, Path())
         elif isinstance(content.get("machine"), str):
-            content["machine"] = machine_in_full(content["machine"], folder)
-        try:
-            loaded = cls(**content)
-        except ValidationError as error:
-            raise InputError(f"job {job}: {one_line(error)}") from None
+            content["machine"] = absolute_machine(content["machine"], folder)
+        loaded = validated(Job, content, f"job {job}")
         if servo is not None:
             loaded._check_axes(Path(servo))
         return loaded
 
     def _check_axes(self, servo: Path) -> None:
-        """See that a servo's file has as many values as the machine has axes."""
+        """Check that the lists of a servo file have as many values as the machine has axes."""
         axes = self.built_machine.axis_names
         for name, value in self.servo:
             if isinstance(value, list) and len(value) != len(axes):
@@ -153,48 +146,46 @@ class Job(BaseModel):
                 )
 
     def changed(self, values: Mapping[str, Any]) -> Job:
-        """Return the job with other values, by their full dotted keys, as in {"program.loop_period": 0.01}.
+        """Return the job with other values by their full dotted keys, as in {"program.loop_period": 0.01}.
 
-        None takes a key away, so that its default holds.
+        None removes a key, which restores its default.
 
         Raises:
-            InputError: a key or value that is not in order.
+            InputError: an invalid key or value.
         """
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
             change(content, key, value, _known_keys(content))
-        try:
-            return Job(**content)
-        except ValidationError as error:
-            raise InputError(f"job {self.name}: {one_line(error)}") from None
+        return validated(Job, content, f"job {self.name}")
 
     def overridden(self, overrides: Iterable[str]) -> Job:
         """Return the job with values changed by "key=value", as `load` takes them.
 
         Raises:
-            InputError: a key or value that is not in order.
+            InputError: an invalid key or value.
         """
         content = self.model_dump(exclude_none=True)
         for setting in overrides:
             override(content, setting, _known_keys(content))
-        try:
-            return Job(**content)
-        except ValidationError as error:
-            raise InputError(f"job {self.name}: {one_line(error)}") from None
+        return validated(Job, content, f"job {self.name}")
+
+    def sharing(self, other: Job) -> Job:
+        """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
+        built: dict[str, Any] = {}
+        if self.machine == other.machine:
+            built["built_machine"] = other.built_machine
+        if self.program == other.program:
+            built["controller"] = other.controller
+        return self.model_copy(update=built)
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Job:
-        return self  # it never changes, and a machine that is built cannot be copied
+        return self  # immutable, and a compiled machine cannot be copied
 
-    def __getstate__(self) -> dict[Any, Any]:
-        state = super().__getstate__()
-        # what is built of it is built again: a compiled machine can be sent nowhere
-        return {
-            **state,
-            "__dict__": {key: value for key, value in self.__dict__.items() if key in type(self).model_fields},
-        }
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Job.model_validate, (self.model_dump(),)  # without a compiled machine, which cannot be pickled
 
     def toml(self) -> str:
-        """Return the job as TOML, with every default spelt out."""
+        """Return the job as TOML, with every default."""
         return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
 
     @cached_property
@@ -205,12 +196,12 @@ class Job(BaseModel):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the controller has to say of the program."""
+        """Notes of the controller on its program."""
         return self.controller.notes
 
     @cached_property
     def built_machine(self) -> Machine:
-        """The machine, compiled."""
+        """The compiled machine."""
         return Machine(self.machine)
 
     @cached_property
@@ -220,7 +211,7 @@ class Job(BaseModel):
 
     @cached_property
     def setpoints(self) -> Setpoints:
-        """The program's setpoints, with what is waited for the dispenser's start lead and, at the end, the machine."""
+        """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
         return self.dispenser.held_back(self.controller.setpoints(self.built_servo.period)).hold(settle)
 
@@ -229,7 +220,7 @@ class Job(BaseModel):
 
         Args:
             progress: as in `simulate`.
-            machine: to run on instead of the job's own, as one that is `perturbed`; the servo is still that of the
+            machine: machine to run instead of the job's, such as a `perturbed` one; the servo remains that of the
                 job's machine.
         """
         return simulate(
@@ -242,12 +233,12 @@ class Job(BaseModel):
         )
 
     def follow(self) -> Run:
-        """Return the record of a machine that does exactly what the job's program commands, see `perfect_follower`."""
+        """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
         return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
 
 
 def builtin_jobs() -> list[str]:
-    """Return the names of the jobs that come with gantrysim."""
+    """Return the names of the built-in jobs."""
     return sorted(Path(item.name).stem for item in files("gantrysim.jobs").iterdir() if item.name.endswith(".toml"))
 
 
@@ -256,35 +247,24 @@ def job_text(name: str) -> str:
     return (files("gantrysim.jobs") / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def _read(job: str) -> tuple[str, Path]:
+def _read_job(job: str) -> tuple[dict[str, Any], Path]:
+    """Return the content of a job, and the folder that its relative paths start from."""
     if job in builtin_jobs():
-        return job_text(job), Path()
+        return tomllib.loads(job_text(job)), Path()
     path = Path(job).expanduser()
-    try:
-        return path.read_text(encoding="utf-8"), path.parent
-    except FileNotFoundError:
-        raise unknown("job", job, builtin_jobs()) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"job {job}: cannot be read: {error}") from None
+    if not path.exists():
+        raise unknown("job", job, builtin_jobs())
+    return read_toml(path, f"job {job}"), path.parent
 
 
 def _servo_table(file: Path) -> dict[str, Any]:
-    """Return the table [servo] of a TOML file, its keys and the kinds of its values checked."""
-    try:
-        content = tomllib.loads(file.expanduser().read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"servo {file}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"servo {file}: cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"servo {file}: is not TOML: {error}") from None
+    """Return the table [servo] of a TOML file, with keys and types checked."""
+    label = f"servo {file}"
+    content = read_toml(file.expanduser(), label)
     table = content.get("servo")
     if not isinstance(table, dict):
-        raise InputError(f"servo {file}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
-    try:
-        ServoSettings(**table)
-    except ValidationError as error:
-        raise InputError(f"servo {file}: {one_line(error)}") from None
+        raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
+    validated(ServoSettings, table, label)
     return table
 
 
@@ -294,21 +274,3 @@ def _known_keys(content: dict[str, Any]) -> list[str]:
     known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
     known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
-
-
-def one_line(error: ValidationError) -> str:
-    """Return what pydantic finds wrong, in one line."""
-    problems: dict[str, str] = {}
-    for item in error.errors():
-        where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))
-        cause = item.get("ctx", {}).get("error")
-        if item["type"] == "value_error" and isinstance(cause, Exception):
-            text = str(cause)
-        elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            text = f"unknown key {where}"
-        elif item["type"] in ("missing", "missing_argument"):
-            text = f"{where} is missing"
-        else:
-            text = f"{where} = {item['input']!r}: {item['msg'][:1].lower()}{item['msg'][1:]}"
-        problems.setdefault(where or text, text)
-    return "; ".join(dict.fromkeys(problems.values()))

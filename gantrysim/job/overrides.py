@@ -1,4 +1,4 @@
-"""Values of a job changed by their keys: dotted ones, and on the command line their last parts alone."""
+"""Overrides of a job's values by their keys: dotted, or on the command line their last parts alone."""
 
 from __future__ import annotations
 
@@ -10,24 +10,18 @@ from typing import Any
 from gantrysim.errors import InputError, unknown
 from gantrysim.machine.machine import builtin_models
 
-Content = dict[str, Any]  # of a job's file
+Content = dict[str, Any]  # of a job file
 
 
 def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None:
-    """Set a value in a job's content; None takes it away.
-
-    Args:
-        content: to be changed.
-        key: dotted, in full.
-        value: plain value, as TOML has it.
-        known: keys that there are.
+    """Set the value of a full dotted key in the content of a job file; None removes it.
 
     Raises:
-        InputError: an unknown key.
+        InputError: the key is not among the known ones.
     """
     if key not in known:
         raise unknown("key", key, known)
-    table, leaf = _place(content, key, key)
+    table, leaf = _table_of(content, key, key)
     if value is None:
         table.pop(leaf, None)
     else:
@@ -35,26 +29,23 @@ def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None
 
 
 def override(content: Content, text: str, known: Sequence[str]) -> None:
-    """Set a value in a job's content as --set says it; that of `machine` is taken from the working folder.
+    """Set a value in the content of a job file by "key=value", as --set does.
 
-    Args:
-        content: to be changed.
-        text: "key=value" with a TOML value, or a text without quotes; the key is dotted, or its last parts alone where
-            they are unique.
-        known: keys that there are, in full.
+    The value is TOML or unquoted text; the key is a known one in full, or its last parts where they are unique. A path
+    in `machine` is relative to the working folder.
 
     Raises:
-        InputError: a text of another form, an unknown key, or one that several end in.
+        InputError: not "key=value", or an unknown or ambiguous key.
     """
-    said = f"--set {text}"
+    option = f"--set {text}"
     key, equals, right = text.partition("=")
     key = key.strip()
     if not equals:
-        raise InputError(f"{said}: must be key=value")
+        raise InputError(f"{option}: must be key=value")
     if key not in known:
         matches = [name for name in known if name.endswith(f".{key}")]
         if len(matches) > 1:
-            raise InputError(f"{said}: {key!r} is ambiguous: {', '.join(matches)}")
+            raise InputError(f"{option}: {key!r} is ambiguous: {', '.join(matches)}")
         if not matches:
             raise unknown("key", key, known)
         key = matches[0]
@@ -63,24 +54,24 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
     except tomllib.TOMLDecodeError:
         value = right.strip()
     if key == "machine" and isinstance(value, str):
-        value = machine_in_full(value, Path())
-    table, leaf = _place(content, key, said)
+        value = absolute_machine(value, Path())
+    table, leaf = _table_of(content, key, option)
     table[leaf] = value
 
 
-def machine_in_full(machine: str, folder: Path) -> str:
-    """Return the name of a built-in machine as it is, and a file's path from `folder` in full."""
+def absolute_machine(machine: str, folder: Path) -> str:
+    """Return the name of a built-in machine unchanged, and the path of a file in `folder` as an absolute path."""
     if machine in builtin_models() or not (set(machine) & set("./\\~")):
         return machine
     return str((folder / Path(machine).expanduser()).absolute())
 
 
-def _place(content: Content, key: str, said: str) -> tuple[Content, str]:
-    """The table that a key is in, made where it is not there yet, and the key's last part."""
+def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
+    """Return the table that holds a key, created if missing, and the last part of the key."""
     *sections, leaf = key.split(".")
     table = content
     for section in sections:
         table = table.setdefault(section, {})
         if not isinstance(table, dict):
-            raise InputError(f"{said}: {section} is no table in this job")
+            raise InputError(f"{source}: {section} is not a table in this job")
     return table, leaf

@@ -1,3 +1,3 @@
-"""Reports: one HTML file that holds all it shows, for a browser without a network."""
+"""Reports and output folders: summary.json, the HTML report of a run, and the page on which studies report too."""
 
 from gantrysim.report.document import Column, Section, Table, write_page

@@ -1,4 +1,4 @@
-"""A page of sections with text, tables, figures and video, written as one HTML file."""
+"""A page of sections with text, tables, figures and video, written as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import base64
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from numbers import Integral
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTHING = "–"
-_PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is a little smaller than the text's
+_PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is slightly smaller than the text
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Column:
     """A column of a table.
 
     Attributes:
-        head: what stands in it, with the unit in brackets.
-        format: of its numbers that are not whole, as in ".1f".
+        head: its title, with the unit in brackets.
+        format: format of its numbers that are not integers, as in ".1f".
     """
 
     head: str
@@ -37,13 +37,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under heads. A column without any text is one of numbers and stands to the right.
+    """A table; a column without text is numeric and right-aligned.
 
     Attributes:
-        columns: the heads, with units in brackets, or columns with a format of their own.
-        rows: of cells: text, numbers, or None for what there is not.
+        columns: titles with units in brackets, or columns with a format.
+        rows: rows of cells: text, numbers, or None for an empty cell.
         caption: what the table shows.
-        colours: of a mark before the first cell of a row, by that cell's text, as in a figure's legend.
+        colours: colour of the mark before the first cell of a row, by the text of that cell, as in a plot's legend.
     """
 
     columns: Sequence[str | Column]
@@ -54,7 +54,7 @@ class Table:
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.columns):
-                raise InputError(f"row {list(row)} of a table: has {len(row)} cells, must have {len(self.columns)}")
+                raise InputError(f"table row {list(row)}: has {len(row)} cells, must have {len(self.columns)}")
 
     @property
     def heads(self) -> list[str]:
@@ -62,43 +62,36 @@ class Table:
 
     @property
     def numeric(self) -> list[bool]:
-        """Of each column, whether its cells are numbers."""
-        return [
-            any(cell is not None for cell in cells) and not any(isinstance(cell, str) for cell in cells)
-            for cells in ([row[k] for row in self.rows] for k in range(len(self.columns)))
-        ]
+        """Whether each column is numeric."""
+        columns = [[row[k] for row in self.rows if row[k] is not None] for k in range(len(self.columns))]
+        return [bool(cells) and not any(isinstance(cell, str) for cell in cells) for cells in columns]
 
     @property
     def cells(self) -> list[list[str]]:
-        """The cells as they are shown."""
+        """The cells as text."""
         formats = [Column("").format if isinstance(column, str) else column.format for column in self.columns]
         return [[_cell(cell, form) for cell, form in zip(row, formats, strict=True)] for row in self.rows]
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page; what it has is shown in this order.
+    """A section of a page.
 
     Attributes:
-        title: heads the section, and the page's contents.
+        title: heading, also listed in the page's contents.
         text: a paragraph, or several.
-        facts: single figures shown large: what, the value with its unit, and a remark.
-        figure: a matplotlib figure, or several that stand side by side where there is room: one of 10.7 inches
-            fills the width, and so do two of 5.3.
+        figure: a matplotlib figure, or several, side by side where there is room: the page is 10.7 inches wide.
         table: a table, or several.
-        alternative: for each figure the text that stands for it; without one it is made from the labels.
-        html: markup that is put in as it is; what it holds must have been escaped.
+        facts: values shown large: name, value with its unit, and a remark.
         video: content of an MP4 file.
-        code: text in which every space counts.
+        code: preformatted text.
     """
 
     title: str
     text: str | Sequence[str] | None = None
     figure: Figure | Sequence[Figure] | None = None
     table: Table | Sequence[Table] | None = None
-    html: str | None = None
     facts: Sequence[tuple[str, str, str]] = ()
-    alternative: str | Sequence[str] | None = None
     video: bytes | None = None
     code: str | None = None
 
@@ -111,34 +104,34 @@ def write_page(
     warning: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Write a page: one HTML file with style, figures and video in it, whole or not at all.
+    """Write a page as one HTML file that includes style, figures and video; an earlier file stays until it is complete.
 
-    The same content gives the same bytes. All text is escaped but `Section.html`.
+    The same content gives the same bytes. All text is escaped.
 
     Args:
-        file: the file to write; one that is there is replaced.
-        title: of the page.
-        subtitle: one line below the title.
+        file: to write or replace.
+        title: title of the page.
+        subtitle: line below the title.
         sections: from top to bottom.
-        warning: what the reader must know before all else, as that a fault ended the run.
-        progress: called with the share that is done.
+        warning: shown above all else, such as a fault that ended the run.
+        progress: called with the completed share.
 
     Raises:
-        InputError: a section has more alternative texts than figures, or fewer.
         OSError: the file cannot be written.
     """
-    from jinja2 import Environment, StrictUndefined  # slow to import, and needed by the reports alone
+    from jinja2 import Environment, StrictUndefined  # slow to import
     from markupsafe import Markup
 
     own = files("gantrysim.report")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(several=_several, base64=lambda content: base64.b64encode(content).decode("ascii"))
     template = environment.from_string((own / "page.html").read_text(encoding="utf-8"))
     content = template.render(
         title=title,
         subtitle=subtitle,
         warning=warning,
         style=Markup((own / "page.css").read_text(encoding="utf-8")),
-        sections=_shown(sections, progress or (lambda share: None)),
+        sections=list(_with_figures(sections, progress or (lambda share: None))),
     )
     target = Path(file)
     partial = target.with_name(f".partial-{target.name}")
@@ -149,46 +142,31 @@ def write_page(
         partial.unlink(missing_ok=True)
 
 
-def _shown(sections: Sequence[Section], progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """What the template shows of the sections."""
+def _with_figures(
+    sections: Sequence[Section], progress: Callable[[float], None]
+) -> Iterator[tuple[str, Section, list[dict[str, Any]]]]:
+    """Yield the unique name of each section, the section, and its figures as SVG."""
+    names: set[str] = set()
+    for k, section in enumerate(sections, 1):
+        name = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
+        if name in names:
+            name += f"-{k}"
+        names.add(name)
+        yield name, section, _drawn(section, f"f{k}")
+        progress(k / len(sections))
+
+
+def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
     from markupsafe import Markup
 
     from gantrysim.report.svg import description, inline_svg
 
-    shown, names = [], set()
-    for k, section in enumerate(sections):
-        name = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
-        if name in names:
-            name += f"-{k + 1}"
-        names.add(name)
-        drawn = _several(section.figure)
-        given = _several(section.alternative) or [description(figure) for figure in drawn]
-        if len(given) != len(drawn):
-            raise InputError(
-                f"section {section.title}: {len(given)} alternative texts, must be {len(drawn)}, one for each figure"
-            )
-        figures = [
-            {
-                "svg": Markup(inline_svg(figure, f"f{k + 1}-{i + 1}", text or section.title)),
-                "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0]),
-            }
-            for i, (figure, text) in enumerate(zip(drawn, given, strict=True))
-        ]
-        shown.append(
-            {
-                "name": name,
-                "title": section.title,
-                "paragraphs": _several(section.text),
-                "facts": section.facts,
-                "tables": _several(section.table),
-                "figures": figures,
-                "html": None if section.html is None else Markup(section.html),
-                "video": None if section.video is None else base64.b64encode(section.video).decode("ascii"),
-                "code": section.code,
-            }
-        )
-        progress((k + 1) / len(sections))
-    return shown
+    drawn = []
+    for i, figure in enumerate(_several(section.figure), 1):
+        alternative = ": ".join(filter(None, (section.title, description(figure))))
+        svg = Markup(inline_svg(figure, f"{prefix}-{i}", alternative))
+        drawn.append({"svg": svg, "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0])})
+    return drawn
 
 
 def _several(content: Any) -> list[Any]:
@@ -198,17 +176,13 @@ def _several(content: Any) -> list[Any]:
 
 
 def _cell(cell: Any, form: str) -> str:
-    if cell is None:
-        return _NOTHING
     if isinstance(cell, str):
         return cell
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    if math.isnan(cell):
+    if cell is None or math.isnan(cell):
         return _NOTHING
     if math.isinf(cell):
         return "∞" if cell > 0 else "−∞"
-    text = str(cell) if isinstance(cell, Integral) else format(float(cell), form)
-    if not text.startswith("-"):
-        return text
-    return f"−{text[1:]}" if float(text) else text[1:]  # what is rounded to zero has no sign
+    text = str(cell) if isinstance(cell, Integral) else format(float(cell), f"z{form}")
+    return f"−{text[1:]}" if text.startswith("-") else text

@@ -1,4 +1,4 @@
-"""A run as it was saved: its folder read back, with the machine that it ran on."""
+"""Saved runs: the folder of a run read back, with its machine."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gantrysim.run import Run
 
 @dataclass(frozen=True, eq=False)
 class SavedRun:
-    """What `gantrysim run` has written into a folder, as far as a picture of it needs it.
+    """A run read from the folder that `gantrysim run` has written.
 
     Attributes:
-        folder: that holds it.
-        job: that ran.
+        folder: the folder.
+        job: the job of the run.
         run: the record.
-        machine: built from the job now.
-        changed: whether what is stepped of the machine is no longer what the summary says that ran; its looks do not
-            count. False where no summary says so.
+        machine: its machine, built now.
+        changed: whether the physics of the machine differ from the digest in the summary; visual changes do not count.
+            False without such a digest.
     """
 
     folder: Path
@@ -34,13 +34,13 @@ class SavedRun:
     changed: bool
 
     def __post_init__(self) -> None:
-        for what, had, has in (
+        for kind, had, has in (
             ("axes", self.run.axes, self.machine.axis_names),
             ("units", self.run.units, tuple(axis.unit for axis in self.machine.axes)),
         ):
             if had != has:
                 raise InputError(
-                    f"run {self.folder}: its record has the {what} {', '.join(had)}; its machine {self.machine.name} "
+                    f"run {self.folder}: its record has the {kind} {', '.join(had)}; its machine {self.machine.name} "
                     f"has {', '.join(has)} now: run {self.folder / JOB} again"
                 )
 
@@ -48,11 +48,10 @@ class SavedRun:
     def load(cls, folder: str | os.PathLike[str]) -> SavedRun:
         """Read the folder of a run.
 
-        A machine of one's own is read from where its file was when it ran. Where the file has moved since, job.toml
-        has to say where to: a relative path is taken from the run's folder.
+        A machine file is read from the path in job.toml; a relative path starts from the run's folder.
 
         Raises:
-            InputError: no such folder, one that holds no run, or a machine that is gone or has other axes now.
+            InputError: no such folder, no run in it, or a machine that is missing or has other axes now.
         """
         place = Path(folder)
         where = place.expanduser()
@@ -67,8 +66,8 @@ class SavedRun:
         job = Job.load(where / JOB)
         if job.machine not in builtin_models() and not Path(job.machine).expanduser().is_file():
             raise InputError(
-                f"run {place}: its machine {job.machine} is gone: set machine in {place / JOB} to a file, or to one of "
-                f"{', '.join(builtin_models())}"
+                f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "
+                f"to one of {', '.join(builtin_models())}"
             )
         return cls(place, job, record, job.built_machine, _changed(where / SUMMARY, job.built_machine))
 

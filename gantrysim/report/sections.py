@@ -1,4 +1,4 @@
-"""The sections of a run's report that show figures of one subject each."""
+"""The sections of a run's report on its errors, spacing and bead."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from gantrysim import plots
-from gantrysim.bead import Bead
+from gantrysim.bead import Bead, BeadValues
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.analysis import THOUSANDTH, Analysis, Range
+from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.plots.bead import draw_bead_along, draw_height_map
+from gantrysim.plots.budget import draw_budget, draw_budget_along
+from gantrysim.plots.error import draw_error
+from gantrysim.plots.plan import draw_plan, plan_extent
+from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
+from gantrysim.plots.style import COLOURS, sheet, view_height
 from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.headline import CAUSES, NO_ERROR, SPANS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,24 +26,14 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _UM = 1e3
-_WIDE, _HALF = 10.7, 5.3  # of a figure as wide as the page, and of one of two side by side [inch]
-_PLAN = 7.6  # of a view from above [inch]
-_NOTHING = 1e-6  # rms of an error that is none [mm]
-_MEANS = {
-    "generation": "requested to commanded: the controller's program",
-    "tracking": "commanded to encoder: servo, motor, friction",
-    "measurement": "encoder to motor: the encoder's counts",
-    "structure": "motor to nozzle: what lies behind the motor",
-    "contour": "requested to nozzle: what the part sees",
-}
+_WIDE, _HALF = 10.7, 5.3  # width of a plot across the page, and of one of two side by side [inch]
+_PLAN = 7.6  # width of a plan view [inch]
 
 
 def budget_section(budget: Budget, machine: Machine) -> Section:
     """Return the section of the error budget."""
-    figures = budget.values
-    columns: list[str | Column] = [
-        "link",
-        "from one of its ends to the other",
+    values = budget.values
+    numbers: list[str | Column] = [
         Column("share [%]", ".1f"),
         Column("rms [µm]", ".1f"),
         Column("95 % [µm]", ".1f"),
@@ -47,191 +43,156 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         "x, y, z [mm]",
     ]
 
-    def row(name: str, meaning: str, part: PartValues) -> list[str | float | None]:
-        numbers = [100 * part.share, *(_UM * value for value in (part.rms, part.p95, part.max))]
+    def row(part: PartValues, *labels: str) -> list[str | float | None]:
         point = ",\N{NO-BREAK SPACE}".join(f"{value:.1f}".replace("-", "−") for value in part.point)
-        where = [None] * 3 if part.rms < _NOTHING else [part.s, part.time, point]
-        return [name, meaning, *numbers, *where]
+        where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
+        return [*labels, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
 
-    rows = [row(name, _MEANS[name], part) for name, part in figures.parts.items()]
-    rows.append(row("contour", _MEANS["contour"], figures.contour))
     links = Table(
-        columns,
-        rows,
-        "Error normal to the requested path; its share of the mean square, and where it is largest",
-        plots.COLOURS,
+        ["link", "span and cause", *numbers],
+        [
+            *(row(part, link, f"{SPANS[link]}: {CAUSES[link]}") for link, part in values.parts.items()),
+            row(values.contour, "contour", f"{SPANS['contour']}: total"),
+        ],
+        "Error normal to the requested path, its share of the mean square, and where it is largest",
+        COLOURS,
     )
-    by_axis = [
-        row(name, "its following error", budget.values_of(part))
-        for name, part in budget.tracking_by_axis(machine).items()
-    ]
-    axes = Table(["axis", "part", *columns[2:]], by_axis, "What every axis makes of the tracking part, to first order")
-    tables = [links, axes]
-    if figures.turns:
-        tables.append(_turns(budget))
-    text = [
-        "At every tick the error of the nozzle normal to the requested path is the sum of the links' parts. A link's "
-        "share of the mean square is the mean of its part times the whole error; a share below zero is that of a link "
-        "that makes good for others.",
-        f"Along the path the nozzle lags the command by {_UM * figures.lag.rms:.1f} µm rms, at most "
-        f"{_UM * figures.lag.max:.1f} µm, which is no error normal to it.",
-    ]
-    tall = 4.4 if figures.turns else 1.6
+    axes = Table(
+        ["axis", *numbers],
+        [row(budget.values_of(part), axis) for axis, part in budget.tracking_by_axis(machine).items()],
+        "Tracking part by axis, to first order",
+    )
     return Section(
         "Error budget",
-        text,
-        table=tables,
+        [
+            "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others.",
+            f"Lag of the nozzle along the path, not part of the contour error: {_UM * values.lag.rms:.1f} µm rms, "
+            f"max {_UM * values.lag.max:.1f} µm.",
+        ],
+        table=[links, axes, _turns(budget)] if values.turns else [links, axes],
         figure=[
-            drawn(plots.draw_budget, budget, _WIDE, tall),
-            drawn(plots.draw_budget_along, budget, _WIDE, 8.0),
+            drawn(draw_budget, budget, _WIDE, 4.4 if values.turns else 1.6),
+            drawn(draw_budget_along, budget, _WIDE, 8.0),
         ],
-        alternative=[
-            "The links' shares of the contour error's mean square as a stacked bar, and the rms error by turn.",
-            "The contour error and the part of every link over the path's length.",
-        ],
-    )
-
-
-def errors_section(analysis: Analysis) -> Section:
-    """Return the section of the errors over time."""
-    figures, run = analysis.values, analysis.run
-    axes: list[list[str | float]] = [
-        [name, THOUSANDTH[unit], 1e3 * spread.rms, 1e3 * spread.max]
-        for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True)
-    ]
-    along = figures.tracking_along
-    axes.append(["along the path", "µm", _UM * along.rms, _UM * along.max])
-    table = Table(
-        ["axis", "unit", Column("rms", ".1f"), Column("max", ".1f")],
-        axes,
-        "Tracking error, commanded to encoder; rms and max in the row's unit",
-    )
-    return Section(
-        "Errors over time",
-        figure=drawn(plots.draw_error, analysis, _WIDE, 6.5 if len(set(run.units)) == 1 else 8.5),
-        table=table,
-        alternative="Tracking error of every axis, and the error normal to the requested path, over time.",
     )
 
 
 def _turns(budget: Budget) -> Table:
     names = [*budget.parts, "contour"]
-    columns: list[str | Column] = ["turn", Column("from s [mm]", ".1f"), Column("to s [mm]", ".1f")]
-    columns += [Column(f"{name}, rms [µm]", ".1f") for name in names]
-    columns.append(Column("contour, max [µm]", ".1f"))
-    rows = []
-    for turn in budget.values.turns:
-        rms = [_UM * turn.parts[name].rms for name in names]
-        rows.append([turn.turn, *turn.s, *rms, _UM * turn.parts["contour"].max])
+    columns: list[str | Column] = [
+        "turn",
+        Column("from s [mm]", ".1f"),
+        Column("to s [mm]", ".1f"),
+        *(Column(f"{name}, rms [µm]", ".1f") for name in names),
+        Column("contour, max [µm]", ".1f"),
+    ]
+    rows = [
+        [turn.turn, *turn.s, *(_UM * turn.parts[name].rms for name in names), _UM * turn.parts["contour"].max]
+        for turn in budget.values.turns
+    ]
     return Table(columns, rows, "By turn of the path's tangent")
+
+
+def errors_section(analysis: Analysis) -> Section:
+    """Return the section of the errors over time."""
+    values, run = analysis.values, analysis.run
+    rows = [
+        [name, THOUSANDTH[unit], 1e3 * error.rms, 1e3 * error.max]
+        for unit, (name, error) in zip(run.units, values.tracking.items(), strict=True)
+    ]
+    along = values.tracking_along
+    rows.append(["along the path", "µm", _UM * along.rms, _UM * along.max])
+    return Section(
+        "Errors over time",
+        figure=drawn(draw_error, analysis, _WIDE, 6.5 if len(set(run.units)) == 1 else 8.5),
+        table=Table(
+            ["axis", "unit", Column("rms", ".1f"), Column("max", ".1f")],
+            rows,
+            "Tracking error, commanded to encoder; rms and max in the row's unit",
+        ),
+    )
 
 
 def plan_section(analysis: Analysis) -> Section:
     """Return the section of the plan view."""
-    tall = plots.view_height(*plots.plan_extent(analysis), _PLAN)
-    return Section(
-        "Plan view",
-        figure=drawn(plots.draw_plan, analysis, _PLAN, tall),
-        alternative="The requested path in plan view, and the nozzle's trace with its error magnified.",
-    )
+    return Section("Plan view", figure=drawn(draw_plan, analysis, _PLAN, view_height(*plan_extent(analysis), _PLAN)))
 
 
 def spacing_section(analysis: Analysis) -> Section:
-    """Return the section of the spacing, of a trace with neighbouring turns."""
+    """Return the section of the spacing of neighbouring turns."""
     return Section(
         "Spacing of neighbouring turns",
-        figure=[
-            drawn(plots.draw_polar_spacing, analysis, _HALF, 4.8),
-            drawn(plots.draw_spacing, analysis, _HALF, 4.8),
-        ],
-        alternative=[
-            "Spacing of neighbouring turns over the direction in the path's plane, turn by turn.",
-            "Spacing of neighbouring turns over the angle of the tangent within the turn, turn by turn.",
-        ],
+        figure=[drawn(draw, analysis, _HALF, 4.8) for draw in (draw_polar_spacing, draw_spacing)],
     )
 
 
 def bead_section(bead: Bead) -> Section:
-    """Return the section of a bead, of a run that asks for glue."""
-    figures = bead.values
-    columns: list[str | Column] = ["", "unit", *(Column(name, ".3f") for name in ("mean", "std", "min", "max"))]
-
-    def row(name: str, unit: str, values: Range | None) -> list[str | float]:
-        return [] if values is None else [name, unit, values.mean, values.std, values.min, values.max]
-
-    rows = [
-        row("cross-section", "mm²", figures.section),
-        row("width", "mm", figures.width),
-        row("clearance of neighbouring turns", "mm", figures.clearance),
-        row("start: glue that is missing, as length", "mm", figures.start),
-        row("stop: glue that is too much, as length", "mm", figures.stop),
-        row("start: bead seen late by", "mm", figures.begins),
-        row("stop: bead seen late by", "mm", figures.ends),
-    ]
-    facts = [
-        (
-            "Volume laid",
-            f"{figures.laid:.4g} mm³",
-            f"{_signed(figures.error_percent)} % against {figures.asked:.4g} mm³ asked for",
-        ),
-        ("Cross-section", f"{figures.section.mean:.3f} mm²", f"nominal {figures.nominal:.3f} mm²"),
-        ("Width", f"{figures.width.mean:.3f} mm", f"from {figures.width.min:.3f} to {figures.width.max:.3f} mm"),
-    ]
-    if figures.clearance is not None and figures.coverage is not None and figures.overlapping is not None:
-        between = "gap" if figures.clearance.mean > 0 else "overlap"
-        facts += [
-            (f"Mean {between} between turns", f"{abs(figures.clearance.mean):.3f} mm", ""),
-            (
-                "Covered",
-                f"{100 * figures.coverage:.1f} %",
-                f"turns overlap on {100 * figures.overlapping:.1f} % of their length",
-            ),
-        ]
-    volumes = Table(
-        ["part", Column("volume [mm³]", ".4g"), Column("of what was asked for [%]", ".3f"), "what it is"],
-        [
-            [name, value, 100 * value / figures.asked, meaning]
-            for name, value, meaning in (
-                ("ramps", figures.ramps, "asked for by the program beyond the nominal section, as the speed ramps"),
-                ("starts", figures.starts, "laid beyond what the program asks for until the flow has settled"),
-                ("running", figures.running, "the same while it has, as a limit makes it"),
-                ("stops", figures.stops, "the same from where the dispenser closes"),
-                ("error", figures.error, "all of it"),
-            )
-        ],
-        "Volume laid beyond the nominal section along the path, in parts that add up",
-    )
-    tall = plots.view_height(float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y)), _PLAN)
+    """Return the section of the bead of a run with glue."""
+    values = bead.values
+    height = view_height(float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y)), _PLAN)
     return Section(
         "Bead",
-        [f"The height map has not settled: {figures.ridge_note}."] if figures.ridge else None,
-        facts=facts,
+        [f"The height map has not settled: {values.ridge_note}."] if values.ridge else None,
+        facts=_bead_facts(values),
         figure=[
-            drawn(plots.draw_height_map, bead, _PLAN, 0.9 * tall),
-            drawn(plots.draw_bead_along, bead, _WIDE, 5.4 if bead.clearance.size else 3.0),
+            drawn(draw_height_map, bead, _PLAN, 0.9 * height),
+            drawn(draw_bead_along, bead, _WIDE, 5.4 if bead.clearance.size else 3.0),
         ],
-        alternative=[
-            "Map of the glue's height in plan view.",
-            "Width of the bead along the nozzle's trace, and the gap or overlap between neighbouring turns.",
-        ],
-        table=[
-            Table(
-                columns,
-                [one for one in rows if one],
-                "The bead while the dispenser is on; its starts and stops in lengths of nominal bead",
-            ),
-            volumes,
-        ],
+        table=[_bead_sizes(values), _volumes(values)],
     )
 
 
-def _signed(value: float) -> str:
-    text = f"{value:+.2f}"
-    return text.replace("-", "−") if float(text) else text[1:]
+def _bead_facts(values: BeadValues) -> list[tuple[str, str, str]]:
+    error = f"{values.error_percent:+z.2f}".replace("-", "−")
+    facts = [
+        ("Volume laid", f"{values.laid:.4g} mm³", f"{error} % of {values.asked:.4g} mm³ requested"),
+        ("Cross-section", f"{values.section.mean:.3f} mm²", f"nominal {values.nominal:.3f} mm²"),
+        ("Width", f"{values.width.mean:.3f} mm", f"{values.width.min:.3f} to {values.width.max:.3f} mm"),
+    ]
+    if values.clearance is not None and values.coverage is not None and values.overlapping is not None:
+        between = "gap" if values.clearance.mean > 0 else "overlap"
+        overlapping = f"turns overlap on {100 * values.overlapping:.1f} % of their length"
+        facts += [
+            (f"Mean {between} between turns", f"{abs(values.clearance.mean):.3f} mm", ""),
+            ("Coverage", f"{100 * values.coverage:.1f} %", overlapping),
+        ]
+    return facts
+
+
+def _bead_sizes(values: BeadValues) -> Table:
+    rows = (
+        ("cross-section", "mm²", values.section),
+        ("width", "mm", values.width),
+        ("clearance between neighbouring turns", "mm", values.clearance),
+        ("start: missing glue", "mm", values.start),
+        ("stop: excess glue", "mm", values.stop),
+        ("start: visible delay", "mm", values.begins),
+        ("stop: visible overrun", "mm", values.ends),
+    )
+    return Table(
+        ["", "unit", *(Column(name, ".3f") for name in ("mean", "std", "min", "max"))],
+        [[name, unit, sizes.mean, sizes.std, sizes.min, sizes.max] for name, unit, sizes in rows if sizes is not None],
+        "The bead while the dispenser is on; missing and excess glue as a length of nominal bead",
+    )
+
+
+def _volumes(values: BeadValues) -> Table:
+    rows = (
+        ("ramps", values.ramps, "requested by the program beyond the nominal section while the speed ramps"),
+        ("starts", values.starts, "laid beyond the request until the flow has settled"),
+        ("running", values.running, "the same while the flow is settled, from a limit"),
+        ("stops", values.stops, "the same from when the dispenser closes"),
+        ("error", values.error, "total"),
+    )
+    return Table(
+        ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "cause"],
+        [[name, volume, 100 * volume / values.asked, cause] for name, volume, cause in rows],
+        "Volume laid beyond the nominal section along the path; the parts sum to the error",
+    )
 
 
 def drawn(draw: Callable[[Figure, Subject], None], subject: Subject, width: float, height: float) -> Figure:
-    """Return a plot on a sheet of its own, width by height [inch]."""
-    with plots.sheet(width, height) as figure:
+    """Return a plot on a figure of its own, width by height [inch]."""
+    with sheet(width, height) as figure:
         draw(figure, subject)
     return figure

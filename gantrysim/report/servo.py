@@ -1,4 +1,4 @@
-"""The section of a run's report that shows its servo: gains, margins of the loops, ripple of the torque."""
+"""The section of a run's report on its servo: gains, stability margins, torque ripple."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ _GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 
 
 def servo_section(job: Job, machine: Machine, run: Run) -> Section:
-    """Return the section of the servo of a job, on the machine that ran."""
-    servo = job.built_servo
-    found = margins_of(machine, servo, job.simulation.physics_step)
-    ripple = torque_ripple(run)
+    """Return the section of the servo of a job on the machine of its run."""
+    margins = margins_of(machine, job.built_servo, job.simulation.physics_step)
+    return Section(
+        "Servo", _text(machine, margins), table=[_gains(machine, job.built_servo), _margins(machine, margins, run)]
+    )
+
+
+def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) -> Table:
     columns: list[str | Column] = [
         "axis",
         Column("gain margin", ".2f"),
-        Column("down to", ".2f"),
+        Column("lower gain margin", ".2f"),
         Column("phase margin [deg]", ".1f"),
         Column("delay margin [ms]", ".2f"),
         Column("peak of |S|", ".2f"),
@@ -31,22 +35,17 @@ def servo_section(job: Job, machine: Machine, run: Run) -> Section:
         Column("torque ripple [N·m]", ".2g"),
         Column("of the peak torque [%]", ".2f"),
     ]
-    rows = [
-        [
-            axis.name,
-            *(_row(found[a]) if found else [None] * 6),
-            float(ripple[a]),
-            100 * float(ripple[a]) / axis.peak_torque,
-        ]
-        for a, axis in enumerate(machine.axes)
-    ]
-    margins = Table(
-        columns,
-        rows,
-        "How far the loop of each moving axis is from instability at home, without Coulomb friction, and how restless "
-        "its torque demand is while the dispenser is on",
+    rows: list[list[str | float | None]] = []
+    for a, (axis, ripple) in enumerate(zip(machine.axes, torque_ripple(run).tolist(), strict=True)):
+        numbers: list[float | None] = [None] * 6
+        if margins is not None:
+            m = margins[a]
+            finite = (m.gain, m.gain_lower, m.phase, 1e3 * m.delay, m.sensitivity, m.crossover)
+            numbers = [value if math.isfinite(value) else None for value in finite]
+        rows.append([axis.name, *numbers, ripple, 100 * ripple / axis.peak_torque])
+    return Table(
+        columns, rows, "Stability margins at home, without Coulomb friction; torque ripple while the dispenser is on"
     )
-    return Section("Servo", _words(machine, found), table=[_gains(machine, servo), margins])
 
 
 def _gains(machine: Machine, servo: Servo) -> Table:
@@ -58,27 +57,12 @@ def _gains(machine: Machine, servo: Servo) -> Table:
     return Table(["axis", "u", *columns], rows, "Gains")
 
 
-def _row(margins: Margins) -> list[float | None]:
-    numbers = (
-        margins.gain,
-        margins.gain_lower,
-        margins.phase,
-        1e3 * margins.delay,
-        margins.sensitivity,
-        margins.crossover,
-    )
-    return [value if math.isfinite(value) else None for value in numbers]
-
-
-def _words(machine: Machine, found: tuple[Margins, ...] | None) -> list[str]:
-    if found is None:
-        return ["The machine has an actuator with a delay of its own, so the margins of its loops are not known."]
-    unstable = [axis.name for axis, margins in zip(machine.axes, found, strict=True) if not margins.stable]
+def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
+    if margins is None:
+        return "Stability margins are unknown: an actuator of the machine has a delay of its own."
+    by_axis = dict(zip((axis.name for axis in machine.axes), margins, strict=True))
+    unstable = [name for name, axis_margins in by_axis.items() if not axis_margins.stable]
     if unstable:
-        loops = f"loops of {' and '.join(unstable)} are" if len(unstable) > 1 else f"loop of {unstable[0]} is"
-        return [f"Coulomb friction apart, the {loops} not stable."]
-    least = min(range(len(found)), key=lambda a: found[a].gain)
-    return [
-        f"The gains of {machine.axes[least].name} are the nearest to instability: times {found[least].gain:.2f} they "
-        "reach it."
-    ]
+        return f"Unstable, Coulomb friction neglected: {', '.join(unstable)}."
+    least = min(by_axis, key=lambda name: by_axis[name].gain)
+    return f"Axis {least} has the smallest gain margin: {by_axis[least].gain:.2f}."

@@ -1,4 +1,4 @@
-"""AnalysisValues as SVG that stands inside an HTML page."""
+"""Figures as SVG elements of an HTML page."""
 
 from __future__ import annotations
 
@@ -13,35 +13,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SAVING: dict[Any, Any] = {
-    "svg.fonttype": "none",  # text stays text: it can be searched, copied and read aloud
+    "svg.fonttype": "none",  # text stays text, searchable and accessible
     "path.simplify": True,
-    "path.simplify_threshold": 0.25,  # points of the page, 1/72 inch
+    "path.simplify_threshold": 0.25,  # [pt]
 }
 _HREF = "{http://www.w3.org/1999/xlink}href"
 _NUMBER = re.compile(r"-?\d+\.\d+")
-_FONT = re.compile(r"font: ([^;']*px) [^;]*")  # as matplotlib writes it in one, or the family by itself
+_FONT = re.compile(r"font: ([^;']*px) [^;]*")  # as matplotlib writes it
 _FAMILY = re.compile(r"font-family: [^;]*; ?")
-_UPRIGHT = re.compile(r" ?rotate\(-?0 [^)]*\)")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COORDINATES = ("d", "x", "y")
-_RASTER_DPI = 150  # of what is no line and no text
-_DECIMALS = 2  # a hundredth of a point
+_RASTER_DPI = 150  # of images
+_DECIMALS = 2  # of coordinates [pt]
 
 
 def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
-    """Return a figure's SVG element, ready to stand in an HTML page.
+    """Return a figure as an SVG element of an HTML page.
 
-    It names no address, sets no size but its view box, draws what is black or of the plots' ink in the page's own
-    colour of text, writes in the page's font, and its ids begin with `prefix`. A line is simplified where that moves
-    it by less than a quarter of a point. Formulas are best written in plain characters, as √12: those of mathtext stand
-    in fonts that a page does not have.
-
-    Args:
-        figure: a matplotlib figure.
-        prefix: of the ids, unique in the page.
-        alternative: the text that stands for the figure where it cannot be seen.
+    It has no external references and no size but its view box; its ids begin with `prefix`. Black and the plots' ink
+    become the text colour of the page, fonts that of the page. Lines are simplified within a quarter of a point.
+    Formulas should use plain characters, as √12: a page lacks the fonts of mathtext.
     """
-    import matplotlib  # slow to import, and needed by the plots alone
+    import matplotlib  # slow to import
 
     file = io.BytesIO()
     with matplotlib.rc_context(_SAVING):
@@ -59,12 +52,11 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     title.text = alternative
     root.insert(0, title)
     root.attrib.update({"role": "img", "aria-labelledby": f"{prefix}-title"})
-    _drop_bare_groups(root)
     return ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
 
 
 def description(figure: Figure) -> str:
-    """Return what a figure shows, from its titles, the labels of its axes and those of its lines."""
+    """Return a description of a figure, made from its titles, axis labels and line labels."""
     parts = []
     for axes in figure.axes:
         title = next((text for place in ("center", "left", "right") if (text := axes.get_title(loc=place))), "")
@@ -79,9 +71,9 @@ def description(figure: Figure) -> str:
 
 
 def _names(root: ElementTree.Element, prefix: str) -> dict[str, str]:
-    """Names of the page for the ids that are referred to, in the order in which they are given.
+    """Return page-wide ids for those that are referred to, numbered in their order.
 
-    Matplotlib's own come from numbers whose last digits the layout's solver leaves open.
+    Matplotlib's own are not reproducible: they are hashes of numbers from the layout solver.
     """
     used: set[str] = set()
     for element in root.iter():
@@ -92,7 +84,7 @@ def _names(root: ElementTree.Element, prefix: str) -> dict[str, str]:
 
 
 def _make_local(element: ElementTree.Element, names: dict[str, str]) -> None:
-    """Take an element out of its name space, its ids into the page's, its colours and fonts to the page's."""
+    """Remove an element's namespace, and adapt its ids, colours and fonts to the page."""
     element.tag = _local(element.tag)
     own: dict[str, str] = {}
     for key, value in element.attrib.items():
@@ -109,27 +101,9 @@ def _make_local(element: ElementTree.Element, names: dict[str, str]) -> None:
                 text = _FAMILY.sub("", _FONT.sub(r"font: \1 var(--sans)", text))
                 for ink in ("#000000", INK):
                     text = text.replace(ink, "currentColor")
-            elif key == "transform":
-                text = _UPRIGHT.sub("", text)
-            if text:
-                own[key] = text
+            own[key] = text
     element.attrib.clear()
     element.attrib.update(own)
-    if element.text is not None and not element.text.strip():
-        element.text = None
-    if element.tail is not None and not element.tail.strip():
-        element.tail = None
-
-
-def _drop_bare_groups(root: ElementTree.Element) -> None:
-    """Put the children of groups that say nothing into their parents."""
-    for child in list(root):
-        _drop_bare_groups(child)
-    children: list[ElementTree.Element] = []
-    for child in list(root):
-        children.extend(list(child) if child.tag == "g" and not child.attrib else [child])
-        root.remove(child)
-    root.extend(children)
 
 
 def _local(tag: str) -> str:

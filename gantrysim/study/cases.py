@@ -266,9 +266,4 @@ def _job(content: str) -> Job:
 def _changed(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
     """Return the job with what is changed of it; the parts that are not are those of the job itself, built once."""
     own = _job(content)
-    job = own.changed({key: json.loads(value) for key, value in overrides})
-    if job.machine == own.machine:
-        job.__dict__["built_machine"] = own.built_machine
-    if job.program == own.program:
-        job.__dict__["controller"] = own.controller
-    return job
+    return own.changed({key: json.loads(value) for key, value in overrides}).sharing(own)

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import tomli_w
 
 from gantrysim.job.job import Job
-from gantrysim.report.folder import JOB, PLOTS, Output, output_folder, versions
+from gantrysim.report.folder import JOB, PLOTS, Output, output_folder
+from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs
 from gantrysim.study.checks import NoValuesError, check_job, check_values
 from gantrysim.study.ledger import Ledger

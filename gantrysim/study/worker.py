@@ -21,7 +21,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from gantrysim.errors import GantryError, InputError
-from gantrysim.report.folder import package_versions
+from gantrysim.report.summary import package_versions
 from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
 
 MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # a row per case, in order, whatever cases stand beside it

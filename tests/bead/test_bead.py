@@ -428,8 +428,8 @@ def test_the_console_tells_the_volumes_of_a_tiny_bead_too():
     """Of 1e-3 mm² along 100 mm, of whose start 1 mm is missing."""
     dispenser = Dispenser(flow=1e-3 * SPEED, dead_time=0.01)
     text = told(laid(XY, line(), dispenser, cell=0.01, gap=0.05))
-    assert re.search(r"volume +0.099 mm³ +-1.00 % of 0.1 asked for", text)
-    assert re.search(r"missing at the start +\+1.00 mm +of nominal bead", text)
+    assert re.search(r"volume +0.099 mm³ +-1.00 % of 0.1 requested", text)
+    assert re.search(r"start +1.00 mm missing +length of nominal bead", text)
     assert re.search(r"volume error +-0.00100\d* mm³ +ramps \+0.0+, starts -0.00100\d*, running \+0.0+, stops", text)
     assert "late" not in text
 

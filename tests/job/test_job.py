@@ -1,4 +1,4 @@
-"""Job files: what they say, what may be changed, what is refused."""
+"""Job files: loading, overrides, and invalid input."""
 
 import math
 import tomllib
@@ -12,7 +12,7 @@ from gantrysim.job.job import builtin_jobs, job_text
 SHORT = ["diameter=40", "turns=1", "settle=0.05"]
 
 
-def test_builtin_jobs_load_and_spell_out_every_default():
+def test_builtin_jobs_load_and_are_written_with_every_default():
     assert "an225" in builtin_jobs()
     for name in builtin_jobs():
         job = Job.load(name)
@@ -45,7 +45,7 @@ def test_infinity_survives_the_file():
     assert math.isinf(tomllib.loads(job.toml())["servo"]["integral_time"])
 
 
-def test_a_relative_machine_is_found_and_written_down_in_full(rigid, tmp_path, monkeypatch):
+def test_a_relative_machine_is_found_and_written_as_an_absolute_path(rigid, tmp_path, monkeypatch):
     rigid()
     file = tmp_path / "mine.toml"
     file.write_text(Job.load("an225", SHORT).toml().replace('machine = "xy"', 'machine = "rigid.xml"'))
@@ -82,10 +82,10 @@ BAD = {
     "servo": (["damping=-1"], "damping = -1: must be greater than 0"),
     "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
     "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
-    "no speed that is": (["speed=1e300"], "ratio x = .* on pass 1 of 1: must be at least"),
+    "huge speed": (["speed=1e300"], "ratio x = .* on pass 1 of 1: must be at least"),
     "tiny period": (["servo.period=1e-9"], "10.1527 s in periods of 1e-09 s: makes 1.02e.10 ticks, at most 5e.07"),
     "endless settling": (["settle=1e9"], "1e.09 s in periods of 0.001 s: makes 1e.12 ticks"),
-    "said once": (["kp=abc"], "^job an225: servo.kp = 'abc': input should be a valid number[^;]*$"),
+    "reported once": (["kp=abc"], "^job an225: servo.kp = 'abc': input should be a valid number[^;]*$"),
     "machine": (["machine=xyq"], "unknown model 'xyq': did you mean xy"),
 }
 
@@ -125,14 +125,25 @@ def test_bad_files_are_refused_in_one_line(tmp_path, content, text):
     assert "\n" not in str(caught.value)
 
 
-def test_a_key_inside_what_is_no_table_is_refused(tmp_path):
+def test_a_key_inside_a_value_that_is_not_a_table_is_refused(tmp_path):
     file = tmp_path / "job.toml"
     file.write_text(job_text("an225").replace("[program]", "[program]\ngroup = 3"))
     changes = ["program.controller=softmc.Program", "velocity=30"]
-    with pytest.raises(InputError, match=r"^--set velocity=30: group is no table in this job$"):
+    with pytest.raises(InputError, match=r"^--set velocity=30: group is not a table in this job$"):
         Job.load(file, changes)
 
 
 def test_unknown_jobs_are_refused_with_the_alternatives():
     with pytest.raises(InputError, match="unknown job 'an224': did you mean an225"):
         Job.load("an224")
+
+
+def test_a_changed_job_shares_what_is_built_and_equal():
+    job = Job.load("an225", SHORT)
+    faster = job.changed({"program.speed": 150.0}).sharing(job)
+    assert faster == job.changed({"program.speed": 150.0})
+    assert faster.built_machine is job.built_machine
+    assert faster.controller.speed == 150.0
+    softer = job.changed({"servo.kp": 0.3, "machine": "xyz"}).sharing(job)
+    assert softer.controller is job.controller
+    assert softer.built_machine.name == "xyz"

@@ -1,4 +1,4 @@
-"""Every built-in job runs on its machine, with the figures that an engineer would expect of it."""
+"""Every built-in job runs on its machine, with plausible values."""
 
 import csv
 import json
@@ -23,11 +23,11 @@ JOBS = (
     "stage-outline",
 )
 SPACING = {"an225": 10.0, "an225-3d": 10.0, "fanuc-conical": 25.0, "fanuc-spiral": 20.0, "softmc-helical": 25.0}
-# what friction at the reversals of the axes leaves, without a controller's own errors [mm]
+# errors from friction at the reversals of the axes, without those of the controller [mm]
 SERVO_RMS = 0.02
 SERVO_MAX = 0.12
-COMMANDED = 1e-9  # a controller without errors of its own is on the requested path [mm]
-ROUNDED = 0.06  # one that blends cuts a corner [mm]
+COMMANDED = 1e-9  # error of a controller that follows the path exactly [mm]
+ROUNDED = 0.06  # of one that blends corners [mm]
 
 
 @pytest.fixture(scope="module")
@@ -43,35 +43,35 @@ def analyses():
     return analysis
 
 
-def test_the_jobs_that_come_along():
+def test_the_builtin_jobs_cover_all_controllers_and_machines():
     assert tuple(builtin_jobs()) == JOBS
     assert {Job.load(name).program["controller"] for name in JOBS} == set(PROGRAMS)
     assert {Job.load(name).machine for name in JOBS} == set(builtin_models())
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_a_job_runs_with_tracking_contour_and_spacing_figures(analyses, name):
+def test_a_job_runs_with_plausible_tracking_contour_and_spacing(analyses, name):
     analysis = analyses(name)
-    run, figures = analysis.run, analysis.values
+    run, values = analysis.run, analysis.values
     assert run.fault is None
-    assert set(figures.tracking) == set(Job.load(name).built_machine.axis_names)
+    assert set(values.tracking) == set(Job.load(name).built_machine.axis_names)
     for axis, unit in zip(run.axes, run.units, strict=True):
-        spread = figures.tracking[axis]
+        spread = values.tracking[axis]
         assert 0 < spread.rms < SERVO_RMS * (2 if unit == "deg" else 1)
-    # servo and mechanics, apart from what the controller itself is off
+    # servo and mechanics, without the controller
     beyond = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)[analysis.ticks]
     assert np.sqrt(np.mean(beyond**2)) < SERVO_RMS
     assert beyond.max() < SERVO_MAX
     if not name.startswith("an225"):
-        assert figures.generation.max < (ROUNDED if name == "fanuc-conical" else COMMANDED)
+        assert values.generation.max < (ROUNDED if name == "fanuc-conical" else COMMANDED)
     if name in SPACING:
-        assert figures.spacing.mean == pytest.approx(SPACING[name], rel=0.01)
+        assert values.spacing.mean == pytest.approx(SPACING[name], rel=0.01)
     else:
-        assert figures.spacing is None
+        assert values.spacing is None
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_a_jobs_record_is_repeated_from_its_own_toml(analyses, name, tmp_path):
+def test_a_job_written_and_read_again_gives_the_same_record(analyses, name, tmp_path):
     (tmp_path / "again.toml").write_text(Job.load(name).toml(), encoding="utf-8")
     again = Job.load(tmp_path / "again.toml")
     assert again == Job.load(name)
@@ -87,7 +87,7 @@ def test_a_jobs_program_is_rebuilt_from_its_plain_arguments(name):
 
 
 def test_the_stages_bead_is_measured_in_the_work_frame(analyses):
-    """The needle stands still; on the work it goes round the outline."""
+    """The needle stands still; in the work frame it traces the outline."""
     run = analyses("stage-outline").run
     outline = run.requested.position(np.linspace(0, run.requested.length, 50))
     for place in outline:
@@ -96,7 +96,7 @@ def test_the_stages_bead_is_measured_in_the_work_frame(analyses):
     assert np.abs(machine.tip(run.encoder) - run.nozzle).max() < SERVO_MAX
 
 
-def test_a_bead_of_turns_keeps_the_volume_of_glue(analyses):
+def test_a_bead_conserves_the_volume_of_glue(analyses):
     run = analyses("softmc-arc").run
     assert np.any(~run.dispense[run.dispense.argmax() :])  # the dispenser is off on the way home
     after = round(0.2 / run.period)  # a dead time and ten time constants
@@ -145,8 +145,8 @@ def test_info_lists_machines_jobs_and_settings(gantrysim_command, monkeypatch):
         assert word in printed
 
 
-def test_the_record_compares_with_the_command_that_the_controller_compares_with(tmp_path, gantrysim_command):
-    """PE is of the command `position_error_delay` ticks ago; here every tick is recorded."""
+def test_the_record_of_the_controller_delays_the_command(tmp_path, gantrysim_command):
+    """PE compares with the command `position_error_delay` ticks ago; here every tick is recorded."""
     settings = ["program.record.gap=1", "program.group.position_error_delay=3"]
     arguments = [word for setting in settings for word in ("--set", setting)]
     bare = ["--no-video", "--no-report"]

@@ -1,4 +1,4 @@
-"""A saved run comes back as it was; what is no run, or no longer fits its machine, is refused in one line."""
+"""A saved run is read back unchanged; a folder without a run, or a changed machine, is refused in one line."""
 
 import dataclasses
 import json
@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def own(tmp_path, rigid):
-    """The folder of a run on a machine of one's own, and the machine's file."""
+    """The folder of a run on a user's machine, and the machine's file."""
     source = rigid().source
     machine = tmp_path / "machine.xml"
     machine.write_text(source.read_text().replace("<worldbody>", f"<worldbody>{SEEN}"))
@@ -35,7 +35,7 @@ def own(tmp_path, rigid):
     return saved(tmp_path / "run", job, job.follow()), machine
 
 
-def test_job_record_and_machine_come_back(folder):
+def test_job_record_and_machine_are_read_back(folder):
     job = small_job()
     back = SavedRun.load(folder)
     assert back.folder == folder
@@ -47,12 +47,12 @@ def test_job_record_and_machine_come_back(folder):
     assert SavedRun.load(str(folder)).run.fault is None
 
 
-def test_a_home_folder_is_found(folder, monkeypatch):
+def test_a_home_folder_is_expanded(folder, monkeypatch):
     monkeypatch.setenv("HOME", str(folder.parent))
     assert SavedRun.load("~/one").job.name == "an225"
 
 
-def test_a_machine_is_changed_when_what_is_stepped_is(own):
+def test_a_machine_has_changed_when_its_physics_have(own):
     folder, machine = own
     assert SavedRun.load(folder).changed is False
     text = machine.read_text()
@@ -63,7 +63,7 @@ def test_a_machine_is_changed_when_what_is_stepped_is(own):
     assert SavedRun.load(folder).changed is True
 
 
-def test_without_a_summary_nothing_is_said_of_the_machine(own):
+def test_without_a_summary_the_machine_counts_as_unchanged(own):
     folder, machine = own
     machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
     (folder / "summary.json").unlink()
@@ -71,7 +71,7 @@ def test_without_a_summary_nothing_is_said_of_the_machine(own):
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"{}", b'{"versions": {}}', b'{"versions": 3}', b"\xff"])
-def test_a_summary_that_does_not_say_which_machine_ran_is_as_none(own, content):
+def test_a_summary_without_a_digest_counts_as_none(own, content):
     folder, machine = own
     machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
     (folder / "summary.json").write_bytes(content)
@@ -97,26 +97,24 @@ def test_a_machine_with_other_units_is_refused(folder):
         SavedRun(back.folder, back.job, other, back.machine, False)
 
 
-def test_a_machine_that_is_gone_is_named_with_what_to_do(own):
+def test_a_missing_machine_is_named_with_a_remedy(own):
     folder, machine = own
     (folder / "moved").mkdir()
     machine.rename(folder / "moved" / "its.xml")
     known = ", ".join(builtin_models())
-    text = (
-        f"run {folder}: its machine {machine} is gone: set machine in {folder}/job.toml to a file, or to one of {known}"
-    )
+    text = f"run {folder}: its machine {machine} is missing: set machine in {folder}/job.toml to a file, or to one of "
     with pytest.raises(InputError) as refused:
         SavedRun.load(folder)
-    assert str(refused.value) == text
-    # which is enough, from the folder of the run
+    assert str(refused.value) == text + known
+    # the remedy works, with a path relative to the run's folder
     job = folder / "job.toml"
     job.write_text(job.read_text().replace(str(machine), "moved/its.xml"))
     back = SavedRun.load(folder)
     assert back.machine.source == folder / "moved" / "its.xml"
     assert back.changed is False
-    # a name that no machine has is not a file that is gone anywhere
+    # an unknown machine name gets the same message
     job.write_text(job.read_text().replace("moved/its.xml", "yx"))
-    with pytest.raises(InputError, match=f"run {folder}: its machine yx is gone: set machine in {folder}/job.toml to"):
+    with pytest.raises(InputError, match=r"its machine yx is missing: set machine in .*/job.toml to"):
         SavedRun.load(folder)
 
 

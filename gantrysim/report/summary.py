@@ -1,0 +1,166 @@
+"""The content of summary.json: the numbers of a run, with the versions that they depend on."""
+
+from __future__ import annotations
+
+import math
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+from gantrysim.bead import BeadValues
+from gantrysim.job.job import Job
+from gantrysim.machine.machine import Machine
+from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
+from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.run import Run
+from gantrysim.stability.margins import Margins, margins_of
+
+_THOUSANDTHS = 1e3
+
+
+def summary(job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None) -> dict[str, Any]:
+    """Return the content of summary.json; a key's unit stands in its name.
+
+    Keys that need an explanation:
+
+        error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
+            share of the tracking part; by turn of a spiral the links' errors
+        contour_error_um: distance of the nozzle to the path; larger than error_budget's contour where the nozzle is
+            beyond an end or outside a corner
+        requested_spacing_mm, bead_spacing_mm: null where the path, or the trace, has no neighbouring turns
+        tracking_error_um: by linear axis; path is the tracking error along the path
+        tracking_error_mdeg: by rotary axis; only where the machine has some
+        path_length_mm: of the commanded path while the dispenser is on
+        duration_s: end of the commanded motion
+        end_point_mm: the nozzle in the work frame at the end of the run
+        servo: by axis its torque ripple and stability margins; an unbounded or unknown margin is null
+        bead: `BeadValues`; null without glue
+        fault: null for a complete run
+    """
+    run, values = budget.analysis.run, budget.analysis.values
+    tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
+    for unit, (name, error) in zip(run.units, values.tracking.items(), strict=True):
+        tracking[unit][name] = _thousandths(error)
+    rotary = {"tracking_error_mdeg": tracking["deg"]} if tracking["deg"] else {}
+    return {
+        "job": job.name,
+        "machine": machine.name,
+        "error_budget": _budget(budget, machine),
+        "requested_spacing_mm": run.requested.turn_spacing,
+        "bead_spacing_mm": _range(values.spacing),
+        "tracking_error_um": {**tracking["mm"], "path": _thousandths(values.tracking_along)},
+        **rotary,
+        "generation_error_um": _thousandths(values.generation),
+        "contour_error_um": _thousandths(values.contour),
+        "path_speed_mm_s": {"mean": values.speed.mean, "min": values.speed.min, "max": values.speed.max},
+        "path_length_mm": values.path_length,
+        "duration_s": values.duration,
+        "end_point_mm": list(values.end_point),
+        "servo": _servo(job, machine, run),
+        "bead": None if bead is None else _bead(bead),
+        "notes": list(job.notes),
+        "fault": _fault(run),
+        "versions": versions(machine),
+    }
+
+
+def versions(machine: Machine) -> dict[str, str]:
+    """Return the versions that the numbers of a run depend on, and the digest of the compiled machine."""
+    return {**package_versions(), "machine_sha256": machine.digest}
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that the numbers of a run depend on."""
+    packages = {name: version(name) for name in ("gantrysim", "mujoco", "numpy", "numba", "scipy")}
+    return {**packages, "python": platform.python_version()}
+
+
+def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
+    def part(of: PartValues) -> dict[str, Any]:
+        sizes = {f"{name}_um": _THOUSANDTHS * getattr(of, name) for name in ("rms", "p95", "max")}
+        where = {"s_mm": of.s, "time_s": of.time, "point_mm": list(of.point)}
+        return {**sizes, "share": of.share, "at_max": where}
+
+    values = budget.values
+    by_axis = budget.tracking_by_axis(machine)
+    return {
+        **{link: part(of) for link, of in values.parts.items()},
+        "contour": part(values.contour),
+        "tracking_by_axis": {axis: part(budget.values_of(of)) for axis, of in by_axis.items()},
+        "lag_um": _thousandths(values.lag),
+        "turns": [
+            {
+                "turn": turn.turn,
+                "s_mm": list(turn.s),
+                **{name: _thousandths(size, "_um") for name, size in turn.parts.items()},
+            }
+            for turn in values.turns
+        ],
+    }
+
+
+def _servo(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
+    margins = margins_of(machine, job.built_servo, job.simulation.physics_step)
+    ripple = torque_ripple(run)
+    return {
+        axis.name: {
+            "torque_ripple_nm": float(ripple[a]),
+            "torque_ripple_share": float(ripple[a]) / axis.peak_torque,
+            "margins": None if margins is None else _margins(margins[a]),
+        }
+        for a, axis in enumerate(machine.axes)
+    }
+
+
+def _margins(margins: Margins) -> dict[str, Any]:
+    return {
+        "gain": _finite(margins.gain),
+        "gain_lower": _finite(margins.gain_lower),
+        "phase_deg": _finite(margins.phase),
+        "delay_s": _finite(margins.delay),
+        "sensitivity": _finite(margins.sensitivity),
+        "crossover_hz": _finite(margins.crossover),
+        "stable": margins.stable,
+    }
+
+
+def _bead(bead: BeadValues) -> dict[str, Any]:
+    return {
+        "nominal_section_mm2": bead.nominal,
+        "section_mm2": _range(bead.section),
+        "width_mm": _range(bead.width),
+        "clearance_of_turns_mm": _range(bead.clearance),
+        "overlapping_share": bead.overlapping,
+        "gapping_share": bead.gapping,
+        "coverage": bead.coverage,
+        "missing_at_start_mm": _range(bead.start),
+        "too_much_at_stop_mm": _range(bead.stop),
+        "seen_to_begin_late_mm": _range(bead.begins),
+        "seen_to_end_late_mm": _range(bead.ends),
+        "volume_mm3": bead.laid,
+        "volume_asked_mm3": bead.asked,
+        "volume_error_mm3": bead.error,
+        "volume_error_percent": bead.error_percent,
+        "volume_error_parts_mm3": {name: getattr(bead, name) for name in ("ramps", "starts", "running", "stops")},
+        "height_map_ridge": bead.ridge,
+    }
+
+
+def _fault(run: Run) -> dict[str, Any] | None:
+    if run.fault is None:
+        return None
+    numbers = {"value": _finite(run.fault.value), "limit": _finite(run.fault.limit)}
+    return {**asdict(run.fault), **numbers, "text": str(run.fault)}
+
+
+def _range(values: Range | None) -> dict[str, float] | None:
+    return None if values is None else asdict(values)
+
+
+def _thousandths(error: ErrorSize, suffix: str = "") -> dict[str, float]:
+    return {f"rms{suffix}": _THOUSANDTHS * error.rms, f"max{suffix}": _THOUSANDTHS * error.max}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
