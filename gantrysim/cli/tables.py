@@ -10,16 +10,10 @@ from rich.table import Table
 from gantrysim.bead import BeadValues
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
-from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
 from gantrysim.run import Run
 
 _UM = 1e3
-_BETWEEN = {
-    "generation": "requested to commanded",
-    "tracking": "commanded to encoder",
-    "measurement": "encoder to motor: counts",
-    "structure": "motor to nozzle",
-}
 
 
 def links_table(name: str, machine: Machine, budget: Budget) -> Table:
@@ -44,12 +38,12 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         table.add_row(label, *numbers, f"{100 * part.share:z.1f} %", note)
 
     for link, part in figures.parts.items():
-        add(link, part, _BETWEEN[link])
+        add(link, part, DESCRIPTIONS[link])
         if link == "tracking":
             for axis, own in budget.tracking_by_axis(machine).items():
                 add(f"  by {axis}", budget.values_of(own), "")
     table.add_section()
-    add("contour", figures.contour, "requested to nozzle: all")
+    add("contour", figures.contour, DESCRIPTIONS["contour"])
     table.caption = "share: of the contour error's mean square; negative: makes good for others"
     table.caption_justify = "left"
     return table

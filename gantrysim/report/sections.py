@@ -11,7 +11,7 @@ from gantrysim import plots
 from gantrysim.bead import Bead
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, Range
-from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.metrics.budget import CAUSES, DESCRIPTIONS, Budget, PartValues
 from gantrysim.report.document import Column, Section, Table
 
 if TYPE_CHECKING:
@@ -23,13 +23,7 @@ _UM = 1e3
 _WIDE, _HALF = 10.7, 5.3  # of a figure as wide as the page, and of one of two side by side [inch]
 _PLAN = 7.6  # of a view from above [inch]
 _NOTHING = 1e-6  # rms of an error that is none [mm]
-_MEANS = {
-    "generation": "requested to commanded: the controller's program",
-    "tracking": "commanded to encoder: servo, motor, friction",
-    "measurement": "encoder to motor: the encoder's counts",
-    "structure": "motor to nozzle: what lies behind the motor",
-    "contour": "requested to nozzle: what the part sees",
-}
+_MEANS = {link: f"{description}: {CAUSES[link]}" for link, description in DESCRIPTIONS.items()}
 
 
 def budget_section(budget: Budget, machine: Machine) -> Section:

@@ -21,11 +21,11 @@ from gantrysim.metrics import (
     Analysis,
     ErrorSize,
     Range,
-    values,
     path_speed,
     spacing,
     torque_ripple,
     tracking_error,
+    values,
 )
 from gantrysim.run import Fault, Run
 
@@ -548,5 +548,5 @@ def test_torque_ripple_is_taken_between_ticks_that_both_dispense():
 def test_torque_ripple_of_single_ticks_is_none_and_without_any_is_refused():
     demand = np.arange(10.0).reshape(5, 2)
     assert torque_ripple(demanded(demand, np.array([1, 0, 1, 0, 0], bool))).tolist() == [0, 0]
-    with pytest.raises(InputError, match="the dispenser is never on in this run: its torque ripple is taken while"):
+    with pytest.raises(InputError, match="the dispenser is never on in this run: nothing to measure"):
         torque_ripple(demanded(demand, np.zeros(5, bool)))
