@@ -73,20 +73,20 @@ def test_the_bead_is_what_the_job_gives():
         README,
         re.DOTALL,
     )
-    assert float(said[1]) == pytest.approx(bead.start.mean, abs=0.01)
-    assert float(said[2]) == pytest.approx(bead.stop.mean, abs=0.01)
-    assert float(said[3]) == pytest.approx(bead.error_percent, abs=0.01)
-    assert float(said[4]) == pytest.approx(bead.error, abs=0.1)
-    assert float(said[5]) == pytest.approx(bead.dispenser, abs=0.1)
-    assert float(said[6]) == pytest.approx(bead.ramps, abs=0.1)
+    assert float(said[1]) == pytest.approx(bead.start_shortfall.mean, abs=0.01)
+    assert float(said[2]) == pytest.approx(bead.stop_excess.mean, abs=0.01)
+    assert float(said[3]) == pytest.approx(bead.volume_error_percent, abs=0.01)
+    assert float(said[4]) == pytest.approx(bead.volume_error, abs=0.1)
+    assert float(said[5]) == pytest.approx(bead.dispenser_error, abs=0.1)
+    assert float(said[6]) == pytest.approx(bead.ramp_error, abs=0.1)
     slow = slice(len(run.time) // 2, -1)
     at_end = (run.flow_demand[slow].sum() * run.period) - bead.nominal * (
         bead_trace.commanded_steps * run.dispense[:-1]
     )[slow].sum()
     assert float(said[7]) == pytest.approx(at_end, abs=1)
     even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
-    assert Bead(even.follow(), even.bead).values.ramps == pytest.approx(0, abs=1e-6)
-    assert bead.overlapping > 0  # the blob touches the turn beside it
+    assert Bead(even.follow(), even.bead).values.ramp_error == pytest.approx(0, abs=1e-6)
+    assert bead.overlap_share > 0  # the blob touches the turn beside it
 
 
 @pytest.mark.parametrize(

@@ -82,13 +82,22 @@ def _add_bead(table: Table, bead: BeadValues) -> None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"
         covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; {100 * bead.coverage:.1f} % covered"
         table.add_row(f"{between} of turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
-    table.add_row("missing at the start", f"{bead.start.mean:+.2f} mm", "of nominal bead")
-    if bead.stop is not None:
-        table.add_row("too much at the stop", f"{bead.stop.mean:+.2f} mm", "of nominal bead")
-    table.add_row("volume", f"{bead.laid:.4g} mm³", f"{bead.error_percent:+.2f} % of {bead.asked:.4g} asked for")
-    parts = {"ramps": bead.ramps, "starts": bead.starts, "running": bead.running, "stops": bead.stops}
-    told = ", ".join(f"{name} {_volume(value, bead.asked)}" for name, value in parts.items())
-    table.add_row("volume error", f"{_volume(bead.error, bead.asked)} mm³", told)
+    table.add_row("missing at the start", f"{bead.start_shortfall.mean:+.2f} mm", "of nominal bead")
+    if bead.stop_excess is not None:
+        table.add_row("too much at the stop", f"{bead.stop_excess.mean:+.2f} mm", "of nominal bead")
+    table.add_row(
+        "volume",
+        f"{bead.volume:.4g} mm³",
+        f"{bead.volume_error_percent:+.2f} % of {bead.requested_volume:.4g} asked for",
+    )
+    parts = {
+        "ramps": bead.ramp_error,
+        "starts": bead.start_error,
+        "running": bead.steady_error,
+        "stops": bead.stop_error,
+    }
+    told = ", ".join(f"{name} {_volume(value, bead.requested_volume)}" for name, value in parts.items())
+    table.add_row("volume error", f"{_volume(bead.volume_error, bead.requested_volume)} mm³", told)
     if bead.ridge:
         table.add_row("height map", "not settled", bead.ridge_note)
 

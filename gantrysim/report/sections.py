@@ -157,40 +157,44 @@ def bead_section(bead: Bead) -> Section:
         row("cross-section", "mm²", figures.section),
         row("width", "mm", figures.width),
         row("clearance of neighbouring turns", "mm", figures.clearance),
-        row("start: glue that is missing, as length", "mm", figures.start),
-        row("stop: glue that is too much, as length", "mm", figures.stop),
-        row("start: bead seen late by", "mm", figures.begins),
-        row("stop: bead seen late by", "mm", figures.ends),
+        row("start: glue that is missing, as length", "mm", figures.start_shortfall),
+        row("stop: glue that is too much, as length", "mm", figures.stop_excess),
+        row("start: bead seen late by", "mm", figures.start_offset),
+        row("stop: bead seen late by", "mm", figures.stop_offset),
     ]
     facts = [
         (
             "Volume laid",
-            f"{figures.laid:.4g} mm³",
-            f"{_signed(figures.error_percent)} % against {figures.asked:.4g} mm³ asked for",
+            f"{figures.volume:.4g} mm³",
+            f"{_signed(figures.volume_error_percent)} % against {figures.requested_volume:.4g} mm³ asked for",
         ),
         ("Cross-section", f"{figures.section.mean:.3f} mm²", f"nominal {figures.nominal:.3f} mm²"),
         ("Width", f"{figures.width.mean:.3f} mm", f"from {figures.width.min:.3f} to {figures.width.max:.3f} mm"),
     ]
-    if figures.clearance is not None and figures.coverage is not None and figures.overlapping is not None:
+    if figures.clearance is not None and figures.coverage is not None and figures.overlap_share is not None:
         between = "gap" if figures.clearance.mean > 0 else "overlap"
         facts += [
             (f"Mean {between} between turns", f"{abs(figures.clearance.mean):.3f} mm", ""),
             (
                 "Covered",
                 f"{100 * figures.coverage:.1f} %",
-                f"turns overlap on {100 * figures.overlapping:.1f} % of their length",
+                f"turns overlap on {100 * figures.overlap_share:.1f} % of their length",
             ),
         ]
     volumes = Table(
         ["part", Column("volume [mm³]", ".4g"), Column("of what was asked for [%]", ".3f"), "what it is"],
         [
-            [name, value, 100 * value / figures.asked, meaning]
+            [name, value, 100 * value / figures.requested_volume, meaning]
             for name, value, meaning in (
-                ("ramps", figures.ramps, "asked for by the program beyond the nominal section, as the speed ramps"),
-                ("starts", figures.starts, "laid beyond what the program asks for until the flow has settled"),
-                ("running", figures.running, "the same while it has, as a limit makes it"),
-                ("stops", figures.stops, "the same from where the dispenser closes"),
-                ("error", figures.error, "all of it"),
+                (
+                    "ramps",
+                    figures.ramp_error,
+                    "asked for by the program beyond the nominal section, as the speed ramps",
+                ),
+                ("starts", figures.start_error, "laid beyond what the program asks for until the flow has settled"),
+                ("running", figures.steady_error, "the same while it has, as a limit makes it"),
+                ("stops", figures.stop_error, "the same from where the dispenser closes"),
+                ("error", figures.volume_error, "all of it"),
             )
         ],
         "Volume laid beyond the nominal section along the path, in parts that add up",

@@ -109,9 +109,9 @@ def test_turns_as_far_apart_as_they_are_wide_just_touch():
     width = float(nominal().width[0])
     covered = {}
     for ratio in (0.97, 1.03, 1.5, 2.5):
-        figures = laid(XY, spiral(ratio * width, radius=35.0, turns=1.5), cell=0.1).values
-        covered[ratio] = figures.coverage
-        assert figures.gapping == pytest.approx(float(ratio > 1), abs=0.03)
+        values = laid(XY, spiral(ratio * width, radius=35.0, turns=1.5), cell=0.1).values
+        covered[ratio] = values.coverage
+        assert values.gap_share == pytest.approx(float(ratio > 1), abs=0.03)
     assert covered[0.97] == pytest.approx(1.0, abs=0.005)
     assert covered[1.03] == pytest.approx(1 / 1.03, abs=0.005)
     assert covered[1.5] == pytest.approx(1 / 1.5, abs=0.005)
@@ -196,7 +196,7 @@ def test_excess_finds_room_through_a_film_that_is_full():
     assert gained[:, :20].sum() > 3 * gained[:, 61:].sum() > 0
 
 
-def test_what_finds_no_room_stays_as_a_ridge_and_is_told():
+def test_what_finds_no_room_stays_as_a_ridge_and_is_returned():
     height = np.full((9, 9), 1.0)
     height[4, 4] = 5.0
     ridge = push_aside(height, np.ones_like(height), 0.01, 50)
@@ -234,18 +234,18 @@ def test_an_overfull_bead_finds_room_around_its_map_and_is_a_film_of_the_gap():
     """At five times what the film between the turns holds; its area is the volume over the gap."""
     bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=10 * AREA * SPEED))
     assert bead.map.ridge == 0
-    assert bead.map.volume == pytest.approx(bead.laid, rel=VOLUME)
+    assert bead.map.volume == pytest.approx(bead.total_volume, rel=VOLUME)
     assert bead.map.height.max() <= GAP * (1 + FILM)
     rim = np.concatenate([bead.map.height[[0, -1]].ravel(), bead.map.height[:, [0, -1]].ravel()])
     assert not rim.any()
-    assert (bead.map.height > 0.5 * GAP).sum() * bead.map.cell**2 == pytest.approx(bead.laid / GAP, rel=0.02)
+    assert (bead.map.height > 0.5 * GAP).sum() * bead.map.cell**2 == pytest.approx(bead.total_volume / GAP, rel=0.02)
     x, y = np.meshgrid(bead.map.x, bead.map.y)
     middle = [float((place * bead.map.height).sum() / bead.map.height.sum()) for place in (x, y)]
     weight = bead.run.flow[:-1, None] / bead.run.flow[:-1].sum()
     assert np.hypot(*((weight * bead.run.nozzle[:-1, :2]).sum(axis=0) - middle)) < 1.0
 
 
-def test_a_map_that_does_not_settle_says_so(monkeypatch):
+def test_a_map_that_does_not_settle_reports_its_ridge(monkeypatch):
     monkeypatch.setattr("gantrysim.bead.height_map._SWEEPS", 1)
     bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=4 * AREA * SPEED))
     assert bead.map.ridge == pytest.approx(bead.map.height.max() / GAP - 1)
@@ -253,7 +253,7 @@ def test_a_map_that_does_not_settle_says_so(monkeypatch):
     assert bead.values.ridge == bead.map.ridge
 
 
-def test_an_interrupt_is_heard_while_glue_is_pushed_aside(monkeypatch):
+def test_pushing_aside_can_be_interrupted(monkeypatch):
     """The native code comes back every few sweeps."""
     calls = []
     sweep = pushing._sweep
@@ -341,11 +341,11 @@ def test_off_the_map_there_is_nothing():
 
 def test_cells_too_small_for_the_bead_are_refused():
     bead = laid(XY, line(), cell=0.001)
-    text = r"cell = 0.001 mm: of a bead 4.5\d+ mm wide, .* makes a height map of .* cells, at most 2e\+07"
+    text = r"cell = 0.001 mm: the height map of a bead 4.5\d+ mm wide, .* has .* cells, at most 2e\+07"
     with pytest.raises(InputError, match=text):
         HeightMap.of(bead)
     wide = laid(XY, line(), gap=1e-6)
-    with pytest.raises(InputError, match=r"of a bead 2e\+06 mm wide, .* makes a height map of"):
+    with pytest.raises(InputError, match=r"of a bead 2e\+06 mm wide, .* has .* cells"):
         HeightMap.of(wide)
 
 
