@@ -110,9 +110,12 @@ def test_its_bead_is_the_beads(spiral):
     _, page, bead = spiral
     figures = bead.values
     text = page.section("bead")
-    assert f"Volume laid {figures.laid:.1f} mm³ {figures.error_percent:+.2f} % against {figures.asked:.1f} mm³" in text
+    volume = (
+        f"{figures.volume:.1f} mm³ {figures.volume_error_percent:+.2f} % against {figures.requested_volume:.1f} mm³"
+    )
+    assert f"Volume laid {volume}" in text
     assert f"Covered {100 * figures.coverage:.1f} %" in text
-    assert f"turns overlap on {100 * figures.overlapping:.1f} % of their length" in text
+    assert f"turns overlap on {100 * figures.overlap_share:.1f} % of their length" in text
     between = "gap" if figures.clearance.mean > 0 else "overlap"
     assert f"Mean {between} between turns {abs(figures.clearance.mean):.3f} mm" in text
     row = next(row for row in page.rows() if row and row[0] == "width")
