@@ -78,24 +78,12 @@ class HeightMap:
         moment = np.zeros_like(glue) if uneven else np.zeros((0, 0))
         for points, shares, gap in ends:
             drop(glue, moment, (points[:, 0] - x[0]) / cell, (points[:, 1] - y[0]) / cell, shares, gap)
-        lay(
-            glue,
-            moment,
-            (bead.point[:, 0] - x[0]) / cell,
-            (bead.point[:, 1] - y[0]) / cell,
-            bead.heading,
-            np.gradient(bead.heading, bead.ds),
-            volume,
-            bead.area,
-            0.5 * bead.width,
-            0.5 * bead.section.flat,
-            bead.section.radius,
-            math.cos(math.radians(bead.settings.contact_angle)),
-            upright,
-            cell,
-            max(math.ceil(bead.ds * _SAMPLES / cell), 1),
-            _SAMPLES,
-        )
+        at = ((bead.point[:, 0] - x[0]) / cell, (bead.point[:, 1] - y[0]) / cell)
+        trace = (bead.heading, np.gradient(bead.heading, bead.ds))
+        sections = (bead.area, 0.5 * bead.width, 0.5 * bead.section.flat, bead.section.radius)
+        cosine = math.cos(math.radians(bead.settings.contact_angle))
+        steps = max(math.ceil(bead.ds * _SAMPLES / cell), 1)
+        lay(glue, moment, (*at, *trace, *sections, upright), volume, cosine, cell, steps, _SAMPLES)
         height, excess = glue / cell**2, 0.0
         if bead.settings.squashed:
             ceiling = np.full_like(glue, bead.gap)
@@ -213,21 +201,21 @@ def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
     set to 0; a stretch shorter than its two ends is one round drop.
     """
     half = np.divide(bead.section.half_body(), bead.area, out=np.zeros_like(bead.area), where=bead.area > 0)
-    for first, last in bead.wet_stretches:
-        stations = np.arange(first, last + 1)
+    for first, after in bead.wet_stretches.tolist():
+        stations = np.arange(first, after)
         begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])
-        end = np.flatnonzero(bead.ds * (last - stations + 0.5) >= half[stations])
+        end = np.flatnonzero(bead.ds * (after - 1 - stations + 0.5) >= half[stations])
         if not begin.size or not end.size or begin[0] > end[-1]:
-            whole = slice(max(first - 1, 0), last + 1)
+            whole = slice(max(first - 1, 0), after)
             total = float(volume[whole].sum())
             volume[whole] = 0.0
-            middle = (first + last) // 2
+            middle = (first + after - 1) // 2
             gap = bead.section.gap[middle : middle + 1]
             yield _round(bead, middle, Section.drop(total, gap, bead.settings.contact_angle), total, None)
             continue
         for station, taken, away in (
             (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
-            (stations[end[-1]], slice(stations[end[-1]], last + 1), 0.0),
+            (stations[end[-1]], slice(stations[end[-1]], after), 0.0),
         ):
             total = float(volume[taken].sum())
             volume[taken] = 0.0

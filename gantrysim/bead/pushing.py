@@ -40,17 +40,9 @@ def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap
 def lay(
     glue: Floats,
     moment: Floats,
-    x: Floats,
-    y: Floats,
-    heading: Floats,
-    curvature: Floats,
+    stations: tuple[Floats, ...],
     volume: Floats,
-    area: Floats,
-    half: Floats,
-    flat: Floats,
-    radius: Floats,
     cosine: float,
-    gap: Floats,
     cell: float,
     steps: int,
     samples: float,
@@ -60,21 +52,15 @@ def lay(
     Args:
         glue: volume of each cell, (ny, nx), added to.
         moment: the same times the gap, (ny, nx), added to, or empty.
-        x: place of the stations, (r,), in cells.
-        y: the same.
-        heading: of the trace, (r,) [rad].
-        curvature: of the trace, to the left, (r,) [1/mm].
+        stations: x and y in cells, heading [rad] and curvature to the left [1/mm] of the trace, area [mm²], half the
+            width, half the flat and radius of the sections, height of the nozzle [mm], (r,) each.
         volume: between the stations, (r - 1,) [mm³].
-        area: of the sections, (r,) [mm²].
-        half: half the width, (r,) [mm].
-        flat: half the flat, (r,) [mm].
-        radius: of the segments, (r,) [mm].
         cosine: of the contact angle.
-        gap: height of the nozzle, (r,) [mm].
         cell: size of a cell [mm].
         steps: between two stations.
         samples: per cell, across.
     """
+    x, y, heading, curvature, area, half, flat, radius, gap = stations
     ny, nx = glue.shape
     widest = 0.0
     for k in range(volume.size):

@@ -51,51 +51,43 @@ class Mesh:
 _ARRAYS = [field.name for field in fields(Mesh)]
 
 
-@dataclass(frozen=True, eq=False)
-class Rings:
-    """Sections about points on the surface, whose halves are both turned ahead from across the trace by an angle.
+def rings(
+    point: Floats, heading: Floats, radius: Floats, flat: Floats, turned: Floats, place: Floats, contact: float
+) -> Mesh:
+    """Return sections about points on the surface, whose halves are both turned ahead from across the trace.
 
     Turned from 90 to 0 deg about one point they make half a body of revolution.
 
-    Attributes:
+    Args:
         point: points on the surface, (k, 3) [mm].
         heading: heading of the trace, (k,) [rad].
         radius: radius of the sections, (k,) [mm].
         flat: flat of the sections, (k,) [mm].
         turned: angle ahead, (k,) [rad].
         place: place along the trace, (k,) [mm].
+        contact: contact angle [rad].
     """
+    nothing = np.zeros_like(heading)
+    ahead = np.stack([np.cos(heading), np.sin(heading), nothing], axis=1)
+    right = np.stack([ahead[:, 1], -ahead[:, 0], nothing], axis=1) * np.cos(turned)[:, None]
+    ahead *= np.sin(turned)[:, None]
+    angle = contact * _ANGLES
+    across = radius[:, None] * np.sin(angle) + 0.5 * flat[:, None] * _FLAT
+    height = radius[:, None] * (np.cos(angle) - np.cos(contact))
+    up = np.array([0.0, 0.0, 1.0])
 
-    point: Floats
-    heading: Floats
-    radius: Floats
-    flat: Floats
-    turned: Floats
-    place: Floats
+    def placed(sideways: Floats, upwards: Floats) -> Floats:
+        level = sideways[..., None] * right[:, None] + np.abs(sideways)[..., None] * ahead[:, None]
+        return level + upwards[..., None] * up
 
-    def mesh(self, contact: float) -> Mesh:
-        """Return the mesh of the rings, for a contact angle [rad]."""
-        nothing = np.zeros_like(self.heading)
-        ahead = np.stack([np.cos(self.heading), np.sin(self.heading), nothing], axis=1)
-        right = np.stack([ahead[:, 1], -ahead[:, 0], nothing], axis=1) * np.cos(self.turned)[:, None]
-        ahead *= np.sin(self.turned)[:, None]
-        angle = contact * _ANGLES
-        across = self.radius[:, None] * np.sin(angle) + 0.5 * self.flat[:, None] * _FLAT
-        height = self.radius[:, None] * (np.cos(angle) - np.cos(contact))
-        up = np.array([0.0, 0.0, 1.0])
-
-        def placed(sideways: Floats, upwards: Floats) -> Floats:
-            level = sideways[..., None] * right[:, None] + np.abs(sideways)[..., None] * ahead[:, None]
-            return level + upwards[..., None] * up
-
-        vertices = self.point[:, None] + placed(across, height)
-        normals = placed(*np.broadcast_arrays(np.sin(angle), np.cos(angle) + 0 * across))
-        return Mesh(
-            (1e-3 * vertices.reshape(-1, 3)).astype(np.float32),
-            normals.reshape(-1, 3).astype(np.float32),
-            self.place,
-            2 * self.radius * np.sin(contact) + self.flat,
-        )
+    vertices = point[:, None] + placed(across, height)
+    normals = placed(*np.broadcast_arrays(np.sin(angle), np.cos(angle) + 0 * across))
+    return Mesh(
+        (1e-3 * vertices.reshape(-1, 3)).astype(np.float32),
+        normals.reshape(-1, 3).astype(np.float32),
+        place,
+        2 * radius * np.sin(contact) + flat,
+    )
 
 
 def joined(parts: list[Mesh]) -> Mesh:

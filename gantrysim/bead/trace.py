@@ -237,10 +237,10 @@ class BeadTrace:
         return spans(self.run.dispense)
 
     @cached_property
-    def wet_stretches(self) -> list[tuple[int, int]]:
-        """First and last station of every stretch of glue."""
+    def wet_stretches(self) -> NDArray[np.intp]:
+        """First station of every stretch of glue, and the first after it, (k, 2)."""
         least = _WET * (self.nominal if self.nominal > 0 else float(self.area.max()))
-        return [(first, after - 1) for first, after in spans(self.area > least).tolist()]
+        return spans(self.area > least)
 
 
 def surface_steps(trace: Floats) -> Floats:
