@@ -71,8 +71,6 @@ class BeadTrace:
         stations: number of stations; by default one every quarter of a millimetre.
 
     Attributes:
-        run: the run.
-        settings: shape of the bead.
         gap: height of the nozzle above the surface on the requested path [mm].
         length: length of the nozzle's trace along the surface up to each tick, (n,) [mm].
         place: place of the stations along the trace, (r,) [mm].
@@ -89,8 +87,7 @@ class BeadTrace:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        steps = surface_steps(run.nozzle)
-        self.length: Floats = np.concatenate([[0.0], np.cumsum(steps)])
+        self.length: Floats = np.concatenate([[0.0], np.cumsum(surface_steps(run.nozzle))])
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))

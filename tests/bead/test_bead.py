@@ -15,6 +15,7 @@ from rich.console import Console
 from gantrysim import Dispenser, InputError, Job, Machine
 from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.cli.tables import outcome_table
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.job.job import builtin_jobs
 from gantrysim.report.sections import bead_section
@@ -89,7 +90,7 @@ def test_half_a_body_of_a_half_disc_is_a_quarter_of_a_ball():
 @pytest.mark.parametrize("path", [line(), spiral(8.0)], ids=["line", "spiral"])
 @pytest.mark.parametrize("squashed", [True, False])
 def test_constant_flow_and_speed_lay_a_bead_of_constant_width(path, squashed):
-    """Of the area Q / v all the way, but where the last way is shorter than a period's."""
+    """Its area is Q / v, but for the last, incomplete period."""
     bead = laid(XY, path, squashed=squashed)
     inner = away_from_ends(bead)
     assert bead.area[inner] == pytest.approx(np.full(inner.sum(), AREA), rel=CONSTANT)
@@ -126,8 +127,6 @@ def test_a_flow_in_proportion_to_the_speed_keeps_the_section_through_a_change_of
 
 def run_setpoints(bead):
     """Setpoints that would give a bead's commanded trace."""
-    from gantrysim.controllers.setpoints import Setpoints
-
     run = bead.run
     return Setpoints(run.period, run.axes, run.commanded, run.dispense, run.requested)
 
@@ -139,8 +138,8 @@ def test_no_glue_is_lost_between_the_flow_and_the_sections(seed, gap, squashed):
     bead = laid(XY, line(60.0), gap=gap, squashed=squashed)
     n = len(bead.run.time)
     speed = np.repeat(random.uniform(0.0, 3.0, n // 20 + 1), 20)[:n] * (random.random(n) < 0.8)
-    way = np.concatenate([[0.0], np.cumsum(speed[:-1])]) * 0.1
-    nozzle = np.stack([way - 50.0, 0 * way, 0 * way], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(speed[:-1])]) * 0.1
+    nozzle = np.stack([s - 50.0, 0 * s, 0 * s], axis=1)
     flow = np.repeat(random.uniform(0.0, 500.0, n // 50 + 1), 50)[:n]
     other = Bead(replace(bead.run, nozzle=nozzle, flow=flow), bead.settings)
     assert other.area.min() >= 0
