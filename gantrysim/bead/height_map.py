@@ -169,21 +169,15 @@ def _with_room(
         _check_cells(bead, (np.array(coarse.shape) + 2 * room) * float(_BLOCK))
     if not room:
         return x, y, height, ceiling
-    wet_rows, wet_columns = np.flatnonzero(tried.any(axis=1)), np.flatnonzero(tried.any(axis=0))
     # the wet part with a coarse cell around it; the grid moves by whole cells
-    more = [_BLOCK * max(room - int(wet[0]) + 1, 0) for wet in (wet_rows, wet_columns)]
-    beyond = [
-        _BLOCK * max(int(wet[-1]) + 2 - room - size, 0)
-        for wet, size in zip((wet_rows, wet_columns), coarse.shape, strict=True)
-    ]
-    around = tuple(zip(more, beyond, strict=True))
-    cell = bead.settings.cell
-    _check_cells(bead, [sum(pair) + size for pair, size in zip(around, height.shape, strict=True)])
-    height = np.pad(height, around)
-    ceiling = np.pad(ceiling, around, constant_values=bead.gap)
-    x = x[0] + cell * (np.arange(height.shape[1]) - more[1])
-    y = y[0] + cell * (np.arange(height.shape[0]) - more[0])
-    return x, y, height, ceiling
+    wet = np.argwhere(tried)
+    before = _BLOCK * np.maximum(room - wet.min(axis=0) + 1, 0)
+    after = _BLOCK * np.maximum(wet.max(axis=0) + 2 - room - np.array(coarse.shape), 0)
+    ny, nx = np.array(height.shape) + before + after
+    _check_cells(bead, (ny, nx))
+    around, cell = np.stack([before, after], axis=1), bead.settings.cell
+    x, y = x[0] + cell * (np.arange(nx) - before[1]), y[0] + cell * (np.arange(ny) - before[0])
+    return x, y, np.pad(height, around), np.pad(ceiling, around, constant_values=bead.gap)
 
 
 def _blocks(values: Floats, beyond: float) -> Floats:

@@ -88,6 +88,7 @@ class BeadTrace:
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
         self.length: Floats = np.concatenate([[0.0], np.cumsum(surface_steps(run.nozzle))])
+        self._ascending = self.length + np.arange(self.length.size) * 1e-12  # strictly, as np.interp requires
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
@@ -102,11 +103,6 @@ class BeadTrace:
     def ds(self) -> float:
         """Distance of the stations [mm]."""
         return float(self.place[1])
-
-    @cached_property
-    def _ascending(self) -> Floats:
-        """`length`, but strictly ascending, as np.interp requires."""
-        return self.length + np.arange(self.length.size) * 1e-12
 
     def along(self, values: Floats) -> Floats:
         """Interpolate values at the ticks, (n,), at the stations, (r,)."""

@@ -208,7 +208,7 @@ def test_the_volume_error_is_the_sum_of_its_parts(fixed, lags):
         assert values.start_error == pytest.approx(-AREA * SPEED * 0.05, rel=1e-3)
         assert values.stop_error == pytest.approx(AREA * SPEED * (0.06 - lags.get("stop_lead", 0.0)), rel=1e-3)
         assert values.steady_error == pytest.approx(0, abs=1e-3)
-    else:  # of a lag on a ramp the volume is that of the same way; after the last setpoint the flow closes with 0.06 s
+    else:  # on a ramp a lag costs the volume of the same distance; after the last setpoint the flow ends with 0.06 s
         assert values.start_error == pytest.approx(-AREA * SPEED * 0.05, rel=1e-2)
         assert values.steady_error == pytest.approx(0, abs=1e-2)
 
@@ -219,7 +219,7 @@ def test_what_a_flow_limit_withholds_is_steady_error_and_not_a_late_start():
     values = ramped(dispenser).values
     assert values.steady_error == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
     assert values.ramp_error == pytest.approx(0.0, abs=1e-9)
-    assert values.start_shortfall.mean < 8.0  # [mm], where the whole way lacks 27 mm
+    assert values.start_shortfall.mean < 8.0  # [mm], while 27 mm are missing in total
     assert values.dispenser_error == pytest.approx(values.volume_error, abs=1e-9)
     whole = ramped(replace(dispenser, limit=math.inf)).values
     assert whole.steady_error == pytest.approx(0.0, abs=1e-2)

@@ -88,9 +88,9 @@ def test_the_faces_look_outwards(run):
     face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(face, axis=1)
     normal = mesh.normals[sweep.faces()].mean(axis=1)
-    seen = area > 1e-9
-    cosine = np.einsum("ij,ij->i", face[seen], normal[seen]) / area[seen]
-    assert seen.sum() > 10_000
+    visible = area > 1e-9
+    cosine = np.einsum("ij,ij->i", face[visible], normal[visible]) / area[visible]
+    assert visible.sum() > 10_000
     assert (cosine > 0.8).mean() > 0.99
     assert (cosine > -1e-4).all()  # the fold at a tip is upright, inside the bead
 

@@ -1,4 +1,4 @@
-"""The error budget: parts that add up, to links whose errors are known."""
+"""The error budget: parts that add up, for links with known errors."""
 
 import math
 from dataclasses import replace
@@ -70,7 +70,7 @@ def budget(run):
 
 
 def inner(path, count=2001, edge=1.0):
-    """Arc lengths that keep off the path's ends, where an error along the path is one to its end."""
+    """Arc lengths without the path's ends, where an error along the path is a distance from the end."""
     return np.linspace(edge, path.length - edge, count)
 
 

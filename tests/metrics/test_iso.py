@@ -34,7 +34,7 @@ def traced(points):
 
 
 def backlash(width, clockwise, axis=0):
-    """Points of a machine one of whose axes lags by half a backlash behind its motion."""
+    """Points of a machine with one axis that lags half a backlash behind its motion."""
     theta = 0.3 + (-1 if clockwise else 1) * ANGLES
     points = RADIUS * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     velocity = np.gradient(points[:, axis])
@@ -161,7 +161,7 @@ def test_height_and_place_of_a_spike_are_independent_of_the_step(clockwise):
 
 
 def test_steps_of_one_axis_may_differ_between_its_ends():
-    """A backlash that is there where x is positive alone."""
+    """A backlash only where x is positive."""
     points = backlash(0.01, False)
     other = round_trip()
     right = points[:, 0] > 0
@@ -186,7 +186,7 @@ def test_bidirectional_values_of_two_circles_of_different_size():
 
 
 def test_backlash_in_both_directions():
-    """An axis that lags both ways: each path is shifted in halves, both together fill the whole backlash."""
+    """Each path is shifted by half the backlash; both together show all of it."""
     test = CircularTest(*(traced(backlash(0.01, clockwise)) for clockwise in (True, False)))
     assert test.counter_clockwise.circular_deviation == pytest.approx(0.01, rel=0.01)
     assert test.bidirectional_circular_deviation == pytest.approx(0.01, rel=0.01)
@@ -224,7 +224,7 @@ def test_input_without_defined_values_is_refused(build, text):
 
 
 def repeats(count, places, offset, sigma, seed=0):
-    """Attained points about a straight command, off it by a vector, scattered normally square to it."""
+    """Attained points about a straight command, with an offset and a normal scatter perpendicular to it."""
     generator = np.random.default_rng(seed)
     s = np.linspace(0, 100, places)
     command = np.stack([s, np.zeros(places), np.zeros(places)], axis=1)
@@ -266,7 +266,7 @@ def arc():
 
 
 def test_traces_are_compared_in_planes_normal_to_the_path():
-    """Two arcs, larger and smaller, sampled unlike each other: the barycentre is the command, all the way."""
+    """Two arcs, larger and smaller, sampled differently: their barycentre is the command everywhere."""
     path = arc()
     traces = []
     for count, radius, begin, end in ((400, 40.02, 0.0, math.pi), (331, 39.98, 0.05, 0.97 * math.pi)):

@@ -497,7 +497,7 @@ def test_spacing_is_taken_in_the_plane_of_the_spiral(plane):
 
 
 def test_spacing_is_that_of_the_stretch_that_turns_furthest_one_way():
-    """A lead-in that turns right, a spiral of three turns that turns left, and a way out to the right."""
+    """A lead-in that turns right, a spiral of three turns that turns left, and a lead-out to the right."""
     spiral = Coil((0, 0, 0), (40, 10), 0.0, 6 * math.pi)
     lead_in = Coil((50, 0, 0), (10, 10), 1.5 * math.pi, -0.5 * math.pi)  # ends at (40, 0)
     path = Chain([lead_in, spiral, Coil((20, 0, 0), (10, 10), math.pi, -0.5 * math.pi)])
@@ -538,7 +538,7 @@ def test_torque_ripple_of_a_ramp_is_its_change_in_a_tick():
 
 
 def test_torque_ripple_is_taken_between_ticks_that_both_dispense():
-    """The jumps at the ends and across the gap are none."""
+    """Jumps at the ends and across the gap do not count."""
     demand = np.array([9.0, 0.1, 0.2, 7.0, 7.0, 0.4, 0.7, -5.0])[:, None] * [1, 2]
     dispense = np.array([0, 1, 1, 0, 0, 1, 1, 0], bool)
     once = math.sqrt((0.1**2 + 0.3**2) / 2 / 2)

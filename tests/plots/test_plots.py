@@ -196,8 +196,8 @@ def test_the_polar_view_has_every_turn_in_its_direction(analysis):
     direction, spacing = drawn["turn 1 to 2"].T
     np.testing.assert_allclose(spacing, turns.distance[turns.turn < 1])
     points = analysis.run.requested.position(turns.s[turns.turn < 1])[:, :2] - (30.0, 10 / (2 * np.pi))
-    seen = np.arctan2(points[:, 1], points[:, 0])  # from the true centre of the spiral
-    off = np.angle(np.exp(1j * (direction - seen)))
+    expected = np.arctan2(points[:, 1], points[:, 0])  # from the true centre of the spiral
+    off = np.angle(np.exp(1j * (direction - expected)))
     assert np.abs(off).max() < 0.1  # an involute's normal passes the centre at its base radius
     np.testing.assert_allclose(drawn["requested: 10 mm"][:, 1], 10)
     low, high = axes.get_ylim()
