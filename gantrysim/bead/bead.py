@@ -1,4 +1,4 @@
-"""The bead that a run lays, along the trace and on the map, and its figures."""
+"""The bead of a run along the trace and on the map, and its values."""
 
 from __future__ import annotations
 
@@ -8,106 +8,107 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.arrays import Floats, spans
 from gantrysim.bead.height_map import HeightMap
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Range
+from gantrysim.metrics.spacing import forward
 
 _TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
-_LINKS = 1000  # between neighbouring turns, along which the annulus is looked at
-_ON_A_LINK = 48  # points
+_LINKS = 1000  # links between neighbouring turns, on which coverage is sampled
+_ON_A_LINK = 48  # samples
 _GOLDEN = 0.618034
-_SETTLED = 1e-5  # of the flow asked for, within which it has settled
+_SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
 
 
 @dataclass(frozen=True)
 class BeadValues:
-    """The figures of a bead, in mm, mm² and mm³.
+    """The values of a bead; ranges over its length or over its stretches of dispensing.
 
-    What is laid beyond the nominal section is told in parts that add up,
+    The volume error has four parts,
 
-        error = ramps + starts + running + stops,
+        volume_error = ramp_error + start_error + steady_error + stop_error,
 
-    of which `ramps` is the program's and the others are the dispenser's: a fixed flow asks for as much while the path
-    speed ramps as at speed, and so for more than the nominal section on the way; an area asks for the nominal section
-    at any speed, and its ramps are 0. A start lasts until the flow has settled: until it is off the flow asked for by
-    as much as it is in the median over the stretch of dispensing; a stop begins where that is last so. Between the two
-    lies what a limit withholds.
-
-    Start and stop are told twice. By volume: at a start the glue that is missing of what was asked for, and at a stop
-    what is laid beyond it, each as length of the nominal section. By place: how far behind the nozzle's place
-    at the program's command half the nominal section is reached first, and last; that is where the bead is seen to
-    begin and to end. The ranges are over the stretches of dispensing.
+    the first from the program, the others from the dispenser: a fixed flow demands more than the nominal section while
+    the path speed ramps, a fixed area does not. A start lasts until the flow's deviation from its demand settles to its
+    median over the stretch; a stop begins where it last has that value; in between a flow limit may reduce the flow.
 
     Attributes:
-        nominal: section asked for [mm²].
-        width: along the path, while the dispenser is on.
-        section: the same of the cross-section.
-        clearance: distance of neighbouring turns less their mean width, negative where they overlap; None where the
-            trace has no neighbouring turns.
-        overlapping: share of the turns' length on which they overlap; None likewise.
-        gapping: share on which they leave a gap; None likewise.
-        coverage: share of the area between neighbouring turns that is wet, on the height map; None likewise.
-        start: missing where positive, by volume.
-        stop: too much where positive, by volume; None where no stretch ends within the record.
-        begins: late by so much where positive, by place; None where no stretch reaches half the section.
-        ends: overrun where positive, by place; None likewise.
-        laid: volume laid.
-        asked: volume of the nominal section along the commanded path, while the dispenser is on.
-        ramps: volume that the program asks for beyond that, negative for less.
-        starts: volume laid beyond what the program asks for until the flow has settled, negative where it is missing.
-        running: the same from there on, as a limit makes it.
-        stops: the same from where the flow no longer is the settled one, to the record's end.
-        ridge: of glue that has found no room on the height map, over the nozzle's height, as its share; 0 where the
-            map has settled, as `HeightMap.ridge`.
+        nominal: requested section [mm²].
+        width: width while the dispenser is on [mm].
+        section: cross-section while the dispenser is on [mm²].
+        clearance: distance of neighbouring turns less their mean width, negative where they overlap; None for a trace
+            without neighbouring turns [mm].
+        overlap_share: share of the turns' length on which they overlap; None likewise.
+        gap_share: share on which they leave a gap; None likewise.
+        coverage: wet share of the area between neighbouring turns on the height map; None likewise.
+        start_shortfall: volume missing at a start, as length of the nominal section [mm].
+        stop_excess: volume in excess at a stop, likewise; None where no stretch ends within the record [mm].
+        start_offset: place where half the nominal section is first reached, behind that of the nozzle at the command;
+            None where no stretch reaches it [mm].
+        stop_offset: the same for where the section was last as large [mm].
+        volume: volume laid [mm³].
+        requested_volume: volume of the nominal section along the commanded path, while the dispenser is on [mm³].
+        ramp_error: volume that the program demands beyond that [mm³].
+        start_error: volume laid beyond the demand until the flow has settled [mm³].
+        steady_error: the same from there to the stop [mm³].
+        stop_error: the same from there to the next start or the end of the record [mm³].
+        ridge: share by which glue on the height map stands above the nozzle; 0 where the map has settled.
     """
 
     nominal: float
     width: Range
     section: Range
     clearance: Range | None
-    overlapping: float | None
-    gapping: float | None
+    overlap_share: float | None
+    gap_share: float | None
     coverage: float | None
-    start: Range
-    stop: Range | None
-    begins: Range | None
-    ends: Range | None
-    laid: float
-    asked: float
-    ramps: float
-    starts: float
-    running: float
-    stops: float
+    start_shortfall: Range
+    stop_excess: Range | None
+    start_offset: Range | None
+    stop_offset: Range | None
+    volume: float
+    requested_volume: float
+    ramp_error: float
+    start_error: float
+    steady_error: float
+    stop_error: float
     ridge: float
 
     @property
+    def volume_error_parts(self) -> dict[str, float]:
+        """The parts of `volume_error` by name, in the order of a bead [mm³]."""
+        return {
+            "ramps": self.ramp_error,
+            "starts": self.start_error,
+            "running": self.steady_error,
+            "stops": self.stop_error,
+        }
+
+    @property
     def ridge_note(self) -> str:
-        """What is wrong with a height map that has not settled."""
-        return (
-            f"glue found no room and stands {100 * self.ridge:.3g} % above the nozzle: "
-            "heights and coverage are not right"
-        )
+        """Warning for a height map that has not settled."""
+        return f"glue stands {100 * self.ridge:.3g} % above the nozzle: heights and coverage are unreliable"
 
     @property
-    def error(self) -> float:
-        """Volume laid beyond what was asked for [mm³]."""
-        return self.laid - self.asked
+    def volume_error(self) -> float:
+        """Volume laid beyond the requested one [mm³]."""
+        return self.volume - self.requested_volume
 
     @property
-    def error_percent(self) -> float:
-        """The same, of what was asked for [%]."""
-        return 100 * self.error / self.asked
+    def volume_error_percent(self) -> float:
+        """Volume error over the requested volume [%]."""
+        return 100 * self.volume_error / self.requested_volume
 
     @property
-    def dispenser(self) -> float:
-        """What the dispenser makes of the error, at starts, stops and while running [mm³]."""
-        return self.starts + self.running + self.stops
+    def dispenser_error(self) -> float:
+        """The dispenser's part of the volume error [mm³]."""
+        return self.start_error + self.steady_error + self.stop_error
 
 
 class Bead(BeadTrace):
-    """The bead of a run: stations along the nozzle's trace, the height map, and the figures; see `BeadTrace`."""
+    """The bead of a run: stations along the nozzle's trace, the height map, and its values; see `BeadTrace`."""
 
     @cached_property
     def map(self) -> HeightMap:
@@ -116,57 +117,57 @@ class Bead(BeadTrace):
 
     @cached_property
     def values(self) -> BeadValues:
-        """The figures; of a run that a fault ended, those up to the fault.
+        """The values of the bead, up to a fault where there is one.
 
         Raises:
-            InputError: no glue is asked for while the nozzle is to move, or not at a speed that is steady before a
-                fault.
+            InputError: no glue is requested while the nozzle moves, or a fault came before the speed was steady.
         """
+        run = self.run
         if not self.nominal > 0:
-            if self.run.fault is not None and self.run.flow_demand.any():
-                raise InputError(
-                    "the fault came before the path speed was steady: what section was asked for is unknown"
-                )
-            raise InputError("the run asks for no glue while the nozzle moves: its bead has no figures")
-        on = self.dispensing
+            if run.fault is not None and run.flow_demand.any():
+                raise InputError("the fault came before the path speed was steady: the requested section is unknown")
+            raise InputError("the run requests no glue while the nozzle moves: its bead has no values")
+        on, parts = self.dispensing, self._parts
         clearance, weight = self.clearance, self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
-        run, parts = self.run, self._parts
-        # of a stretch that the record's end cuts off there is no stop to tell
         stopped = self.stretches[:, 1] < len(run.time)
-        start, stop = -parts[:, 0] / self.nominal, parts[stopped, 2] / self.nominal
-        begins, ends = self._ends
+        start_offset, stop_offset = self._offsets
         return BeadValues(
             nominal=self.nominal,
             width=Range.of(self.width[on]),
             section=Range.of(self.area[on]),
             clearance=Range.of(clearance) if turns else None,
-            overlapping=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
-            gapping=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,
+            overlap_share=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
+            gap_share=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,
             coverage=self._coverage if turns else None,
-            start=Range.of(start),
-            stop=Range.of(stop) if stop.size else None,
-            begins=Range.of(begins) if begins.size else None,
-            ends=Range.of(ends) if ends.size else None,
-            laid=self.laid,
-            asked=self.asked,
-            ramps=float(run.flow_demand[:-1].sum()) * run.period - self.asked,
-            starts=float(parts[:, 0].sum()),
-            running=float(parts[:, 1].sum()),
-            stops=float(parts[:, 2].sum()),
+            start_shortfall=Range.of(-parts[:, 0] / self.nominal),
+            stop_excess=Range.of(parts[stopped, 2] / self.nominal) if stopped.any() else None,
+            start_offset=Range.of(start_offset) if start_offset.size else None,
+            stop_offset=Range.of(stop_offset) if stop_offset.size else None,
+            volume=self.total_volume,
+            requested_volume=self.requested_volume,
+            ramp_error=float(run.flow_demand[:-1].sum()) * run.period - self.requested_volume,
+            start_error=float(parts[:, 0].sum()),
+            steady_error=float(parts[:, 1].sum()),
+            stop_error=float(parts[:, 2].sum()),
             ridge=self.map.ridge,
         )
 
     @property
-    def laid(self) -> float:
+    def total_volume(self) -> float:
         """Volume laid [mm³]."""
         return float(self.volume[-1])
 
     @property
-    def asked(self) -> float:
+    def requested_volume(self) -> float:
         """Volume of the nominal section along the commanded path, while the dispenser is on [mm³]."""
         return self.nominal * float(self.commanded_steps[self.run.dispense[:-1]].sum())
+
+    @property
+    def volume_error_percent(self) -> float:
+        """Volume laid beyond the requested one, over the latter [%]."""
+        return 100 * (self.total_volume - self.requested_volume) / self.requested_volume
 
     @cached_property
     def dispensing(self) -> NDArray[np.bool_]:
@@ -175,7 +176,7 @@ class Bead(BeadTrace):
         for first, after in self.stretches:
             low, high = self.length[first], self.length[min(after, self.length.size - 1)]
             on |= (self.place >= low) & (self.place <= high)
-        if not on.any():  # a stretch shorter than the stations are apart
+        if not on.any():  # a stretch shorter than the distance of the stations
             on[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
         return on
 
@@ -189,15 +190,13 @@ class Bead(BeadTrace):
     def clearance(self) -> Floats:
         """Distance of neighbouring turns less their mean width, at the points of the analysis' spacing, (m,) [mm]."""
         spacing, foot = self.analysis.spacing, self.analysis.nozzle
-        width = np.interp(self.length[self.analysis.ticks], self.place, self.width)
-        forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
-        s, width = foot.s[forward], width[forward]
-        both = 0.5 * (np.interp(spacing.s, s, width) + np.interp(spacing.next_s, s, width))
-        return spacing.distance - both
+        ahead = forward(foot.s)
+        s, width = foot.s[ahead], np.interp(self.length[self.analysis.ticks], self.place, self.width)[ahead]
+        return spacing.distance - 0.5 * (np.interp(spacing.s, s, width) + np.interp(spacing.next_s, s, width))
 
     @cached_property
     def _coverage(self) -> float:
-        """Share of the links between neighbouring turns that is wet, by the area that they stand for."""
+        """Wet share of the links between neighbouring turns, weighted by area."""
         link, distance = self.analysis.spacing.link, self.analysis.spacing.distance
         cumulated = np.concatenate([[0.0], np.cumsum(self._turn_lengths)])
         some = np.minimum(
@@ -212,13 +211,13 @@ class Bead(BeadTrace):
 
     @cached_property
     def _bounds(self) -> NDArray[np.intp]:
-        """Ticks from which on what is laid belongs to each stretch; between two half to the one, half to the other."""
+        """First ticks of the stretches' shares of the record, bounded midway between stretches, and its last one."""
         between = (self.stretches[:-1, 1] + self.stretches[1:, 0]) // 2
         return np.concatenate([[0], between, [len(self.run.time) - 1]])
 
     @cached_property
     def _parts(self) -> Floats:
-        """Volume laid beyond the flow asked for at start, while running and at stop of every stretch, (k, 3) [mm³]."""
+        """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
         more = np.concatenate([[0.0], np.cumsum((run.flow - run.flow_demand)[:-1])]) * run.period
         last = more.size - 1
@@ -229,44 +228,36 @@ class Bead(BeadTrace):
         return np.diff(more[np.array(ticks)], axis=1)
 
     def _settled(self, on: int, off: int) -> tuple[int, int]:
-        """Tick at which the flow of a stretch has settled, and that from which on it no longer is so."""
-        asked = self.run.flow_demand[on:off]
-        excess = self.run.flow[on:off] - asked
+        """First tick of a stretch at which the flow has settled, and the one after the last."""
+        demand = self.run.flow_demand[on:off]
+        excess = self.run.flow[on:off] - demand
         usual = float(np.median(excess)) if excess.size else 0.0
-        # on a ramp the flow may pass what it settles to
-        full = asked >= 0.5 * asked.max(initial=0.0)
-        near = np.flatnonzero(full & (np.abs(excess - usual) <= _SETTLED * asked))
+        # a flow may also cross its settled value on a ramp
+        full = demand >= 0.5 * demand.max(initial=0.0)
+        near = np.flatnonzero(full & (np.abs(excess - usual) <= _SETTLED * demand))
         middle = (on + off) // 2
-        if not near.size or usual <= -asked.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
+        if not near.size or usual <= -demand.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
             return middle, middle
         return on + int(near[0]), on + int(near[-1]) + 1
 
     @cached_property
-    def _ends(self) -> tuple[Floats, Floats]:
-        """Begin and end by place, those that there are of every stretch [mm]."""
-        wet = np.concatenate([[0.0], (self.area >= 0.5 * self.nominal).astype(float), [0.0]])
-        first, last = (np.flatnonzero(np.diff(wet) == step) for step in (1, -1))
-        rises = np.array([self._crossing(k - 1, k) for k in first.tolist()])
-        falls = np.array([self._crossing(k - 1, k) for k in last.tolist()])
-        begins: list[float] = []
-        ends: list[float] = []
+    def _offsets(self) -> tuple[Floats, Floats]:
+        """Offsets of the bead's visible starts and stops from the nozzle's place at the commands [mm]."""
+        edges = spans(self.area >= 0.5 * self.nominal)
+        rises, falls = (np.array([self._crossing(k) for k in column.tolist()]) for column in edges.T)
+        starts, stops = [], []
         for k, (on, off) in enumerate(self.stretches.tolist()):
-            low, middle, high = int(self._bounds[k]), (on + off) // 2, int(self._bounds[k + 1])
-            begun = rises[(rises >= self.length[low]) & (rises <= self.length[middle])]
-            if begun.size:
-                begins.append(float(begun[0] - self.length[on]))
-            if off >= len(self.run.time):
-                continue
-            ended = falls[(falls >= self.length[middle]) & (falls <= self.length[high])]
-            if ended.size:
-                ends.append(float(ended[-1] - self.length[off]))
-        return np.array(begins), np.array(ends)
+            low, middle, high = self.length[[self._bounds[k], (on + off) // 2, self._bounds[k + 1]]]
+            start = rises[(rises >= low) & (rises <= middle)]
+            starts += (start[:1] - self.length[on]).tolist()
+            if off < len(self.run.time):
+                stop = falls[(falls >= middle) & (falls <= high)]
+                stops += (stop[-1:] - self.length[off]).tolist()
+        return np.array(starts), np.array(stops)
 
-    def _crossing(self, before: int, after: int) -> float:
-        """Place between two stations where the section is half the nominal one; at the trace's ends these [mm]."""
-        if before < 0:
-            return float(self.place[0])
-        if after >= self.place.size:
-            return float(self.place[-1])
-        a, b = float(self.area[before]), float(self.area[after])
-        return float(self.place[before]) + self.ds * (0.5 * self.nominal - a) / (b - a)
+    def _crossing(self, station: int) -> float:
+        """Place before a station where the section is half the nominal one, or the trace's end [mm]."""
+        if station in (0, self.place.size):
+            return float(self.place[min(station, self.place.size - 1)])
+        a, b = self.area[station - 1 : station + 1].tolist()
+        return float(self.place[station - 1]) + self.ds * (0.5 * self.nominal - a) / (b - a)

@@ -1,4 +1,4 @@
-"""What lies on the work: a map of the glue's height in plan view, which conserves volume."""
+"""The height map of the glue on the work, which conserves volume."""
 
 from __future__ import annotations
 
@@ -17,38 +17,34 @@ from gantrysim.errors import InputError
 
 _SAMPLES = 3.0  # per cell, across the bead and along it
 _MARGIN = 4  # cells around the bead
-_SPREADING = 0.25  # of its width, around it
+_SPREADING = 0.25  # further margin, of the bead's width
 _MOST_CELLS = 2e7
 _WIDEST = 1 / 3  # cell, of the nominal width
-_BLOCK = 8  # cells in a row, on which it is tried how far glue that is pushed aside comes
-_EVEN = 1e-3  # of the gap, within which the nozzle's height is one
-_RIPPLE = 0.02  # of the nozzle's height, by which a flat may be uneven
+_BLOCK = 8  # cells in a row that make one of the coarse map
+_EVEN = 1e-3  # of the gap; smaller changes of the nozzle's height are ignored
+_RIPPLE = 0.02  # unevenness of a flat, of the nozzle's height
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
-_TRIAL = 300  # of them, on a coarse map
-_WET = 1e-3  # of the nominal section, below which a stretch of bead has ended
-
+_TRIAL = 300  # the same on the coarse map
 
 _End = tuple[Floats, Floats, float]
 
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Height of the glue over the surface, on a grid in the work frame; of a climbing path over the surface it climbs.
+    """Height of the glue over the surface, on a grid in the work frame.
 
     The bead is laid along the trace, three samples to a cell, and across it as the section's profile times
-    1 - kappa u, with the trace's curvature kappa and the distance u to its left: the inner side of a bend has less
-    way to lie on. Its ends are round: half the body that the section makes when it turns about its middle. Where
-    beads overlap their heights add. Where that is higher than the nozzle stood its face pushes the excess aside, into
-    the nearest cells with room, of which there are as many around the bead as that takes. What still stands above
-    the face after so many sweeps is told as `ridge`. That is done at the end, for the whole map at once,
-    and so knows no order of the turns. A bead that is not squashed is not pushed. All steps conserve volume.
+    1 - kappa u, with the trace's curvature kappa and the distance u to its left, as the inner side of a bend is
+    shorter. Its ends are round, half the body of revolution of the section. Where beads overlap their heights add. The
+    nozzle's face pushes what is higher than it aside into the nearest cells with room, for the whole map at once,
+    whatever the order of the turns; what it cannot push aside is the `ridge`. A bead that is not squashed is not
+    pushed. All steps conserve volume.
 
     Attributes:
         x, y: middles of the cells, (nx,) and (ny,) [mm].
-        height: mean over each cell, (ny, nx) [mm].
-        contact: height at which a bead of the nominal section ends, as the cells blur it [mm].
-        ridge: of glue that the nozzle's face did not find room for, above the face, as share of its height; 0 where
-            the map has settled.
+        height: mean height over each cell, (ny, nx) [mm].
+        contact: height at the rim of a nominal bead, as the cells blur it [mm].
+        ridge: height of remaining glue above the nozzle, over that of the nozzle; 0 where the map has settled.
     """
 
     x: Floats
@@ -62,7 +58,7 @@ class HeightMap:
         """Return the map of a bead.
 
         Raises:
-            InputError: cells so small that there are too many, or so large that they do not show the bead.
+            InputError: cells that are too small, so that there are too many, or too large for the bead's width.
         """
         cell = bead.settings.cell
         width = float(bead.nominal_section.width[0])
@@ -71,7 +67,7 @@ class HeightMap:
                 f"cell = {cell:g} mm: must be at most {_WIDEST * width:.4g} mm, a third of the bead's width of "
                 f"{width:.4g} mm"
             )
-        # before anything is made that is as long as the bead is wide
+        # before any array as long as the bead is wide
         _check_cells(bead, (np.ptp(bead.point[:, :2], axis=0) + width) / cell)
         volume = 0.5 * (bead.area[1:] + bead.area[:-1]) * bead.ds
         ends = list(_round_ends(bead, volume))
@@ -82,24 +78,12 @@ class HeightMap:
         moment = np.zeros_like(glue) if uneven else np.zeros((0, 0))
         for points, shares, gap in ends:
             drop(glue, moment, (points[:, 0] - x[0]) / cell, (points[:, 1] - y[0]) / cell, shares, gap)
-        lay(
-            glue,
-            moment,
-            (bead.point[:, 0] - x[0]) / cell,
-            (bead.point[:, 1] - y[0]) / cell,
-            bead.heading,
-            np.gradient(bead.heading, bead.ds),
-            volume,
-            bead.area,
-            0.5 * bead.width,
-            0.5 * bead.section.flat,
-            bead.section.radius,
-            math.cos(math.radians(bead.settings.contact_angle)),
-            upright,
-            cell,
-            max(math.ceil(bead.ds * _SAMPLES / cell), 1),
-            _SAMPLES,
-        )
+        at = ((bead.point[:, 0] - x[0]) / cell, (bead.point[:, 1] - y[0]) / cell)
+        trace = (bead.heading, np.gradient(bead.heading, bead.ds))
+        sections = (bead.area, 0.5 * bead.width, 0.5 * bead.section.flat, bead.section.radius)
+        cosine = math.cos(math.radians(bead.settings.contact_angle))
+        steps = max(math.ceil(bead.ds * _SAMPLES / cell), 1)
+        lay(glue, moment, (*at, *trace, *sections, upright), volume, cosine, cell, steps, _SAMPLES)
         height, excess = glue / cell**2, 0.0
         if bead.settings.squashed:
             ceiling = np.full_like(glue, bead.gap)
@@ -120,10 +104,10 @@ class HeightMap:
         return float(self.height.sum()) * self.cell**2
 
     def at(self, points: ArrayLike) -> Floats:
-        """Return the height at points in plan view, between the middles of the cells in proportion, 0 off the map.
+        """Return the height at points in plan view, bilinear between the cells' middles, 0 off the map.
 
         Args:
-            points: (..., 2) or more columns, of which the first two count [mm].
+            points: (..., 2), or with further columns, which are ignored [mm].
         """
         place = np.asarray(points, float)
         column, row = (place[..., 0] - self.x[0]) / self.cell, (place[..., 1] - self.y[0]) / self.cell
@@ -137,23 +121,20 @@ class HeightMap:
         return np.where(inside, (1 - b) * low + b * high, 0.0)
 
     def wet(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether there is glue at points, as `at` takes them: it stands higher than where a bead ends."""
+        """Whether there is glue at points, as `at` takes them."""
         return self.at(points) > self.contact
 
 
 def _grid(bead: BeadTrace, volume: Floats, ends: list[_End]) -> tuple[Floats, Floats]:
-    """Middles of the cells that the bead covers, with some around it, (nx,) and (ny,) [mm]."""
+    """Middles of the cells of the bead and its margin, (nx,) and (ny,) [mm]."""
     cell = bead.settings.cell
     laid = np.flatnonzero(volume > 0)
     places = [bead.point[:1, :2], *(points for points, _, _ in ends)]
     for stations in (laid, laid + 1):
         half = 0.5 * bead.width[stations, None]
         places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
-    low, high = (
-        np.min([p.min(axis=0) for p in places if p.size], axis=0),
-        np.max([p.max(axis=0) for p in places if p.size], axis=0),
-    )
-    # what is pushed aside spreads further
+    covered = np.concatenate(places)
+    low, high = covered.min(axis=0), covered.max(axis=0)
     around = _MARGIN * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
     low = np.floor((low - around) / cell) * cell
     count = np.ceil((high + around - low) / cell) + 1
@@ -166,19 +147,15 @@ def _check_cells(bead: BeadTrace, count: ArrayLike) -> None:
     cells = float(np.prod(np.asarray(count, float)))
     if not cells <= _MOST_CELLS:
         raise InputError(
-            f"cell = {bead.settings.cell:g} mm: of a bead {float(bead.nominal_section.width[0]):.4g} mm wide, "
-            f"{float(bead.width.max()):.4g} mm where it is widest, makes a height map of {cells:.3g} cells, "
-            f"at most {_MOST_CELLS:g}"
+            f"cell = {bead.settings.cell:g} mm: the height map of a bead {float(bead.nominal_section.width[0]):.4g} mm "
+            f"wide, {float(bead.width.max()):.4g} mm at its widest, has {cells:.3g} cells, at most {_MOST_CELLS:g}"
         )
 
 
 def _with_room(
     bead: BeadTrace, x: Floats, y: Floats, height: Floats, ceiling: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return a map with as many dry cells around it as what is pushed aside will need.
-
-    That is tried on a map of coarse cells.
-    """
+    """Return a map with the dry cells around it that the excess will need, as tried on a map of coarse cells."""
     if not (height > ceiling * (1 + _RIPPLE)).any():
         return x, y, height, ceiling
     coarse, over = _blocks(height, 0.0), _blocks(ceiling, bead.gap)
@@ -192,25 +169,19 @@ def _with_room(
         _check_cells(bead, (np.array(coarse.shape) + 2 * room) * float(_BLOCK))
     if not room:
         return x, y, height, ceiling
-    wet_rows, wet_columns = np.flatnonzero(tried.any(axis=1)), np.flatnonzero(tried.any(axis=0))
-    # as much as is wet, with a coarse cell beyond; where the map begins is where it began, a whole number of cells off
-    more = [_BLOCK * max(room - int(wet[0]) + 1, 0) for wet in (wet_rows, wet_columns)]
-    beyond = [
-        _BLOCK * max(int(wet[-1]) + 2 - room - size, 0)
-        for wet, size in zip((wet_rows, wet_columns), coarse.shape, strict=True)
-    ]
-    around = tuple(zip(more, beyond, strict=True))
-    cell = bead.settings.cell
-    _check_cells(bead, [sum(pair) + size for pair, size in zip(around, height.shape, strict=True)])
-    height = np.pad(height, around)
-    ceiling = np.pad(ceiling, around, constant_values=bead.gap)
-    x = x[0] + cell * (np.arange(height.shape[1]) - more[1])
-    y = y[0] + cell * (np.arange(height.shape[0]) - more[0])
-    return x, y, height, ceiling
+    # the wet part with a coarse cell around it; the grid moves by whole cells
+    wet = np.argwhere(tried)
+    before = _BLOCK * np.maximum(room - wet.min(axis=0) + 1, 0)
+    after = _BLOCK * np.maximum(wet.max(axis=0) + 2 - room - np.array(coarse.shape), 0)
+    ny, nx = np.array(height.shape) + before + after
+    _check_cells(bead, (ny, nx))
+    around, cell = np.stack([before, after], axis=1), bead.settings.cell
+    x, y = x[0] + cell * (np.arange(nx) - before[1]), y[0] + cell * (np.arange(ny) - before[0])
+    return x, y, np.pad(height, around), np.pad(ceiling, around, constant_values=bead.gap)
 
 
 def _blocks(values: Floats, beyond: float) -> Floats:
-    """Means over blocks of cells; what lacks to whole ones is `beyond`."""
+    """Means over blocks of cells; incomplete ones are filled with `beyond`."""
     lacking = [(0, -size % _BLOCK) for size in values.shape]
     whole = np.pad(values, lacking, constant_values=beyond)
     ny, nx = (size // _BLOCK for size in whole.shape)
@@ -218,49 +189,38 @@ def _blocks(values: Floats, beyond: float) -> Floats:
 
 
 def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
-    """Yield for each end of a stretch of bead points, (k, 2), volumes there, (k,), and the nozzle's height.
+    """Yield points, (k, 2), volumes there, (k,), and the nozzle's height for each end of a stretch of bead.
 
-    An end takes the volume that half a body of revolution of its section holds from the last stations' intervals, whose
-    `volume` is set to 0; a stretch shorter than its two ends is one round drop.
+    An end takes the volume of its half body of revolution from the intervals of the last stations, whose `volume` is
+    set to 0; a stretch shorter than its two ends is one round drop.
     """
-    least = _WET * (bead.nominal if bead.nominal > 0 else float(bead.area.max()))
-    if least <= 0:
-        return
-    edges = np.diff(np.concatenate([[0], (bead.area >= least).astype(np.int8), [0]]))
-    half = np.divide(bead.section.half_body(), bead.area, out=np.zeros_like(bead.area), where=bead.area >= least)
-    for first, last in zip(
-        np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True
-    ):
-        stations = np.arange(first, last + 1)
-        begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])  # the nearest
-        end = np.flatnonzero(bead.ds * (last - stations + 0.5) >= half[stations])
+    half = np.divide(bead.section.half_body(), bead.area, out=np.zeros_like(bead.area), where=bead.area > 0)
+    for first, after in bead.wet_stretches.tolist():
+        stations = np.arange(first, after)
+        begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])
+        end = np.flatnonzero(bead.ds * (after - 1 - stations + 0.5) >= half[stations])
         if not begin.size or not end.size or begin[0] > end[-1]:
-            whole = slice(max(first - 1, 0), last + 1)
+            whole = slice(max(first - 1, 0), after)
             total = float(volume[whole].sum())
             volume[whole] = 0.0
-            middle = (first + last) // 2
+            middle = (first + after - 1) // 2
             gap = bead.section.gap[middle : middle + 1]
-            drop_section = Section.drop(total, gap, bead.settings.contact_angle)
-            yield _round(bead, middle, drop_section, total, None)
+            yield _round(bead, middle, Section.drop(total, gap, bead.settings.contact_angle), total, None)
             continue
         for station, taken, away in (
             (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
-            (stations[end[-1]], slice(stations[end[-1]], last + 1), 0.0),
+            (stations[end[-1]], slice(stations[end[-1]], after), 0.0),
         ):
             total = float(volume[taken].sum())
             volume[taken] = 0.0
             if total > 0:
-                section = _part(bead, slice(station, station + 1))
+                area, gap = bead.area[station : station + 1], bead.section.gap[station : station + 1]
+                section = Section(area, gap, bead.settings.contact_angle)
                 yield _round(bead, station, section, total, bead.heading[station] + away)
 
 
-def _part(bead: BeadTrace, stations: slice) -> Section:
-    gap = bead.section.gap[stations]
-    return Section(bead.area[stations], gap, bead.settings.contact_angle)
-
-
 def _round(bead: BeadTrace, station: int, section: Section, volume: float, towards: float | None) -> _End:
-    """Points of a body of revolution about a station, or of its half `towards` an angle, with their volumes."""
+    """Points and volumes of a body of revolution about a station, or of its half `towards` an angle."""
     rim = 0.5 * float(section.width[0])
     rings = math.ceil(rim * _SAMPLES / bead.settings.cell) + 1
     r = rim * (np.arange(rings) + 0.5) / rings
@@ -274,7 +234,7 @@ def _round(bead: BeadTrace, station: int, section: Section, volume: float, towar
 
 
 def _upright(bead: BeadTrace) -> Floats:
-    """Height of the nozzle over the surface, straight up; of a climbing path more than square to it, (r,) [mm]."""
+    """Vertical height of the nozzle over the surface, more than the normal one where the path climbs, (r,) [mm]."""
     along = np.gradient(bead.point, axis=0)
     ahead, length = np.linalg.norm(along[:, :2], axis=1), np.linalg.norm(along, axis=1)
     cosine = np.divide(ahead, length, out=np.ones_like(length), where=length > 0)
@@ -282,9 +242,9 @@ def _upright(bead: BeadTrace) -> Floats:
 
 
 def _contact(bead: BeadTrace, cell: float) -> float:
-    """Height that a map shows at the rim of the nominal section: blurred by its cells, and by looking between them.
+    """Height of the map at the rim of the nominal section.
 
-    Both are hats as wide as two cells; together they are the cubic B-spline.
+    The cells and the interpolation blur it, each as a hat two cells wide; together they are the cubic B-spline.
     """
     section = bead.nominal_section
     t = (np.arange(400) + 0.5) / 100 - 2

@@ -1,6 +1,6 @@
-"""Glue on a grid as native code: laid along a trace, and pushed aside under the nozzle's face.
+"""Compiled functions that lay glue on a grid and push it aside under the nozzle's face.
 
-Heights are volumes per cell here, places are in cells.
+Heights are volumes per cell, places are in cells.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from gantrysim.arrays import Floats
 from gantrysim.jit import jit
 
 _COARSEST = 16  # rows or columns
-_FINER = 0.25  # ripple of a coarser grid, of that of the finer one
+_FINER = 0.25  # ripple of a coarser grid over that of the finer one
 _LEAST_RIPPLE = 1e-3
 _CHUNK = 20  # sweeps
 _ROUGH = 1.7
@@ -23,7 +23,7 @@ _ROUGH_SWEEPS = 200
 
 @jit
 def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap: float) -> None:
-    """Share volumes at points between the four cells around each; `moment`, unless it is empty, sums volume * gap."""
+    """Share volumes at points among the four cells around each; `moment`, unless empty, adds up volume * gap."""
     ny, nx = glue.shape
     for k in range(x.size):
         px, py = min(max(x[k], 0.0), nx - 1.001), min(max(y[k], 0.0), ny - 1.001)
@@ -40,41 +40,27 @@ def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap
 def lay(
     glue: Floats,
     moment: Floats,
-    x: Floats,
-    y: Floats,
-    heading: Floats,
-    curvature: Floats,
+    stations: tuple[Floats, ...],
     volume: Floats,
-    area: Floats,
-    half: Floats,
-    flat: Floats,
-    radius: Floats,
     cosine: float,
-    gap: Floats,
     cell: float,
     steps: int,
     samples: float,
 ) -> None:
-    """Lay the volumes between stations, (r - 1,), in steps across the trace.
+    """Lay the volumes between stations in steps across the trace.
 
     Args:
         glue: volume of each cell, (ny, nx), added to.
         moment: the same times the gap, (ny, nx), added to, or empty.
-        x: of the stations, (r,), in cells.
-        y: of the stations, (r,), in cells.
-        heading: (r,) [rad].
-        curvature: to the left, (r,) [1/mm].
-        volume: between the stations, (r - 1,).
-        area: (r,).
-        half: half the width, (r,) [mm].
-        flat: half the flat's width, (r,) [mm].
-        radius: of the segments, (r,) [mm].
+        stations: x and y in cells, heading [rad] and curvature to the left [1/mm] of the trace, area [mm²], half the
+            width, half the flat and radius of the sections, height of the nozzle [mm], (r,) each.
+        volume: between the stations, (r - 1,) [mm³].
         cosine: of the contact angle.
-        gap: (r,) [mm].
-        cell: [mm].
+        cell: size of a cell [mm].
         steps: between two stations.
         samples: per cell, across.
     """
+    x, y, heading, curvature, area, half, flat, radius, gap = stations
     ny, nx = glue.shape
     widest = 0.0
     for k in range(volume.size):
@@ -107,7 +93,7 @@ def lay(
             for n in range(count):
                 u = w * ((2 * n + 1.0) / count - 1.0)
                 share = part / count if total <= 0.0 else part * weight[n] / total
-                # what would lie off the grid lies at its rim
+                # beyond the grid, on its rim
                 cx, cy = min(max(px + left * u, 0.0), nx - 1.001), min(max(py + up * u, 0.0), ny - 1.001)
                 i, j = int(cx), int(cy)
                 a, c = cx - i, cy - j
@@ -120,30 +106,30 @@ def lay(
 
 
 def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> float:
-    """Push what stands above the ceiling aside, and return by which share of the ceiling a cell is still off it.
+    """Push glue above the ceiling aside, and return the largest height that remains above it, over the ceiling.
 
     A cell above its ceiling c hands its excess in equal parts to its neighbours, which do likewise: the divisible
-    sandpile, whose heap about a point is a disc (Levine and Peres, Potential Analysis 30, 2009). So excess finds room
-    through cells that are full, as a liquid between two plates does. With u what a cell hands on in all,
+    sandpile, whose heap about a point is a disc (Levine and Peres, Potential Analysis 30, 2009). Excess so flows
+    through full cells, as a liquid between two plates does. With u the total that a cell hands on,
 
         h = h0 - u + sum(u / 4 of the neighbours),  u >= 0,  h <= c,  and h = c where u > 0,
 
-    which is an obstacle problem, solved by successive over-relaxation with projection. It begins with what a grid of
-    cells twice as large hands on, four times that, which is found in the same way; so its sweeps do not grow in number
-    with the way that glue has to go.
+    an obstacle problem, solved by successive over-relaxation with projection. It starts from four times the u of a grid
+    with cells twice as large, found in the same way, so that the number of sweeps does not grow with the distance that
+    glue has to move.
 
     Args:
-        height: h, (ny, nx), changed; its sum is kept.
+        height: h, (ny, nx), changed; its sum is conserved.
         ceiling: c, (ny, nx).
-        ripple: share of the ceiling by which a cell may be off it.
-        sweeps: most of them; what has not found room by then stays as a ridge.
+        ripple: permitted deviation from the ceiling, over the ceiling.
+        sweeps: largest number of sweeps.
     """
     _handed_on(height, ceiling, ripple, sweeps)
     return max(float((height / ceiling).max()) - 1.0, 0.0)
 
 
 def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> Floats:
-    """Push aside, and return what every cell has handed on, u, (ny, nx)."""
+    """Push aside, and return the total u that every cell has handed on, (ny, nx)."""
     handed = np.zeros(height.shape)
     if not (height > ceiling * (1.0 + ripple)).any():
         return handed
@@ -153,8 +139,8 @@ def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> F
         handed = 4.0 * _finer(coarse, *height.shape)
         _hand_on(height, handed)
     cells, listed, count = _to_push(height, ceiling, handed, ripple)
-    for first in range(0, sweeps, _CHUNK):  # in between an interrupt is heard
-        # what the coarse start leaves is rough, and wants little over-relaxation; what stays after that is long
+    for first in range(0, sweeps, _CHUNK):  # in chunks, as an interrupt needs Python
+        # the coarse start leaves short waves, which need little over-relaxation; the long ones follow
         best = 2.0 / (1.0 + math.pi / max(math.sqrt(count), 4.0))  # for a square of so many cells
         factor = min(best, _ROUGH) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST else best
         settled, count = _sweep(
@@ -167,7 +153,7 @@ def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> F
 
 @jit
 def _coarser(values: Floats, edge: bool) -> Floats:
-    """Means over two by two cells; those beyond a rim that is left over are the rim's own at an edge, else zeros."""
+    """Means over two by two cells; beyond the rim they are filled with its values if `edge`, else with zeros."""
     ny, nx = values.shape
     coarse = np.zeros(((ny + 1) // 2, (nx + 1) // 2))
     for j in range(2 * coarse.shape[0]):
@@ -179,7 +165,7 @@ def _coarser(values: Floats, edge: bool) -> Floats:
 
 @jit
 def _finer(values: Floats, ny: int, nx: int) -> Floats:
-    """Values in proportion in the middles of cells half as wide, of which there are (ny, nx)."""
+    """Interpolate values at the middles of (ny, nx) cells half as wide."""
     fine = np.empty((ny, nx))
     for j in range(ny):
         q = j // 2
@@ -209,7 +195,7 @@ def _hand_on(height: Floats, handed: Floats) -> None:
 
 @jit
 def _to_push(height: Floats, ceiling: Floats, handed: Floats, ripple: float) -> tuple[Any, Any, int]:
-    """Cells that stand above the ceiling or have handed on, whether a cell is one, and their number."""
+    """Return the cells above the ceiling or with u > 0 as a list and as a mask, and their number."""
     ny, nx = height.shape
     listed = np.zeros((ny, nx), np.bool_)
     cells = np.empty(ny * nx, np.int32)
@@ -235,11 +221,11 @@ def _sweep(
     factor: float,
     sweeps: int,
 ) -> tuple[bool, int]:
-    """Sweep over the listed cells, and return whether none is off its ceiling, and how many there are then."""
+    """Sweep over the listed cells; return whether all are settled, and their number, which may have grown."""
     ny, nx = height.shape
     for _ in range(sweeps):
         settled = True
-        for k in range(count):  # grows meanwhile; the new ones wait for the next sweep
+        for k in range(count):  # cells added meanwhile wait for the next sweep
             j, i = cells[k] // nx, cells[k] % nx
             off = height[j, i] - ceiling[j, i]
             if abs(off) > ripple * ceiling[j, i] and (off > 0.0 or handed[j, i] > 0.0):

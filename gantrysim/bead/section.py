@@ -18,18 +18,18 @@ _BISECTIONS = 60
 class Section:
     """Cross-sections of given areas, (m,).
 
-    A sessile bead is the segment of a circle that meets the surface at the contact angle theta:
+    A sessile bead is a circular segment that meets the surface at the contact angle theta:
 
         A = w^2 / (8 sin^2 theta) (2 theta - sin 2 theta),  h = w/2 tan(theta/2)
 
-    Where it would stand higher than the nozzle does, g, it is squashed: the segment of height g cut in halves with a
-    flat of width b between them,
+    One that would stand higher than the gap g is squashed: a segment of height g, cut in halves, with a flat of width b
+    in between,
 
         A = A_g + b g,  w = w_g + b,  h = g.
 
     Args:
         area: A, (m,) [mm²].
-        gap: g, (m,); inf for a bead that is not squashed [mm].
+        gap: g, (m,), inf for a sessile bead [mm].
         contact_angle: theta, above 0 and at most 90 [deg].
     """
 
@@ -39,7 +39,7 @@ class Section:
 
     @classmethod
     def drop(cls, volume: float, gap: Floats, contact_angle: float) -> Section:
-        """Return the section that holds a volume [mm³] as a body of revolution, under one gap, (1,) [mm]."""
+        """Return the section of a round drop of a volume [mm³] under one gap, (1,) [mm]."""
         low, high = 0.0, 1.0
 
         def held(area: float) -> float:
@@ -93,17 +93,13 @@ class Section:
         return 0.5 * self._segment[0] * np.tan(0.5 * self._angle)
 
     def profile(self, offset: ArrayLike) -> Floats:
-        """Height over the surface at distances from the middle of the bead, (m, k) [mm].
-
-        Args:
-            offset: (k,) or (m, k) [mm].
-        """
+        """Height over the surface at offsets (k,) or (m, k) from the middle of the bead, (m, k) [mm]."""
         radius = self.radius[:, None]
         beside = np.maximum(np.abs(np.asarray(offset, float)) - 0.5 * self.flat[:, None], 0.0)
         height = np.sqrt(np.maximum(radius**2 - beside**2, 0.0)) - radius * np.cos(self._angle)
         return np.maximum(height, 0.0)
 
     def half_body(self) -> Floats:
-        """Volume of half the body that the section makes when it turns about its middle, as an end of a bead, (m,)."""
+        """Volume of half the body of revolution of each section, a round end of a bead, (m,) [mm³]."""
         r = 0.25 * self.width[:, None] * (_NODES + 1)
         return np.pi * 0.25 * self.width * ((self.profile(r) * r) @ _WEIGHTS)

@@ -1,7 +1,7 @@
-"""The bead along the nozzle's trace: its cross-section from conservation.
+"""The bead along the nozzle's trace: its cross-section from conservation of volume.
 
-With the glue's flow Q and the nozzle's speed v the section is A = Q / v; here it is the volume laid between two
-places of the trace over the way between them, which is the same where the nozzle moves, and holds where it rests.
+With the glue's flow Q and the nozzle's speed v the section is A = Q / v. Here it is the volume laid between two points
+of the trace over their distance, which is the same while the nozzle moves and also holds while it rests.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.arrays import Floats, spans
 from gantrysim.bead.section import Section
 from gantrysim.errors import InputError, at_least, finite, whole
 from gantrysim.metrics.analysis import Analysis
@@ -21,23 +21,23 @@ from gantrysim.run import Run
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
-_LEAST = 1e-6  # [mm], of gap and cell
-_LEAST_ANGLE = 1.0  # [deg], below which glue is a film without a shape
-_STEADY, _MOSTLY = 0.1, 0.5  # of the median speed, and of the ticks up to a fault, for it to be that of the path
-_SHORTEST = 1e-6  # [mm], of a trace that is no more than a dot
+_LEAST = 1e-6  # smallest gap and cell [mm]
+_LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
+_STEADY, _MOSTLY = 0.1, 0.5  # tolerance of a steady section, and share of the ticks before a fault that must keep it
+_SHORTEST = 1e-6  # length of the trace of a dot [mm]
 _LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
+_WET = 1e-3  # of the nominal section; below, a stretch of bead has ended
 
 
 @dataclass(frozen=True)
 class BeadSettings:
-    """How the glue lies, and the grid on which it is looked at.
+    """Shape of the bead, and resolution of its height map.
 
     Attributes:
-        gap: height of the nozzle above the surface where it is on the requested path; None for the machine's [mm].
-        contact_angle: of a drop on the surface, from 1 to 90 [deg].
-        squashed: whether a bead that would stand higher than the nozzle stays squashed to the nozzle's height; else it
-            relaxes to a sessile one behind it.
-        cell: of the height map [mm].
+        gap: height of the nozzle above the surface on the requested path; None for the machine's [mm].
+        contact_angle: contact angle of a drop on the surface, from 1 to 90 [deg].
+        squashed: whether a bead stays squashed to the nozzle's height; else it relaxes to a sessile one behind it.
+        cell: size of the height map's cells [mm].
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -60,23 +60,20 @@ class BeadSettings:
 class BeadTrace:
     """The bead of a run at stations evenly spaced along the nozzle's trace in the work frame.
 
-    More than usual, as at a stop or in a slow corner, spreads along the trace as far as it is wide; volume is
-    conserved: sum of area * ds, the first and the last station for half a length, is the volume laid. Of the trace
-    alone there is no place before its start and after its end: what is laid at rest there spreads to one side, into a
-    pear, not into a disc.
+    A surplus, as at a stop or in a slow corner, spreads along the trace as far as it is wide. Volume is conserved: the
+    sum of area * ds, with half a length for the first and the last station, is the volume laid. Glue laid at rest at an
+    end of the trace spreads to one side only, into a pear instead of a disc.
 
     Args:
         run: the run.
-        settings: how the glue lies.
-        analysis: of the run, where there is one.
-        stations: their number; by default one every quarter of a millimetre.
+        settings: shape of the bead.
+        analysis: the analysis of the run, if there is one already.
+        stations: number of stations; by default one every quarter of a millimetre.
 
     Attributes:
-        run: the run.
-        settings: how the glue lies.
-        gap: the nozzle's height above the surface where it is on the requested path [mm].
-        length: of the nozzle's trace along the surface up to each tick, (n,) [mm].
-        place: of the stations along the trace, (r,) [mm].
+        gap: height of the nozzle above the surface on the requested path [mm].
+        length: length of the nozzle's trace along the surface up to each tick, (n,) [mm].
+        place: place of the stations along the trace, (r,) [mm].
     """
 
     def __init__(
@@ -90,19 +87,16 @@ class BeadTrace:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        steps = surface_steps(run.nozzle)
-        self.length: Floats = np.concatenate([[0.0], np.cumsum(steps)])
+        self.length: Floats = np.concatenate([[0.0], np.cumsum(surface_steps(run.nozzle))])
+        self._ascending = self.length + np.arange(self.length.size) * 1e-12  # strictly, as np.interp requires
         total = max(float(self.length[-1]), _SHORTEST)
-        count = (
-            int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
-            if stations is None
-            else whole("stations", stations, 2)
-        )
-        self.place: Floats = np.linspace(0.0, total, count)
+        if stations is None:
+            stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
+        self.place: Floats = np.linspace(0.0, total, whole("stations", stations, 2))
 
     @cached_property
     def analysis(self) -> Analysis:
-        """The run's traces held against its requested path."""
+        """The run's traces projected onto its requested path."""
         return Analysis(self.run) if self._analysis is None else self._analysis
 
     @property
@@ -110,18 +104,13 @@ class BeadTrace:
         """Distance of the stations [mm]."""
         return float(self.place[1])
 
-    @cached_property
-    def _ascending(self) -> Floats:
-        """`length`, strictly ascending where the nozzle rests, as np.interp wants it."""
-        return self.length + np.arange(self.length.size) * 1e-12
-
     def along(self, values: Floats) -> Floats:
-        """Return values at the ticks, (n,), at the stations, (r,)."""
+        """Interpolate values at the ticks, (n,), at the stations, (r,)."""
         return np.interp(self.place, self._ascending, values)
 
     @cached_property
     def point(self) -> Floats:
-        """Stations on the nozzle's trace, in the work frame, (r, 3) [mm]."""
+        """The stations in the work frame, (r, 3) [mm]."""
         return np.stack([self.along(self.run.nozzle[:, i]) for i in range(3)], axis=1)
 
     @cached_property
@@ -131,7 +120,7 @@ class BeadTrace:
         moving = np.flatnonzero(np.abs(along).max(axis=1) > 1e-9 * self.ds)
         if not moving.size:
             return np.zeros(self.place.size)
-        # up and down it keeps the direction it had
+        # vertical motion keeps the direction before it
         last = moving[np.maximum(np.searchsorted(moving, np.arange(self.place.size), "right") - 1, 0)]
         return np.unwrap(np.arctan2(along[last, 1], along[last, 0]))
 
@@ -142,16 +131,15 @@ class BeadTrace:
 
     @cached_property
     def nominal(self) -> float:
-        """Section asked for, the median over the ticks of the flow asked for over the commanded speed [mm²].
+        """Requested section, the median of flow demand over commanded speed [mm²].
 
-        Of a fixed flow that is the flow over the median speed. 0 where it is not known: where glue is asked for at rest
-        alone, or none, or where a fault ends the run before the speed of a fixed flow is steady.
+        It is 0 where it is unknown: without flow in motion, or if a fault comes before the speed is steady.
         """
-        asked, speed = self.run.flow_demand[:-1], self.commanded_steps / self.run.period
-        moving = (asked > 0) & (speed > 0)
+        demand, speed = self.run.flow_demand[:-1], self.commanded_steps / self.run.period
+        moving = (demand > 0) & (speed > 0)
         if not moving.any():
             return 0.0
-        sections = asked[moving] / speed[moving]
+        sections = demand[moving] / speed[moving]
         section = float(np.median(sections))
         steady = np.abs(sections - section) <= _STEADY * section
         return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
@@ -163,9 +151,9 @@ class BeadTrace:
 
     @cached_property
     def nozzle_height(self) -> Floats:
-        """Height of the nozzle above the surface, the gap and its vertical error to the requested path, (r,) [mm].
+        """Height of the nozzle above the surface: the gap and the vertical contour error, (r,) [mm].
 
-        Where the path climbs the surface climbs with it. Beyond where the dispenser is on the error is that at the end.
+        The surface climbs with the path. Before and after dispensing the error is that at the end.
         """
         run = self.run
         if not run.dispense.any():
@@ -179,7 +167,7 @@ class BeadTrace:
     def surface(self) -> Floats:
         """Height of the surface below the nozzle at each tick, in the work frame, (n,) [mm].
 
-        It is the gap below the requested path; beyond where the dispenser is on it is that at the end.
+        It is the gap below the requested path, and before and after dispensing that at the end.
         """
         run = self.run
         if not run.dispense.any():
@@ -194,13 +182,13 @@ class BeadTrace:
         ds = self.ds
         edges = np.concatenate([[-ds], self.place]) + 0.5 * ds
         laid = np.diff(np.interp(edges, self._ascending, self.volume))
-        laid[[0, -1]] *= 2  # the first and the last station stand for half a length
+        laid[[0, -1]] *= 2  # these stand for half a length
         return self._spread(np.maximum(laid / ds, 0.0))
 
     def _spread(self, area: Floats) -> Floats:
-        """Tolerances what a section holds above the nominal one along the trace, as far as it is wide.
+        """Spread the surplus of a section over the nominal one along the trace, as far as it is wide.
 
-        In turn over one, two, four ... widths of the nominal section that which is wider than so much.
+        What is wider than one, two, four ... nominal widths spreads over as much, one after the other.
         """
         held = self.nominal if self.nominal > 0 else float(area.max())
         if held <= 0:
@@ -218,7 +206,7 @@ class BeadTrace:
 
     @cached_property
     def section(self) -> Section:
-        """The shapes of the sections at the stations."""
+        """The sections at the stations."""
         return self._sections(self.area, self.nozzle_height)
 
     @property
@@ -233,21 +221,26 @@ class BeadTrace:
 
     @cached_property
     def nominal_section(self) -> Section:
-        """The nominal section's shape, under a nozzle at its nominal height."""
+        """The nominal section under a nozzle at its nominal height."""
         return self._sections(np.array([self.nominal]), np.array([self.gap]))
 
     @cached_property
     def stretches(self) -> NDArray[np.intp]:
-        """Ticks at which the program's dispensing begins, and the first at which it is off again, (k, 2)."""
-        edges = np.diff(np.concatenate([[0], self.run.dispense.astype(np.int8), [0]]))
-        return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
+        """First tick of every stretch of dispensing, and the first after it, (k, 2)."""
+        return spans(self.run.dispense)
+
+    @cached_property
+    def wet_stretches(self) -> NDArray[np.intp]:
+        """First station of every stretch of glue, and the first after it, (k, 2)."""
+        least = _WET * (self.nominal if self.nominal > 0 else float(self.area.max()))
+        return spans(self.area > least)
 
 
 def surface_steps(trace: Floats) -> Floats:
     """Length from each point of a trace to the next along the surface, (n - 1,) [mm].
 
-    Where the nozzle rises or falls by more than it goes ahead it leaves the surface, or comes to it: of that only the
-    way in plan view counts, so that glue which flows meanwhile lies on the spot.
+    A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
+    so that glue which flows meanwhile lies on the spot.
     """
     step = np.diff(trace, axis=0)
     ahead = np.hypot(step[:, 0], step[:, 1])
@@ -255,7 +248,7 @@ def surface_steps(trace: Floats) -> Floats:
 
 
 def _averaged(values: Floats, reach: int) -> Floats:
-    """Moving average over `reach` to both sides, twice, mirrored at the ends, which keeps the sum."""
+    """Moving average over `reach` to both sides, twice; mirrored at the ends, which conserves the sum."""
     for _ in range(2):
         cumulated = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
         values = (cumulated[2 * reach + 1 :] - cumulated[: -2 * reach - 1]) / (2 * reach + 1)

@@ -10,8 +10,7 @@ from rich.table import Table
 from gantrysim.bead import BeadValues
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
-from gantrysim.metrics.budget import Budget, PartValues
-from gantrysim.report.headline import SPANS
+from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
 from gantrysim.run import Run
 
 _UM = 1e3
@@ -33,13 +32,13 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         table.add_row(label, *numbers, f"{100 * part.share:z.1f} %", span)
 
     for link, part in values.parts.items():
-        add(link, part, SPANS[link])
+        add(link, part, DESCRIPTIONS[link])
         if link == "tracking":
             for axis, own in budget.tracking_by_axis(machine).items():
                 add(f"  by {axis}", budget.values_of(own))
     table.add_section()
     contour, (x, y, _) = values.contour, values.contour.point
-    add("contour", contour, SPANS["contour"])
+    add("contour", contour, DESCRIPTIONS["contour"])
     table.caption = "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:.2f} s, x = {x:.1f}, y = {y:.1f} mm"
     table.caption_justify = "left"
@@ -67,22 +66,21 @@ def outcome_table(run: Run, values: AnalysisValues, bead: BeadValues | None) -> 
 
 
 def _add_bead(table: Table, bead: BeadValues) -> None:
-    width, volume = bead.width, bead.asked
+    width, volume = bead.width, bead.requested_volume
     widths = f"{width.min:.3f} to {width.max:.3f}; nominal section {bead.nominal:.3f} mm²"
     table.add_row("bead width", f"{width.mean:.3f} mm", widths)
     if bead.clearance is not None and bead.coverage is not None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"
         covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; coverage {100 * bead.coverage:.1f} %"
         table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
-    missing = "excess" if bead.start.mean < 0 else "missing"
-    table.add_row("start", f"{abs(bead.start.mean):.2f} mm {missing}", "length of nominal bead")
-    if bead.stop is not None:
-        excess = "missing" if bead.stop.mean < 0 else "excess"
-        table.add_row("stop", f"{abs(bead.stop.mean):.2f} mm {excess}", "length of nominal bead")
-    table.add_row("volume", f"{bead.laid:.4g} mm³", f"{bead.error_percent:+.2f} % of {volume:.4g} requested")
-    parts = {"ramps": bead.ramps, "starts": bead.starts, "running": bead.running, "stops": bead.stops}
-    shares = ", ".join(f"{name} {_volume(value, volume)}" for name, value in parts.items())
-    table.add_row("volume error", f"{_volume(bead.error, volume)} mm³", shares)
+    missing = "excess" if bead.start_shortfall.mean < 0 else "missing"
+    table.add_row("start", f"{abs(bead.start_shortfall.mean):.2f} mm {missing}", "length of nominal bead")
+    if bead.stop_excess is not None:
+        excess = "missing" if bead.stop_excess.mean < 0 else "excess"
+        table.add_row("stop", f"{abs(bead.stop_excess.mean):.2f} mm {excess}", "length of nominal bead")
+    table.add_row("volume", f"{bead.volume:.4g} mm³", f"{bead.volume_error_percent:+.2f} % of {volume:.4g} requested")
+    shares = ", ".join(f"{name} {_volume(value, volume)}" for name, value in bead.volume_error_parts.items())
+    table.add_row("volume error", f"{_volume(bead.volume_error, volume)} mm³", shares)
     if bead.ridge:
         table.add_row("height map", "not settled", bead.ridge_note)
 

@@ -1,9 +1,9 @@
-"""How far each link of the chain was off: figures of a run, from its record alone.
+"""Errors, spacing and speed of a run, from its record alone.
 
     requested path -> commanded (generation error) -> encoder (tracking error) -> nozzle
-    nozzle to the requested path: contour error, what the part sees
+    nozzle to the requested path: contour error
 
-Errors are taken while the dispenser is on.
+Only ticks where the dispenser is on count.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gantrysim.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
 from gantrysim.run import Run
 
-THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # in which the errors of an axis are told
+THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # unit of an axis' errors, by the axis' own
 
 _START_AND_END = 0.05  # of the dispensing time, each
 
@@ -53,19 +53,18 @@ class Range:
 
 @dataclass(frozen=True)
 class AnalysisValues:
-    """The figures of a run, in mm, s and mm/s; of a rotary axis in deg.
+    """The values of a run.
 
     Attributes:
-        spacing: of neighbouring turns, or None where the trace has no neighbouring turns.
-        tracking: commanded minus encoder position, for each axis in its own unit, `Run.units` [mm or deg].
-        tracking_along: the same of the nozzle that follows from the axes, along the requested path's tangent: lag
-            is positive.
-        generation: commanded position to the requested path.
-        contour: nozzle to the requested path.
-        speed: path speed of the nozzle.
-        path_length: length of the commanded path, as far as the dispenser was on [mm].
+        spacing: spacing of neighbouring turns, None for a trace without any [mm].
+        tracking: commanded minus encoder position of each axis, in the axis' unit, `Run.units` [mm or deg].
+        tracking_along: the same at the nozzle, along the requested path's tangent; lag is positive [mm].
+        generation: distance of the commanded position from the requested path [mm].
+        contour: distance of the nozzle from the requested path [mm].
+        speed: path speed of the nozzle [mm/s].
+        path_length: length of the commanded path while the dispenser is on [mm].
         duration: time at which the commanded motion ends [s].
-        end_point: the nozzle at the end, (x, y, z) [mm].
+        end_point: position of the nozzle at the end, (x, y, z) [mm].
     """
 
     spacing: Range | None
@@ -80,11 +79,10 @@ class AnalysisValues:
 
 
 class Analysis:
-    """A run's traces held against its requested path; each is worked out once, when it is first asked for.
+    """A run's traces projected onto its requested path; each is computed once, at first use.
 
-    All is of the ticks where the dispenser is on, `ticks`. The traces are followed along the path in the order of
-    the motion, so an error is to the part of the path that the trace has come to, not to a neighbouring turn that
-    may be nearer.
+    All are taken at `ticks`, those where the dispenser is on. The traces are followed along the path in the order of
+    the motion, so that a point belongs to its own turn and not to a neighbouring one that may be nearer.
 
     Raises:
         InputError: the dispenser is never on.
@@ -92,32 +90,30 @@ class Analysis:
 
     def __init__(self, run: Run) -> None:
         self.run = run
-        self.ticks: NDArray[np.intp] = np.flatnonzero(run.dispense)
-        if not self.ticks.size:
-            raise InputError("the dispenser is never on in this run: its figures are taken while it is")
+        self.ticks = _dispensing_ticks(run)
 
     @cached_property
     def commanded(self) -> Projection:
-        """Commanded positions on the requested path: its distance is the generation error."""
+        """Projection of the commanded positions; its distance is the generation error."""
         return self.run.requested.follow(self.run.commanded_tip[self.ticks], begin=0.0)
 
     @cached_property
     def encoder(self) -> Projection:
-        """On the requested path, where the encoders' positions would put the nozzle of a rigid machine."""
+        """Projection of the nozzle that a rigid machine would have at the encoders' positions."""
         return self._followed(self.run.encoder_tip, like=(self.run.commanded_tip, "commanded"))
 
     @cached_property
     def motor(self) -> Projection:
-        """The same of the motors' positions that the encoders counted."""
+        """Projection of the nozzle that a rigid machine would have at the motors' positions."""
         return self._followed(self.run.motor_tip, like=(self.run.encoder_tip, "encoder"))
 
     @cached_property
     def nozzle(self) -> Projection:
-        """The nozzle on the requested path: its distance is the contour error."""
+        """Projection of the nozzle; its distance is the contour error."""
         return self._followed(self.run.nozzle, like=(self.run.motor_tip, "motor"))
 
     def _followed(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
-        """Follow a trace, unless it is that of the link before: of an ideal follower, encoder or structure."""
+        """Follow a trace, unless an ideal link made it equal to that of the link before."""
         other, name = like
         if np.array_equal(trace, other):
             return getattr(self, name)
@@ -130,7 +126,7 @@ class Analysis:
 
     @cached_property
     def values(self) -> AnalysisValues:
-        """The figures; of a run that a fault ended, those up to the fault."""
+        """The values of the run, up to a fault where there is one."""
         run, on = self.run, self.ticks
         along = dot((run.commanded_tip - run.encoder_tip)[on], run.requested.tangent(self.commanded.s))
         error = tracking_error(run)
@@ -151,7 +147,7 @@ class Analysis:
 
 
 def values(run: Run) -> AnalysisValues:
-    """Return the figures of a run; of one that a fault ended, those up to the fault.
+    """Return the values of a run, up to a fault where there is one.
 
     Raises:
         InputError: the dispenser is never on.
@@ -165,7 +161,7 @@ def tracking_error(run: Run) -> Floats:
 
 
 def path_speed(run: Run) -> Floats:
-    """Speed of the nozzle in the work frame, by central differences over two servo periods, (n,) [mm/s]."""
+    """Speed of the nozzle in the work frame, by central differences, (n,) [mm/s]."""
     if len(run.time) < 2:
         return np.zeros(len(run.time))
     return np.linalg.norm(np.gradient(run.nozzle, run.period, axis=0), axis=1)
@@ -174,38 +170,41 @@ def path_speed(run: Run) -> Floats:
 def speed_ripple(run: Run) -> float:
     """Standard deviation of the nozzle's path speed over its mean, in the middle 90 % of the dispensing time.
 
-    0 where the nozzle does not move.
+    It is 0 for a nozzle that does not move.
 
     Raises:
         InputError: the dispenser is never on.
     """
-    on = np.flatnonzero(run.dispense)
-    if not on.size:
-        raise InputError("the dispenser is never on in this run: its speed ripple is taken while it is")
+    on = _dispensing_ticks(run)
     speed = path_speed(run)[on[steady(on.size)]]
     mean = float(speed.mean())
     return float(speed.std()) / mean if mean > 0 else 0.0
 
 
 def torque_ripple(run: Run) -> Floats:
-    """Return how restless each axis' torque demand is while the dispenser is on, (axes,) [N·m].
+    """Torque ripple: noise of each axis' torque demand while the dispenser is on, (axes,) [N·m].
 
         ripple = rms(d tau) / sqrt(2),        d tau: change of the demand from one tick to the next
 
-    It is the standard deviation of the white noise that would change as much; a smooth torque has almost none. Over
-    `Axis.peak_torque` it is a share of what the drive can give. Of a dispenser that is never on for two ticks on end
-    it is 0.
+    It is the standard deviation of white noise with the same changes, and 0 if the dispenser is never on for two
+    consecutive ticks.
 
     Raises:
         InputError: the dispenser is never on.
     """
-    if not run.dispense.any():
-        raise InputError("the dispenser is never on in this run: its torque ripple is taken while it is")
+    _dispensing_ticks(run)
     change = np.diff(run.demand, axis=0)[run.dispense[:-1] & run.dispense[1:]]
     return np.sqrt(np.sum(change**2, axis=0) / (2 * max(len(change), 1)))
 
 
 def steady(ticks: int) -> slice:
-    """Return the middle 90 % of a number of ticks: in the first and the last 5 % the motion starts and ends."""
+    """Return the middle 90 % of a number of ticks, without the start and the end of the motion."""
     edge = round(_START_AND_END * ticks)
     return slice(edge, ticks - edge)
+
+
+def _dispensing_ticks(run: Run) -> NDArray[np.intp]:
+    ticks = np.flatnonzero(run.dispense)
+    if not ticks.size:
+        raise InputError("the dispenser is never on in this run: nothing to measure")
+    return ticks

@@ -1,21 +1,19 @@
-"""The error budget: which link of the chain caused which part of the nozzle's error normal to the requested path.
+"""The error budget: the part of every link of the chain in the nozzle's error normal to the requested path.
 
-With e(q) the error of a point q, its offset from its foot c on the requested path, normal to the path there, the links
-of the chain stand one behind the other at every tick:
+With e(q) the offset of a point q from its foot on the requested path, normal to the path there,
 
-    e(nozzle) = e(commanded)                         generation: the controller's program
-              + e(encoder) - e(commanded)            tracking: the servo
-              + e(motor) - e(encoder)                measurement: the encoder's counts
-              + e(nozzle) - e(motor)                 structure: everything behind the motor
+    e(nozzle) = e(commanded)                         generation
+              + e(encoder) - e(commanded)            tracking
+              + e(motor) - e(encoder)                measurement
+              + e(nozzle) - e(motor)                 structure
 
-each as the rigid machine would put the nozzle there. The parts add up exactly, sample by sample. Every e is taken to
-its own foot, so that a lag along the path is no error normal to it: to first order a part is the displacement of its
-link along the normal n, as for tracking
+where encoder and motor positions are those of the nozzle of a rigid machine. The parts add up exactly at every tick.
+Every point has its own foot, so that a lag along the path is no error normal to it: to first order a part is the
+displacement of its link along the normal n, as for tracking
 
-    e(encoder) - e(commanded) = (encoder - commanded).n + r,
+    e(encoder) - e(commanded) = (encoder - commanded).n + r
 
-and the remainder r is of second order, kappa l^2 / 2 with the lag l and the path's curvature kappa, and smaller by an
-order where the normal of the error itself turns.
+with a remainder r of second order, kappa l^2 / 2 for a lag l and a path of curvature kappa.
 """
 
 from __future__ import annotations
@@ -23,22 +21,46 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.paths.path import Projection
-from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.spacing import one_way
 from gantrysim.run import Run
 
+# the links of the chain in their order; DESCRIPTIONS and CAUSES also have their sum, the contour error
 LINKS = ("generation", "tracking", "measurement", "structure")
+DESCRIPTIONS = {
+    "generation": "requested path to commanded",
+    "tracking": "commanded to encoder",
+    "measurement": "encoder to motor",
+    "structure": "motor to nozzle",
+    "contour": "requested path to nozzle",
+}
+CAUSES = {
+    "generation": "the controller program",
+    "tracking": "servo, motors and friction",
+    "measurement": "encoder quantisation",
+    "structure": "compliance and backlash",
+    "contour": "all links",
+}
 
 _PERCENTILE = 95.0
 _REST = 0.01  # of a turn
-_NO_ERROR = 1e-9  # rms of what is rounding only [mm]
+_NO_ERROR = 1e-9  # largest rms of mere rounding [mm]
+_UM = 1e3
+
+
+class RigidMachine(Protocol):
+    """Kinematics of a machine."""
+
+    def tip(self, position: ArrayLike) -> Floats:
+        """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -47,7 +69,7 @@ class Part:
 
     Attributes:
         lateral: along the path's left normal, (m,) [mm].
-        vertical: along the path's binormal, tangent x left normal, which is up on a level path, (m,) [mm].
+        vertical: along the path's binormal, tangent x left normal; up on a level path, (m,) [mm].
     """
 
     lateral: Floats
@@ -61,20 +83,24 @@ class Part:
     def __sub__(self, other: Part) -> Part:
         return Part(self.lateral - other.lateral, self.vertical - other.vertical)
 
+    def dot(self, other: Part) -> Floats:
+        """Scalar product with another part, (m,) [mm²]."""
+        return self.lateral * other.lateral + self.vertical * other.vertical
+
 
 @dataclass(frozen=True)
 class PartValues:
-    """AnalysisValues of a part of the error.
+    """Size of a part of the error, and where it is largest.
 
     Attributes:
         rms: root mean square of its magnitude [mm].
-        p95: magnitude that 95 % of the ticks do not exceed [mm].
+        p95: 95th percentile of its magnitude [mm].
         max: largest magnitude [mm].
-        share: of the contour error's mean square, <part.contour> / <contour.contour>: the shares of all links add up to
-            1, that of a link which makes good for others is negative, and all are 0 where there is no error.
-        s: arc length on the requested path where it is largest [mm].
-        time: at which it is [s].
-        point: of the requested path there, (x, y, z) [mm].
+        share: share of the contour error's mean square, <part.contour> / <contour.contour>. The links' shares add up to
+            1; a negative one offsets others; without an error all are 0.
+        s: arc length on the requested path at the largest magnitude [mm].
+        time: time of the largest magnitude [s].
+        point: point of the requested path there, (x, y, z) [mm].
     """
 
     rms: float
@@ -88,12 +114,12 @@ class PartValues:
 
 @dataclass(frozen=True)
 class TurnValues:
-    """AnalysisValues of one turn.
+    """The errors within one turn.
 
     Attributes:
-        turn: 1 for the first.
+        turn: number of the turn, from 1.
         s: arc length on the requested path at its first and last tick [mm].
-        parts: rms and largest magnitude by link, and of the whole under "contour" [mm].
+        parts: size of every link's part, and of the whole as "contour" [mm].
     """
 
     turn: int
@@ -103,13 +129,13 @@ class TurnValues:
 
 @dataclass(frozen=True)
 class BudgetValues:
-    """The figures of a budget.
+    """The values of a budget.
 
     Attributes:
-        parts: by link, in the order of the chain.
-        contour: of the whole error normal to the path, the sum of the parts.
-        lag: along the path, commanded to nozzle; positive where the nozzle is behind [mm].
-        turns: by turn, for a path of more than one.
+        parts: the part of every link, in the order of the chain.
+        contour: the whole error normal to the path, the sum of the parts.
+        lag: lag of the nozzle behind the command along the path [mm].
+        turns: the errors within each turn, for a path of more than one.
     """
 
     parts: dict[str, PartValues]
@@ -119,17 +145,25 @@ class BudgetValues:
 
 
 class Budget:
-    """The error budget of a run, tick by tick, while the dispenser is on.
+    """The error budget of a run while the dispenser is on; printed, it is a table of its links.
 
     Args:
-        of: the run, or its analysis where there is one.
+        of: a run, or its analysis.
 
     Attributes:
-        analysis: of the run.
+        analysis: the analysis of the run.
     """
 
     def __init__(self, of: Run | Analysis) -> None:
         self.analysis = of if isinstance(of, Analysis) else Analysis(of)
+
+    def __str__(self) -> str:
+        fault = "" if self.analysis.run.fault is None else ", until the fault"
+        rows = [f"{'link':11} {'rms':>8} {'95 %':>8} {'max':>8} {'share':>9}"]
+        for name, part in {**self.values.parts, "contour": self.values.contour}.items():
+            sizes = " ".join(f"{_UM * size:8.1f}" for size in (part.rms, part.p95, part.max))
+            rows.append(f"{name:11} {sizes} {100 * part.share:z7.1f} %  {DESCRIPTIONS[name]}")
+        return "\n".join([f"error normal to the requested path [µm]{fault}", *rows])
 
     @cached_property
     def contour(self) -> Part:
@@ -138,7 +172,7 @@ class Budget:
 
     @cached_property
     def parts(self) -> dict[str, Part]:
-        """The part of every link, by its name in `LINKS`, which add up to `contour`."""
+        """The part of every link of `LINKS`; they add up to `contour`."""
         chain = (self.analysis.commanded, self.analysis.encoder, self.analysis.motor)
         errors = [*(_normal(foot) for foot in chain), self.contour]
         links = [errors[0], *(after - before for before, after in pairwise(errors))]
@@ -146,15 +180,15 @@ class Budget:
 
     @cached_property
     def lag(self) -> Floats:
-        """How far the nozzle is behind the command along the path, (m,) [mm]."""
+        """Lag of the nozzle behind the command along the path, (m,) [mm]."""
         return self.analysis.commanded.s - self.analysis.nozzle.s
 
     @cached_property
     def turn(self) -> NDArray[np.intp]:
-        """Turn of the path's tangent that the nozzle is in, 0 for the first, (m,); -1 where it is in none.
+        """Turn of the path's tangent at each tick, 0 for the first, -1 outside of any, (m,).
 
-        Of a path that turns now left, now right turns are counted on the stretch that turns furthest one way. What is
-        left of it after its whole turns, a hundredth of one, belongs to the last.
+        On a path that turns both ways, turns are counted on the stretch that turns furthest one way. A rest below a
+        hundredth of a turn belongs to the last one.
         """
         foot = np.maximum.accumulate(self.analysis.nozzle.s)
         turned, (first, last) = one_way(self.analysis.run.requested.heading(foot), foot)
@@ -166,7 +200,7 @@ class Budget:
 
     @cached_property
     def values(self) -> BudgetValues:
-        """The figures of the budget."""
+        """The values of the budget."""
         return BudgetValues(
             parts={name: self.values_of(part) for name, part in self.parts.items()},
             contour=self.values_of(self.contour),
@@ -174,14 +208,14 @@ class Budget:
             turns=self._turns(),
         )
 
-    def tracking_by_axis(self, machine: Machine) -> dict[str, Part]:
-        """Return what each axis' following error makes of the tracking part, to first order.
+    def tracking_by_axis(self, machine: RigidMachine) -> dict[str, Part]:
+        """Return each axis' contribution to the tracking part, to first order.
 
-        It is the way the nozzle of a rigid machine makes along the path's normals where this axis alone is moved from
-        its commanded to its encoder's position. Their sum is the tracking part but for a remainder of second order.
+        It is the displacement of a rigid machine's nozzle along the path's normals as this axis alone moves from its
+        commanded to its encoder position. The contributions add up to the tracking part, but for second order.
 
         Args:
-            machine: that ran.
+            machine: the machine of the run.
         """
         run, on, foot = self.analysis.run, self.analysis.ticks, self.analysis.commanded
         normal = run.requested.normal(foot.s)
@@ -195,14 +229,8 @@ class Budget:
         return parts
 
     def values_of(self, part: Part) -> PartValues:
-        """Return the figures of a part of the error.
-
-        Args:
-            part: one of `parts`, or of a link's own.
-        """
-        size, whole = part.size, self.contour
-        product = part.lateral * whole.lateral + part.vertical * whole.vertical
-        mean, none = float(np.mean(whole.size**2)), _NO_ERROR**2
+        """Return the values of a part of the error."""
+        size, mean = part.size, float(np.mean(self.contour.size**2))
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()
@@ -210,7 +238,7 @@ class Budget:
             rms=float(np.sqrt(np.mean(size**2))),
             p95=float(np.percentile(size, _PERCENTILE)),
             max=float(size[k]),
-            share=float(np.mean(product)) / mean if mean > none else 0.0,
+            share=float(np.mean(part.dot(self.contour))) / mean if mean > _NO_ERROR**2 else 0.0,
             s=float(s),
             time=float(self.analysis.run.time[self.analysis.ticks[k]]),
             point=(x, y, z),
@@ -220,13 +248,13 @@ class Budget:
         if self.turn.max() < 1:
             return ()
         sizes = {name: part.size for name, part in {**self.parts, "contour": self.contour}.items()}
-        figures = []
+        turns = []
         for turn in range(self.turn.max() + 1):
             here = np.flatnonzero(self.turn == turn)
             s = self.analysis.nozzle.s[here]
             parts = {name: ErrorSize.of(size[here]) for name, size in sizes.items()}
-            figures.append(TurnValues(turn + 1, (float(s.min()), float(s.max())), parts))
-        return tuple(figures)
+            turns.append(TurnValues(turn + 1, (float(s.min()), float(s.max())), parts))
+        return tuple(turns)
 
 
 def _normal(foot: Projection) -> Part:

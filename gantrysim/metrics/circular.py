@@ -1,15 +1,14 @@
 """Circular tests in the manner of ISO 230-4.
 
 ISO 230-4 "Test code for machine tools, part 4: Circular tests for numerically controlled machine tools", editions of
-2005 and 2022. Its terms and symbols are used as they are publicly described; the standard's own text was not at hand:
+2005 and 2022; its terms and symbols as publicly described, without the standard's own text:
 
-- radial deviation F, its largest and smallest value Fmax and Fmin: from the actual path to the nominal path
+- radial deviation F, with its extremes Fmax and Fmin: from the actual path to the nominal path
 - circular deviation G: least radial separation of two concentric circles that envelop the actual path (minimum zone)
-- bidirectional circular deviation G(b): the same of two paths, one run clockwise and one counter-clockwise
+- bidirectional circular deviation G(b): the same of two paths, one clockwise and one counter-clockwise
 - mean bidirectional radial deviation D: radius of the least-squares circle of both paths less the nominal radius
 
-Sizes of reversal spikes and steps are not in the standard; instruments for circular tests give such figures, each in
-a way of its own. The way taken here is that of `Trace.reversals`.
+Reversal spikes and steps are not in the standard, and instruments define them differently; see `Trace.reversals`.
 """
 
 from __future__ import annotations
@@ -23,21 +22,21 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, positive
 from gantrysim.metrics.zone import least_squares_circle, minimum_zone, plane_points
 
-SPIKE_REACH = 15.0  # after a reversal, within which a spike is looked for [deg]
+SPIKE_REACH = 15.0  # range of a spike after its reversal [deg]
 _LARGEST_REACH = 45.0  # [deg]
 _LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
 
 
 @dataclass(frozen=True)
 class Reversal:
-    """What the radial deviation does where an axis reverses.
+    """The radial deviation at the reversal of an axis.
 
     Attributes:
-        axis: 0 for that along x, 1 for that along y.
-        angle: of the reversal on the circle, counter-clockwise from x [deg].
-        step: change of the radial deviation from before to after, outward positive; backlash b makes it b [mm].
-        spike: what the deviation is off beyond that, shortly after the reversal, where it is most [mm].
-        spike_at: how far after the reversal [deg].
+        axis: 0 for the axis along x, 1 for that along y.
+        angle: position of the reversal on the circle, counter-clockwise from x [deg].
+        step: change of the radial deviation across the reversal, outward positive; a backlash b gives b [mm].
+        spike: largest further deviation shortly after the reversal [mm].
+        spike_at: position of the spike after the reversal [deg].
     """
 
     axis: int
@@ -49,15 +48,15 @@ class Reversal:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One actual path round a nominal circle, run one way.
+    """One actual path round a nominal circle, in one direction.
 
     Args:
-        points: a full circle, in the order of the motion, evenly over the angle, (n, 2) [mm].
-        centre: of the nominal path [mm].
-        radius: of the nominal path [mm].
+        points: a full circle in the order of the motion, evenly over the angle, (n, 2) [mm].
+        centre: centre of the nominal path [mm].
+        radius: radius of the nominal path [mm].
 
     Raises:
-        InputError: points that do not go all the way round.
+        InputError: points that leave out a part of the circle.
     """
 
     points: Floats
@@ -75,13 +74,13 @@ class Trace:
 
     @property
     def angle(self) -> Floats:
-        """Of the points about the nominal centre, counter-clockwise from x, 0 to 360, (n,) [deg]."""
+        """Angle of the points about the nominal centre, counter-clockwise from x, 0 to 360, (n,) [deg]."""
         x, y = (self.points - self.centre).T
         return np.degrees(np.arctan2(y, x)) % 360
 
     @property
     def clockwise(self) -> bool:
-        """Whether it is run clockwise."""
+        """Whether the path is run clockwise."""
         turned = (np.diff(self.angle) + 180) % 360 - 180
         return bool(turned.sum() < 0)
 
@@ -96,22 +95,22 @@ class Trace:
         return minimum_zone(self.points).width
 
     def reversals(self, reach: float = SPIKE_REACH) -> tuple[Reversal, ...]:
-        """Return what happens at the four reversals of the axes, in the order of their angle.
+        """Return the four reversals of the axes, by their angle.
 
         With psi_k the angle passed since reversal k, negative before it, the deviation is fitted by
 
             F = a0 + a1 cos(theta) + b1 sin(theta) + a2 cos(2 theta) + b2 sin(2 theta)
                 + sum over k of h_k sign(psi_k) cos(psi_k) / 2, where |psi_k| < 90 deg:
 
-        size, eccentricity, the axes' scales and their square angle, and at each reversal a jump h_k of the axis that
-        reverses, as backlash makes it, seen along the radius. The reach after each reversal is left out of the fit. The
-        step is h_k; the spike is the largest magnitude of F less the fit within the reach.
+        size, eccentricity, scales and squareness of the axes, and at each reversal a jump h_k of the reversing axis, as
+        from backlash, seen along the radius. The fit leaves out the reach after each reversal. The step is h_k; the
+        spike is F less the fit where that is largest within the reach.
 
         Args:
-            reach: after a reversal, within which a spike is looked for [deg].
+            reach: range after a reversal in which to look for its spike [deg].
 
         Raises:
-            InputError: a reach beyond 45 deg, which leaves too little for the fit.
+            InputError: a reach above 45 deg, which leaves too little for the fit.
         """
         if not 0 < reach <= _LARGEST_REACH:
             raise InputError(f"reach = {reach:g} deg: must be above 0 deg and at most {_LARGEST_REACH:g} deg")
@@ -136,12 +135,8 @@ class Trace:
 class CircularTest:
     """Both paths of a circular test.
 
-    Args:
-        clockwise: the path run clockwise.
-        counter_clockwise: the other.
-
     Raises:
-        InputError: paths of other senses, or about other circles.
+        InputError: paths of other directions, or about different circles.
     """
 
     clockwise: Trace
@@ -165,5 +160,5 @@ class CircularTest:
 
     @property
     def mean_bidirectional_radial_deviation(self) -> float:
-        """D: positive where the paths are too large [mm]."""
+        """D, positive for paths that are too large [mm]."""
         return least_squares_circle(self._both)[1] - self.clockwise.radius

@@ -1,8 +1,8 @@
-"""Path accuracy and repeatability in the manner of ISO 9283.
+"""Path accuracy ATp and path repeatability RTp in the manner of ISO 9283.
 
 ISO 9283:1998 "Manipulating industrial robots, performance criteria and related test methods", clause 8 as publicly
-described: path accuracy ATp and path repeatability RTp. With n cycles, m places along the command path, and the points
-x_ij in which the j-th attained path meets the plane square to the command path at its i-th place c_i:
+described. With n cycles, m points c_i along the command path, and x_ij the point in which the j-th attained path meets
+the plane normal to the command path at c_i:
 
     xbar_i = mean over j of x_ij            barycentre
     ATp = max over i of |xbar_i - c_i|
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
+from gantrysim.metrics.spacing import forward
 
 _LEAST_CYCLES = 2
 
@@ -30,9 +31,9 @@ class RepeatedPath:
     """Path accuracy and repeatability along a path that was run several times.
 
     Attributes:
-        s: places on the command path by arc length, (m,) [mm].
-        command: the same as points c_i, (m, 3) [mm].
-        attained: where each attained path passes them, x_ij, (n, m, 3) [mm].
+        s: arc lengths on the command path, (m,) [mm].
+        command: points c_i there, (m, 3) [mm].
+        attained: points x_ij of the attained paths, (n, m, 3) [mm].
     """
 
     s: Floats
@@ -49,12 +50,12 @@ class RepeatedPath:
 
     @classmethod
     def of(cls, path: Path, traces: Sequence[ArrayLike], places: int) -> RepeatedPath:
-        """Return the figures of traces held against a path.
+        """Compare traces with a path.
 
         Args:
             path: the command path.
             traces: attained paths in the order of the motion, each (k, 3) [mm].
-            places: number m of places, evenly from where the last trace begins to where the first one ends.
+            places: number m of points, evenly spaced where all traces overlap.
         """
         offsets = [offset_over_length(path, trace) for trace in traces]
         s = np.linspace(max(at[0] for at, _ in offsets), min(at[-1] for at, _ in offsets), places)
@@ -90,20 +91,20 @@ class RepeatedPath:
 
 
 def offset_over_length(path: Path, trace: ArrayLike) -> tuple[Floats, Floats]:
-    """Return how far a trace is from a path, over the path's arc length, where it goes forward.
+    """Return the offset of a trace from a path over the path's arc length, without points that go back.
 
     Args:
         path: the command path.
-        trace: in the order of the motion, (k, 3) [mm].
+        trace: points in the order of the motion, (k, 3) [mm].
 
     Returns:
-        Arc lengths, ascending (r,) [mm], and offsets square to the path, (r, 3) [mm].
+        Arc lengths, ascending (r,) [mm], and offsets normal to the path, (r, 3) [mm].
     """
     foot = path.follow(trace, begin=0.0)
-    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
-    return foot.s[forward], foot.offset[forward]
+    ahead = forward(foot.s)
+    return foot.s[ahead], foot.offset[ahead]
 
 
 def interpolated(at: Floats, s: Floats, offset: Floats) -> Floats:
-    """Return offsets (r, 3) given over s (r,) at other arc lengths (m,), (m, 3) [mm]."""
+    """Interpolate offsets (r, 3) given at arc lengths s (r,) at others (m,), (m, 3) [mm]."""
     return np.stack([np.interp(at, s, offset[:, i]) for i in range(3)], axis=1)

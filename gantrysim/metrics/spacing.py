@@ -12,12 +12,12 @@ from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.paths.path import Local, Path, Projection
 
 _NEWTON_STEPS = 20
-_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
+_LAST_STEP = 1e-7  # Newton step below which the remaining error is of the order of its square [mm]
 _SLOPE_REACH = 0.25  # [mm]
 _LEAST_SLOPE = 0.3
-_CORNER = 0.5  # least jump of the heading from one point to the next that is a corner [rad]
-_CORNER_LENGTH = 1.0  # beyond which the points are that far apart because some are left out [mm]
-_LEAST_OVERLAP = 0.02  # of the second turn over the first, for a spacing to speak of [rad]
+_CORNER = 0.5  # least jump of the heading between two points that is a corner [rad]
+_CORNER_LENGTH = 1.0  # larger distances mean that points in between are left out [mm]
+_LEAST_OVERLAP = 0.02  # of the second turn over the first [rad]
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Spacing:
     Attributes:
         s: arc length of the points on the requested path, (m,) [mm].
         turn: turns of the tangent since the start of the requested path, (m,).
-        distance: to the neighbouring turn, (m,) [mm].
-        next_s: arc length of the points of the neighbouring turn on the requested path, (m,) [mm].
+        distance: distance to the neighbouring turn, (m,) [mm].
+        next_s: arc length of the neighbouring turn's points on the requested path, (m,) [mm].
         link: both points on the trace, (m, 2, 3) [mm].
     """
 
@@ -42,12 +42,11 @@ class Spacing:
 def spacing(path: Path, trace: ArrayLike) -> Spacing:
     """Return the distance of neighbouring turns of a trace, along the trace's own normal in the path's plane.
 
-    With s the foot of a point on the requested path and e(s) its lateral error the trace is, but for what it is off
-    the plane, q(s) = c(s) + e(s) n(s), and its direction in the plane is along (cos(beta) - kappa e) h + e' n, with
-    h the heading, beta the climb and e' taken over a quarter millimetre to both sides. From each point p the normal is
-    followed to where it meets the trace again a turn later: (q(s') - p).direction = 0, solved by Newton's method.
-    Points with no turn after them are left out. Of a path that turns now left, now right it is the stretch that
-    turns furthest one way.
+    With s the foot of a point on the requested path and e(s) its lateral error, the trace in the plane is
+    q(s) = c(s) + e(s) n(s), and its direction (cos(beta) - kappa e) h + e' n, with h the heading, beta the climb and e'
+    taken over a quarter millimetre to both sides. The normal at each point p meets the trace again a turn later where
+    (q(s') - p).direction = 0, solved by Newton's method. Points without a next turn are left out. On a path that turns
+    both ways only the stretch that turns furthest one way counts.
 
     Args:
         path: the requested path.
@@ -63,11 +62,11 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     Args:
         path: the requested path.
         foot: the trace's projection onto it.
-        ticks: of the trace's points, ascending; where some are left out there is no trace, (n,).
+        ticks: ticks of the trace's points, ascending, (n,); missing ticks are gaps of the trace.
     """
-    forward = np.concatenate([[True], foot.s[1:] > np.maximum.accumulate(foot.s)[:-1]])
-    s, lateral = foot.s[forward], foot.lateral[forward]
-    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[forward]
+    kept = forward(foot.s)
+    s, lateral = foot.s[kept], foot.lateral[kept]
+    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[kept]
 
     def offset(at: Floats) -> Floats:
         return np.interp(at, s, lateral)
@@ -77,7 +76,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         return (offset(high) - offset(low)) / (high - low)
 
     def trace(at: Floats) -> tuple[Floats, Floats, Local]:
-        """The trace's points and its derivative over s in the plane, (m, 3) each, and the path there."""
+        """The trace's points, its derivative by s in the plane, (m, 3) each, and the path there."""
         here, error = path.local(at), offset(at)
         point = here.position + error[:, None] * here.normal
         ahead = here.cosine - here.turning * error
@@ -99,7 +98,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     for _ in range(_NEWTON_STEPS):
         ahead = tangent[active]
         there, direction, _ = trace(met_at[active])
-        # where the two turns' directions differ much the step is kept short
+        # short steps where the directions of the two turns differ much
         step = dot(there - point[active], ahead) / np.maximum(dot(direction, ahead), _LEAST_SLOPE)
         met_at[active] -= step
         active = active[np.abs(step) >= _LAST_STEP]
@@ -114,19 +113,24 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met], link[met])
 
 
+def forward(s: Floats) -> NDArray[np.bool_]:
+    """Whether each arc length exceeds all before it, (n,)."""
+    return np.concatenate([[True], s[1:] > np.maximum.accumulate(s)[:-1]])
+
+
 def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:
-    """Return the angle turned along the stretch of a heading that turns furthest one way, and where that is.
+    """Return the stretch of a heading that turns furthest one way.
 
     Args:
         heading: in the order of the motion, not wrapped, (n,) [rad]; a jump is a corner, which ends a stretch.
         s: arc lengths, (n,) [mm].
 
     Returns:
-        The angle since the stretch begins, (k,) [rad], and the indices at which it begins and before which it ends.
+        The angle turned since the start of the stretch, (k,) [rad], and its first index and the one after its last.
     """
     change = np.diff(heading)
     sense = np.sign(change)
-    # a straight stretch goes with the turning before it
+    # a straight belongs to the turning before it
     turning = np.flatnonzero(sense)
     if not turning.size:
         return np.zeros(0), (0, 0)

@@ -17,7 +17,7 @@ _TOLERANCE = 1e-12  # of the radius
 
 @dataclass(frozen=True)
 class MinimumZone:
-    """Two concentric circles that envelop points, as near to each other as they can be.
+    """The two closest concentric circles that envelop points.
 
     Attributes:
         centre: (x, y) [mm].
@@ -36,9 +36,9 @@ class MinimumZone:
 
 
 def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]:
-    """Return centre and radius of the circle with the least sum of squared radial distances.
+    """Return centre and radius of the least-squares circle.
 
-    Gauss-Newton on sum of (|p_i - c| - r)^2, begun at the algebraic fit |p|^2 = 2 c.p + k.
+    Gauss-Newton on sum of (|p_i - c| - r)^2 from the algebraic fit |p|^2 = 2 c.p + k.
 
     Args:
         points: (n, 2) [mm].
@@ -69,14 +69,14 @@ def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]
 def minimum_zone(points: ArrayLike) -> MinimumZone:
     """Return the minimum zone of points: min over c of max |p_i - c| - min |p_i - c|.
 
-    From a centre c0 the distances are linear in a small step d, |p_i - c0 - d| = |p_i - c0| - u_i.d with the unit
-    vectors u_i from c0 to p_i; the least width of that is a linear program in d and the two radii,
+    For a small step d from a centre c0 the distances are linear, |p_i - c0 - d| = |p_i - c0| - u_i.d with the unit
+    vectors u_i from c0 to p_i, and the width is the least of a linear program in d and the two radii,
 
         min  b - a   with   a <= |p_i - c0| - u_i.d <= b.
 
-    It is solved for the outermost and the innermost point of each of 36 sectors, and for every point that is then found
-    further out or in; the step is taken, halved until it helps, and the program is set up anew until the step is
-    nothing. The first centre is that of the least-squares circle.
+    It holds the outermost and innermost point of each of 36 sectors and every point later found beyond them. Its step
+    is halved until the width shrinks, and it is solved anew until the step vanishes. The first centre is that of the
+    least-squares circle.
 
     Args:
         points: (n, 2) [mm].
@@ -121,8 +121,8 @@ def _extremes(out: Floats, r: Floats) -> NDArray[np.intp]:
 
 
 def _zone_step(unit: Floats, deviation: Floats) -> Floats:
-    """The step d of the least b - a with a <= deviation - unit.d <= b, all in units of the width, (2,)."""
-    from scipy.optimize import linprog  # slow to import, and needed by these figures alone
+    """The step d that minimises b - a with a <= deviation - unit.d <= b, all in units of the width, (2,)."""
+    from scipy.optimize import linprog  # slow to import
 
     ones, zeros = np.ones((deviation.size, 1)), np.zeros((deviation.size, 1))
     solved = linprog(

@@ -1,4 +1,4 @@
-"""Plots of one run: plan view with the error magnified, error budget, errors over time, spacing by turn, bead."""
+"""Plots of one run: plan view, error budget, errors over time, spacing of turns, bead."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 def save_plots(
     analysis: Analysis, folder: FilePath, bead: Bead | None = None, progress: Callable[[float], None] | None = None
 ) -> list[FilePath]:
-    """Write plan.png, error.png, budget.png, spacing.png of a trace with neighbouring turns, and bead.png.
+    """Write plan.png, error.png, budget.png, spacing.png of neighbouring turns, and bead.png where there is glue.
 
     Args:
-        analysis: of the run.
-        folder: to write into.
-        bead: of the run; without it, or where it has no glue, there is no bead.png.
+        analysis: the analysis of the run.
+        folder: folder to write into.
+        bead: the bead of the run.
         progress: called with the share that is done.
 
     Returns:
         The files written.
     """
-    tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axes, and one for the path
+    tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axis, and one for the path
     drawings: dict[str, tuple[Callable[[Figure], None], tuple[float, float]]] = {
         "plan": (partial(draw_plan, analysis=analysis), (7.0, view_height(*plan_extent(analysis), 7.0))),
         "error": (partial(draw_error, analysis=analysis), (9.0, tall)),

@@ -1,4 +1,4 @@
-"""The bead: its height on the map, its width along the trace, and what lies between its turns."""
+"""Plots of the bead: height, width, and clearance between turns."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_DRY = 1e-3  # of the nozzle's height, below which there is nothing on the map
-_USUAL, _ABOVE = 95.0, 1.6  # percentile of the width that is shown, and by how much more
+_DRY = 1e-3  # of the nozzle's height; less is no glue
+_USUAL, _ABOVE = 95.0, 1.6  # percentile of the width, and the limit of the axis over it
 _GLUE, _GAP, _OVERLAP = "#b87a00", "#3a9fc7", "#d55e00"
 
 
@@ -33,24 +33,16 @@ def draw_height_map(figure: Figure, bead: Bead) -> None:
         interpolation="none",
         zorder=2,
     )
-    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="Height of the bead")
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="Bead height")
     bar = figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
     if bead.settings.squashed and bead.gap <= float(heights.max()):
         bar.ax.axhline(bead.gap, color=INK, lw=1.0)
-        bar.ax.annotate(
-            "gap",
-            (0, bead.gap),
-            xytext=(-2, 0),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            ha="right",
-            va="center",
-            fontsize=7,
-        )
+        place, units = (0, bead.gap), ("axes fraction", "data")
+        bar.ax.annotate("gap", place, (-2, 0), units, "offset points", ha="right", va="center", fontsize=7)
 
 
 def draw_bead_along(figure: Figure, bead: Bead) -> None:
-    """Draw the bead's width along the trace and, of neighbouring turns, the gap or overlap between them."""
+    """Draw the bead's width along the trace, and the clearance between neighbouring turns."""
     turns = bead.clearance.size > 0
     upper, *lower = figure.subplots(2 if turns else 1, sharex=True, squeeze=False)[:, 0]
     upper.plot(*thinned(bead.place, bead.width), color=_GLUE, lw=1.2, label="width")
@@ -58,7 +50,7 @@ def draw_bead_along(figure: Figure, bead: Bead) -> None:
     upper.axhline(nominal, color=INK, lw=1.0, ls="--", label=f"nominal: {nominal:.3f} mm")
     upper.set(ylabel="width [mm]")
     _clip(upper, bead.place, bead.width, nominal)
-    upper.set_title("Width of the bead", loc="right")
+    upper.set_title("Bead width", loc="right")
     upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in lower:
         analysis = bead.analysis
@@ -70,19 +62,20 @@ def draw_bead_along(figure: Figure, bead: Bead) -> None:
         axes.plot(at, clearance, color=INK, lw=0.8)
         axes.axhline(0, color=INK, lw=0.8)
         axes.set(ylabel="clearance [mm]")
-        axes.set_title("Distance to the next turn less the bead's width", loc="right")
+        axes.set_title("Clearance to the next turn: spacing less bead width", loc="right")
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in (upper, *lower):
         axes.margins(x=0.01)
-        edges = np.concatenate([[0], bead.stretches.ravel(), [len(bead.length) - 1]])
-        for first, last in edges.clip(max=len(bead.length) - 1).reshape(-1, 2):
-            if bead.length[last] > bead.length[first]:
-                axes.axvspan(bead.length[first], bead.length[last], color=COLOURS["requested"], alpha=0.2, lw=0)
-    (lower[-1] if lower else upper).set_xlabel("place along the nozzle's trace [mm]")
+        last = len(bead.length) - 1
+        off = np.concatenate([[0], bead.stretches.ravel(), [last]]).clip(max=last).reshape(-1, 2)
+        for start, stop in bead.length[off]:
+            if stop > start:
+                axes.axvspan(start, stop, color=COLOURS["requested"], alpha=0.2, lw=0)
+    (lower[-1] if lower else upper).set_xlabel("distance along the nozzle's path [mm]")
 
 
 def _clip(axes: Axes, place: Floats, width: Floats, nominal: float) -> None:
-    """Let rare blobs leave the picture, and write down how wide the widest is."""
+    """Scale the axis to the usual width, and annotate the largest one if that is beyond."""
     widest = int(width.argmax())
     usual = _ABOVE * max(float(np.percentile(width, _USUAL)), nominal)
     if width[widest] <= usual:
@@ -91,9 +84,9 @@ def _clip(axes: Axes, place: Floats, width: Floats, nominal: float) -> None:
     axes.set_ylim(0, usual)
     right = place[widest] > 0.5 * place[-1]
     axes.annotate(
-        f"widest {width[widest]:.3g} mm at {place[widest]:.4g} mm",
+        f"maximum {width[widest]:.3g} mm at {place[widest]:.4g} mm",
         (place[widest], usual),
-        xytext=(-8 if right else 8, -12),
+        (-8 if right else 8, -12),
         textcoords="offset points",
         ha="right" if right else "left",
         color=_GLUE,

@@ -1,4 +1,4 @@
-"""The error budget: which link of the chain caused how much of the contour error, and where."""
+"""Plots of the error budget: the links' parts of the contour error, in total, by turn and along the path."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.metrics.budget import Budget, Part
+from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, INK, UM, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LEAST_NAMED = 0.07  # share of a bar in which there is room for its number
-_MOST_NAMED = 10  # turns that are marked by their numbers
-_NOTHING = 1e-6  # largest error that is none [mm]
-_VERTICAL = 0.02  # of the largest error, from which the vertical one is drawn
+_LEAST_NAMED = 0.07  # smallest share of a bar with room for its number
+_MOST_NAMED = 10  # largest number of labelled turns
+_NOTHING = 1e-6  # largest negligible error [mm]
+_VERTICAL = 0.02  # smallest vertical error that is drawn, of the largest error
 
 
 def draw_budget(figure: Figure, budget: Budget) -> None:
-    """Draw the links' shares of the contour error's mean square as a stacked bar; below it, one of rms by turn.
+    """Draw the links' shares of the contour error's mean square as a stacked bar, and below it the rms by turn.
 
-    A share below zero, of a link that makes good for others, stands to the left of zero, or below it.
+    Negative shares, which offset others, extend to the other side of zero.
     """
     turns = budget.values.turns
     whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
@@ -45,23 +45,23 @@ def draw_budget(figure: Figure, budget: Budget) -> None:
         stack_bars(
             axes, number, {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}, upright=True
         )
-        axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms of the contour error by turn, in the links' shares")
+        axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms contour error by turn, split by the links' shares")
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
         axes.grid(visible=False, axis="x")
 
 
 def draw_budget_along(figure: Figure, budget: Budget) -> None:
-    """Draw the contour error and its parts over the path's length: on one scale above, each on its own below.
+    """Draw the lateral contour error and its parts along the path: on one scale, then each on its own.
 
-    Lateral errors are drawn, positive to the left of the path; vertical ones as thin lines where there are such.
+    Vertical errors, if any, are thin lines.
     """
     analysis = budget.analysis
     s, ticks = analysis.nozzle.s, analysis.ticks
     shown = {name: part for name, part in budget.parts.items() if part.size.max() > _NOTHING}
     largest = max(float(budget.contour.size.max()), _NOTHING)
-    rows = 1 + len(shown)
-    panels = figure.subplots(rows, sharex=True, squeeze=False, height_ratios=[2.4] + [1.0] * len(shown))[:, 0]
+    ratios = [2.4] + [1.0] * len(shown)
+    panels = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
     whole = panels[0]
     _line(whole, s, ticks, budget.contour.lateral, lw=2.4, color=COLOURS["contour"], alpha=0.85, label="contour")
     for name, part in shown.items():
@@ -77,33 +77,31 @@ def draw_budget_along(figure: Figure, budget: Budget) -> None:
         panel.margins(x=0.01)
     _mark_turns(panels, budget)
     whole.set_ylabel("all links")
-    figure.supylabel("left of the requested path [µm]", fontsize="medium")
-    panels[-1].set_xlabel("place along the requested path [mm]")
+    figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
+    panels[-1].set_xlabel("distance along the requested path [mm]")
     whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if _turn_starts(budget).size else 1.0), ncols=6)
 
 
 def _turn_starts(budget: Budget) -> Floats:
-    """Return where on the requested path each turn begins, of a path of more than one turn, (t,) [mm]."""
+    """Return the starts of the turns on the requested path; none for a single turn, (t,) [mm]."""
     return np.array([turn.s[0] for turn in budget.values.turns])
 
 
 def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:
-    """Mark by lines where turns begin, and write the turns' numbers over the uppermost panel."""
+    """Mark the starts of the turns by lines, numbered over the uppermost panel."""
     starts = _turn_starts(budget)
     step = -(-starts.size // _MOST_NAMED) if starts.size else 1
     for k, start in enumerate(starts.tolist()):
         for panel in panels:
             panel.axvline(start, color=COLOURS["requested"], lw=0.8, ls=(0, (4, 3)))
         if k % step == 0:
-            place = (start, 1.0)
             panels[0].annotate(
-                f"turn {k + 1}", place, xycoords=("data", "axes fraction"), xytext=(2, 2), textcoords="offset points",
-                fontsize=8,
-            )  # fmt: skip
+                f"turn {k + 1}", (start, 1.0), (2, 2), ("data", "axes fraction"), "offset points", fontsize=8
+            )
 
 
 def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style: object) -> None:
-    """Draw an error over the path, with gaps where ticks are left out."""
+    """Draw an error along the path, with gaps at missing ticks."""
     gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
     x, y = thinned(np.insert(s, gaps, np.nan), np.insert(UM * error, gaps, np.nan))
     axes.plot(x, y, **style)  # type: ignore[arg-type]
@@ -111,28 +109,24 @@ def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style
 
 def _shares_by_turn(budget: Budget) -> dict[str, Floats]:
     """The links' shares of the contour error's mean square within each turn, (turns,)."""
-    whole, turn = budget.contour, budget.turn
-    inside = turn >= 0
-    square = np.bincount(turn[inside], _product(whole, whole)[inside])
-    shares = {}
-    for name, part in budget.parts.items():
-        product = np.bincount(turn[inside], _product(part, whole)[inside])
-        shares[name] = np.divide(product, square, out=np.zeros_like(product), where=square > 0)
-    return shares
-
-
-def _product(one: Part, other: Part) -> Floats:
-    return one.lateral * other.lateral + one.vertical * other.vertical
+    whole, inside = budget.contour, budget.turn >= 0
+    turn = budget.turn[inside]
+    square = np.bincount(turn, whole.dot(whole)[inside])
+    products = {name: np.bincount(turn, part.dot(whole)[inside]) for name, part in budget.parts.items()}
+    return {
+        name: np.divide(product, square, out=np.zeros_like(product), where=square > 0)
+        for name, product in products.items()
+    }
 
 
 def stack_bars(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool) -> None:
-    """Stack bars, what is positive from zero one way and what is negative the other way.
+    """Stack bars, positive values on one side of zero and negative ones on the other.
 
     Args:
-        axes: to draw on.
-        at: where the bars stand, (m,).
-        values: of every link, (m,).
-        upright: whether they stand, or lie.
+        axes: axes to draw on.
+        at: places of the bars, (m,).
+        values: values of every link, (m,).
+        upright: whether the bars are vertical.
     """
     above, below = np.zeros(at.size), np.zeros(at.size)
     for name, value in values.items():
@@ -147,5 +141,5 @@ def stack_bars(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool)
 
 
 def _on(name: str) -> str:
-    """A colour that can be read on a link's own."""
+    """A colour for text on a link's own."""
     return "#ffffff" if name in ("tracking", "structure") else "#1b1f25"

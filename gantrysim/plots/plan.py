@@ -1,4 +1,4 @@
-"""The plan view: the requested path, and the trace with its error magnified."""
+"""Plot of the plan view."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
 def draw_plan(figure: Figure, analysis: Analysis) -> None:
-    """Draw the requested path, and the nozzle's trace with its error to the path magnified."""
+    """Draw the requested path, and the nozzle's path with its error magnified."""
     run = analysis.run
     axes = figure.add_subplot()
     trace, offset, distance = run.nozzle[analysis.ticks], analysis.nozzle.offset, analysis.nozzle.distance
@@ -24,10 +24,10 @@ def draw_plan(figure: Figure, analysis: Analysis) -> None:
     drawn = trace + (factor - 1) * offset
     line = run.requested.position(np.linspace(0, run.requested.length, 4000))
     axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=1.0, label="requested path")
-    label = f"nozzle, error magnified {factor} times" if factor > 1 else "nozzle"
+    label = f"nozzle, error × {factor}" if factor > 1 else "nozzle"
     axes.plot(drawn[:, 0], drawn[:, 1], color=COLOURS["contour"], lw=1.0, label=label)
     worst = int(distance.argmax())
-    worst_label = f"largest error, {UM * distance[worst]:.0f} µm"
+    worst_label = f"largest error: {UM * distance[worst]:.0f} µm"
     axes.plot(*drawn[worst, :2], "v", ms=7, mfc="none", color=COLOURS["fault"], ls="none", label=worst_label)
     for k, mark, name in ((0, "o", "start"), (-1, "s", "end")):
         axes.plot(*trace[k, :2], mark, ms=5, color=INK)
@@ -44,7 +44,7 @@ def plan_extent(analysis: Analysis) -> tuple[float, float]:
 
 
 def _magnification(analysis: Analysis) -> int:
-    """The largest round factor that keeps the drawn error below a fifth of the turns' spacing, or of the size."""
+    """The largest factor that keeps the drawn error below a fifth of the spacing of turns, or 2 % of the extent."""
     trace = analysis.run.nozzle[analysis.ticks]
     turns = analysis.spacing.distance
     room = 0.2 * float(turns.mean()) if turns.size else 0.02 * float(np.ptp(trace[:, :2], axis=0).max())

@@ -1,4 +1,4 @@
-"""What all plots have in common: colours, type, and the sheet they are drawn on."""
+"""Style of all plots: colours, fonts, and the sheet they are drawn on."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gantrysim.arrays import Floats
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLUMNS = 1000  # of a plot, between which a line is told apart
+_COLUMNS = 1000  # horizontal resolution of a thinned line
 
 UM = 1e3  # micrometres in a millimetre
 
-INK = "#1b1f24"  # of text, axes, and what is measured at the end of the chain
+INK = "#1b1f24"  # of text, axes and the contour error
 
-# One colour for each link of the chain, in every plot, after Okabe and Ito's palette for all kinds of colour vision;
-# the axes of a machine have colours of their own, after Paul Tol's muted scheme.
+# The links' colours are from Okabe and Ito's palette, the axes' from Paul Tol's muted scheme; both suit all kinds of
+# colour vision.
 COLOURS = {
     "requested": "#8a8f98",
     "generation": "#e69f00",
@@ -52,13 +52,8 @@ _STYLE: dict[Any, Any] = {
 
 @contextmanager
 def sheet(width: float, height: float) -> Iterator[Figure]:
-    """Give an empty figure; what is drawn on it inside the block has the style of all plots.
-
-    Args:
-        width: of the figure [inch].
-        height: of the figure [inch].
-    """
-    import matplotlib  # slow to import, and needed by the plots alone
+    """Yield an empty figure of a width and height [inch] to draw on in the common style."""
+    import matplotlib  # slow to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -69,33 +64,26 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
 
 
 def turn_colours(count: int) -> list[str]:
-    """Return colours for the turns of a spiral in their order: dark to light, told apart by lightness alone."""
-    from matplotlib import colormaps  # slow to import, and needed by the plots alone
+    """Return colours for the turns of a spiral, from dark to light."""
+    from matplotlib import colormaps  # slow to import
     from matplotlib.colors import to_hex
 
     return [to_hex(colormaps["viridis"](0.28 + 0.54 * k / max(count - 1, 1))) for k in range(count)]
 
 
 def view_height(wide: float, high: float, width: float) -> float:
-    """Return the height of a view from above, in which both directions have one scale, with room for a legend [inch].
+    """Return the height of a figure for a plan view with equal scales and a legend [inch].
 
     Args:
-        wide: what it shows from left to right.
-        high: and from bottom to top, in the same unit.
-        width: of the figure [inch].
+        wide: extent of the content from left to right.
+        high: extent from bottom to top, in the same unit.
+        width: width of the figure [inch].
     """
     return float(np.clip(0.85 * width * high / max(wide, 1e-9), 0.25 * width, 1.1 * width)) + 1.2
 
 
 def thinned(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return those points of a line that its picture needs: in each of many columns first, lowest, highest and last.
-
-    What is not a number keeps its place as a gap.
-
-    Args:
-        x: from left to right, (m,).
-        y: (m,).
-    """
+    """Thin a line (m,) to the first, lowest, highest and last point of each of many columns; NaN remain as gaps."""
     size = -(-x.size // _COLUMNS)
     if size <= 4:
         return x, y

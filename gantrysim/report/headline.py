@@ -1,22 +1,9 @@
-"""The error budget in words: the spans and causes of its links, and the headline of a run."""
+"""The headline of a run: its contour error, and the link that causes most of it."""
 
 from __future__ import annotations
 
-from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.budget import CAUSES, Budget
 
-SPANS = {
-    "generation": "requested to commanded",
-    "tracking": "commanded to encoder",
-    "measurement": "encoder to motor",
-    "structure": "motor to nozzle",
-    "contour": "requested to nozzle",
-}
-CAUSES = {
-    "generation": "the controller program",
-    "tracking": "servo, motors and friction",
-    "measurement": "encoder quantisation",
-    "structure": "compliance and backlash",
-}
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
 _UM = 1e3

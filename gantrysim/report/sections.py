@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.bead import Bead, BeadValues
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
-from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.metrics.budget import CAUSES, DESCRIPTIONS, Budget, PartValues
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
@@ -18,7 +18,7 @@ from gantrysim.plots.plan import draw_plan, plan_extent
 from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
 from gantrysim.plots.style import COLOURS, sheet, view_height
 from gantrysim.report.document import Column, Section, Table
-from gantrysim.report.headline import CAUSES, NO_ERROR, SPANS
+from gantrysim.report.headline import NO_ERROR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,8 +51,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     links = Table(
         ["link", "span and cause", *numbers],
         [
-            *(row(part, link, f"{SPANS[link]}: {CAUSES[link]}") for link, part in values.parts.items()),
-            row(values.contour, "contour", f"{SPANS['contour']}: total"),
+            *(row(part, link, f"{DESCRIPTIONS[link]}: {CAUSES[link]}") for link, part in values.parts.items()),
+            row(values.contour, "contour", f"{DESCRIPTIONS['contour']}: total"),
         ],
         "Error normal to the requested path, its share of the mean square, and where it is largest",
         COLOURS,
@@ -143,15 +143,15 @@ def bead_section(bead: Bead) -> Section:
 
 
 def _bead_facts(values: BeadValues) -> list[tuple[str, str, str]]:
-    error = f"{values.error_percent:+z.2f}".replace("-", "−")
+    error = f"{values.volume_error_percent:+z.2f}".replace("-", "−")
     facts = [
-        ("Volume laid", f"{values.laid:.4g} mm³", f"{error} % of {values.asked:.4g} mm³ requested"),
+        ("Volume laid", f"{values.volume:.4g} mm³", f"{error} % of {values.requested_volume:.4g} mm³ requested"),
         ("Cross-section", f"{values.section.mean:.3f} mm²", f"nominal {values.nominal:.3f} mm²"),
         ("Width", f"{values.width.mean:.3f} mm", f"{values.width.min:.3f} to {values.width.max:.3f} mm"),
     ]
-    if values.clearance is not None and values.coverage is not None and values.overlapping is not None:
+    if values.clearance is not None and values.coverage is not None and values.overlap_share is not None:
         between = "gap" if values.clearance.mean > 0 else "overlap"
-        overlapping = f"turns overlap on {100 * values.overlapping:.1f} % of their length"
+        overlapping = f"turns overlap on {100 * values.overlap_share:.1f} % of their length"
         facts += [
             (f"Mean {between} between turns", f"{abs(values.clearance.mean):.3f} mm", ""),
             ("Coverage", f"{100 * values.coverage:.1f} %", overlapping),
@@ -164,10 +164,10 @@ def _bead_sizes(values: BeadValues) -> Table:
         ("cross-section", "mm²", values.section),
         ("width", "mm", values.width),
         ("clearance between neighbouring turns", "mm", values.clearance),
-        ("start: missing glue", "mm", values.start),
-        ("stop: excess glue", "mm", values.stop),
-        ("start: visible delay", "mm", values.begins),
-        ("stop: visible overrun", "mm", values.ends),
+        ("start: missing glue", "mm", values.start_shortfall),
+        ("stop: excess glue", "mm", values.stop_excess),
+        ("start: visible delay", "mm", values.start_offset),
+        ("stop: visible overrun", "mm", values.stop_offset),
     )
     return Table(
         ["", "unit", *(Column(name, ".3f") for name in ("mean", "std", "min", "max"))],
@@ -177,16 +177,17 @@ def _bead_sizes(values: BeadValues) -> Table:
 
 
 def _volumes(values: BeadValues) -> Table:
-    rows = (
-        ("ramps", values.ramps, "requested by the program beyond the nominal section while the speed ramps"),
-        ("starts", values.starts, "laid beyond the request until the flow has settled"),
-        ("running", values.running, "the same while the flow is settled, from a limit"),
-        ("stops", values.stops, "the same from when the dispenser closes"),
-        ("error", values.error, "total"),
-    )
+    causes = {
+        "ramps": "requested by the program beyond the nominal section while the speed ramps",
+        "starts": "laid beyond the request until the flow has settled",
+        "running": "the same while the flow is settled, from a limit",
+        "stops": "the same from when the dispenser closes",
+        "error": "total",
+    }
+    volumes = values.volume_error_parts | {"error": values.volume_error}
     return Table(
         ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "cause"],
-        [[name, volume, 100 * volume / values.asked, cause] for name, volume, cause in rows],
+        [[name, volume, 100 * volume / values.requested_volume, causes[name]] for name, volume in volumes.items()],
         "Volume laid beyond the nominal section along the path; the parts sum to the error",
     )
 

@@ -235,7 +235,7 @@ def _bead(bead: Bead) -> Row:
     glue = bead.nominal > 0
     return {
         "bead_width_mean_mm": float(bead.width[bead.dispensing].mean()) if glue else None,
-        "bead_volume_error_percent": 100 * (bead.laid - bead.asked) / bead.asked if glue else None,
+        "bead_volume_error_percent": bead.volume_error_percent if glue else None,
     }
 
 

@@ -1,4 +1,4 @@
-"""The bead along the trace: conservation, shapes of the section, and figures against closed forms."""
+"""The bead along the trace: conservation, shapes of the section, and values against closed forms."""
 
 import math
 import re
@@ -15,6 +15,7 @@ from rich.console import Console
 from gantrysim import Dispenser, InputError, Job, Machine
 from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.cli.tables import outcome_table
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.job.job import builtin_jobs
 from gantrysim.report.sections import bead_section
@@ -89,7 +90,7 @@ def test_half_a_body_of_a_half_disc_is_a_quarter_of_a_ball():
 @pytest.mark.parametrize("path", [line(), spiral(8.0)], ids=["line", "spiral"])
 @pytest.mark.parametrize("squashed", [True, False])
 def test_constant_flow_and_speed_lay_a_bead_of_constant_width(path, squashed):
-    """Of the area Q / v all the way, but where the last way is shorter than a period's."""
+    """Its area is Q / v, but for the last, incomplete period."""
     bead = laid(XY, path, squashed=squashed)
     inner = away_from_ends(bead)
     assert bead.area[inner] == pytest.approx(np.full(inner.sum(), AREA), rel=CONSTANT)
@@ -117,17 +118,15 @@ def test_a_flow_in_proportion_to_the_speed_keeps_the_section_through_a_change_of
     proportional = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(area=AREA)))
     fixed = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(flow=AREA * 40.0)))
     assert proportional.area == pytest.approx(np.full(proportional.area.size, AREA), rel=CONSTANT)
-    assert proportional.values.error == pytest.approx(0.0, abs=1e-6)
+    assert proportional.values.volume_error == pytest.approx(0.0, abs=1e-6)
     assert fixed.area[40] == pytest.approx(0.4 * AREA, rel=CONSTANT)
     assert fixed.area[-40] == pytest.approx(AREA, rel=CONSTANT)
-    assert fixed.values.asked == pytest.approx(AREA * fixed.place[-1], rel=1e-9)
-    assert fixed.values.error == pytest.approx(-0.6 * AREA * 49.9, rel=1e-2)
+    assert fixed.values.requested_volume == pytest.approx(AREA * fixed.place[-1], rel=1e-9)
+    assert fixed.values.volume_error == pytest.approx(-0.6 * AREA * 49.9, rel=1e-2)
 
 
 def run_setpoints(bead):
     """Setpoints that would give a bead's commanded trace."""
-    from gantrysim.controllers.setpoints import Setpoints
-
     run = bead.run
     return Setpoints(run.period, run.axes, run.commanded, run.dispense, run.requested)
 
@@ -139,8 +138,8 @@ def test_no_glue_is_lost_between_the_flow_and_the_sections(seed, gap, squashed):
     bead = laid(XY, line(60.0), gap=gap, squashed=squashed)
     n = len(bead.run.time)
     speed = np.repeat(random.uniform(0.0, 3.0, n // 20 + 1), 20)[:n] * (random.random(n) < 0.8)
-    way = np.concatenate([[0.0], np.cumsum(speed[:-1])]) * 0.1
-    nozzle = np.stack([way - 50.0, 0 * way, 0 * way], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(speed[:-1])]) * 0.1
+    nozzle = np.stack([s - 50.0, 0 * s, 0 * s], axis=1)
     flow = np.repeat(random.uniform(0.0, 500.0, n // 50 + 1), 50)[:n]
     other = Bead(replace(bead.run, nozzle=nozzle, flow=flow), bead.settings)
     assert other.area.min() >= 0
@@ -166,18 +165,18 @@ LAGS = {"dead_time": 0.02, "opening": 0.03, "closing": 0.04}
 
 
 @pytest.mark.parametrize("lead", [0.0, 0.015])
-def test_start_and_stop_are_off_by_the_way_of_their_lags(lead):
+def test_start_and_stop_are_off_by_the_distance_of_their_lags(lead):
     """By volume v (dead time + time constant - lead)."""
     dispenser = Dispenser(flow=AREA * SPEED, **LAGS, start_lead=lead, stop_lead=lead)
-    figures = laid(XY, line(200.0, start=(-100.0, 0.0)), dispenser, on=(0.4, 1.3)).values
-    assert figures.start.mean == pytest.approx(SPEED * (0.05 - lead), rel=1e-4)
-    assert figures.stop.mean == pytest.approx(SPEED * (0.06 - lead), rel=1e-4)
+    values = laid(XY, line(200.0, start=(-100.0, 0.0)), dispenser, on=(0.4, 1.3)).values
+    assert values.start_shortfall.mean == pytest.approx(SPEED * (0.05 - lead), rel=1e-4)
+    assert values.stop_excess.mean == pytest.approx(SPEED * (0.06 - lead), rel=1e-4)
     # half the section is reached after the dead time and ln 2 time constants
-    assert figures.begins.mean == pytest.approx(SPEED * (0.02 + 0.03 * math.log(2) - lead), abs=PLACE)
-    assert figures.ends.mean == pytest.approx(SPEED * (0.02 + 0.04 * math.log(2) - lead), abs=PLACE)
-    assert figures.asked == pytest.approx(AREA * 90.0)
-    assert figures.error == pytest.approx(AREA * 1.0, rel=1e-3)
-    assert figures.error_percent == pytest.approx(100 / 90, rel=1e-3)
+    assert values.start_offset.mean == pytest.approx(SPEED * (0.02 + 0.03 * math.log(2) - lead), abs=PLACE)
+    assert values.stop_offset.mean == pytest.approx(SPEED * (0.02 + 0.04 * math.log(2) - lead), abs=PLACE)
+    assert values.requested_volume == pytest.approx(AREA * 90.0)
+    assert values.volume_error == pytest.approx(AREA * 1.0, rel=1e-3)
+    assert values.volume_error_percent == pytest.approx(100 / 90, rel=1e-3)
 
 
 def ramped(dispenser):
@@ -197,41 +196,41 @@ def ramped(dispenser):
 )
 @pytest.mark.parametrize("fixed", [True, False])
 def test_the_volume_error_is_the_sum_of_its_parts(fixed, lags):
-    """A fixed flow on ramps of 0.2 s each asks for half of 0.4 s more; an area for none; no lags, no more."""
-    figures = ramped(Dispenser(**({"flow": AREA * SPEED} if fixed else {"area": AREA}), **lags)).values
-    parts = figures.ramps + figures.starts + figures.running + figures.stops
-    assert parts == pytest.approx(figures.error, abs=1e-9)
-    assert figures.dispenser == pytest.approx(figures.error - figures.ramps, abs=1e-9)
-    assert figures.ramps == pytest.approx(AREA * SPEED * 0.2 if fixed else 0.0, rel=1e-2, abs=1e-9)
+    """A fixed flow on ramps of 0.2 s each demands 0.2 s too much; an area nothing; without lags no other error."""
+    values = ramped(Dispenser(**({"flow": AREA * SPEED} if fixed else {"area": AREA}), **lags)).values
+    parts = values.ramp_error + values.start_error + values.steady_error + values.stop_error
+    assert parts == pytest.approx(values.volume_error, abs=1e-9)
+    assert values.dispenser_error == pytest.approx(values.volume_error - values.ramp_error, abs=1e-9)
+    assert values.ramp_error == pytest.approx(AREA * SPEED * 0.2 if fixed else 0.0, rel=1e-2, abs=1e-9)
     if not lags:
-        assert [figures.starts, figures.running, figures.stops] == pytest.approx([0, 0, 0], abs=1e-9)
+        assert [values.start_error, values.steady_error, values.stop_error] == pytest.approx([0, 0, 0], abs=1e-9)
     elif fixed:
-        assert figures.starts == pytest.approx(-AREA * SPEED * 0.05, rel=1e-3)
-        assert figures.stops == pytest.approx(AREA * SPEED * (0.06 - lags.get("stop_lead", 0.0)), rel=1e-3)
-        assert figures.running == pytest.approx(0, abs=1e-3)
-    else:  # of a lag on a ramp the volume is that of the same way; after the last setpoint the flow closes with 0.06 s
-        assert figures.starts == pytest.approx(-AREA * SPEED * 0.05, rel=1e-2)
-        assert figures.running == pytest.approx(0, abs=1e-2)
+        assert values.start_error == pytest.approx(-AREA * SPEED * 0.05, rel=1e-3)
+        assert values.stop_error == pytest.approx(AREA * SPEED * (0.06 - lags.get("stop_lead", 0.0)), rel=1e-3)
+        assert values.steady_error == pytest.approx(0, abs=1e-3)
+    else:  # on a ramp a lag costs the volume of the same distance; after the last setpoint the flow ends with 0.06 s
+        assert values.start_error == pytest.approx(-AREA * SPEED * 0.05, rel=1e-2)
+        assert values.steady_error == pytest.approx(0, abs=1e-2)
 
 
-def test_what_a_limit_withholds_is_told_while_running_and_not_as_a_late_start():
-    """Three quarters of what is asked for at speed: a quarter is missing all the way but on the ramps' lower parts."""
+def test_what_a_flow_limit_withholds_is_steady_error_and_not_a_late_start():
+    """The limit is three quarters of the demand at speed, and does not act on the lower parts of the ramps."""
     dispenser = Dispenser(area=AREA, limit=0.75 * AREA * SPEED, dead_time=0.01, opening=0.01, closing=0.01)
-    figures = ramped(dispenser).values
-    assert figures.running == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
-    assert figures.ramps == pytest.approx(0.0, abs=1e-9)
-    assert figures.start.mean < 8.0  # [mm], where the whole way lacks 27 mm
-    assert figures.starts + figures.running + figures.stops == pytest.approx(figures.error, abs=1e-9)
+    values = ramped(dispenser).values
+    assert values.steady_error == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
+    assert values.ramp_error == pytest.approx(0.0, abs=1e-9)
+    assert values.start_shortfall.mean < 8.0  # [mm], while 27 mm are missing in total
+    assert values.dispenser_error == pytest.approx(values.volume_error, abs=1e-9)
     whole = ramped(replace(dispenser, limit=math.inf)).values
-    assert whole.running == pytest.approx(0.0, abs=1e-2)
+    assert whole.steady_error == pytest.approx(0.0, abs=1e-2)
 
 
-def test_a_start_that_an_advance_makes_good_is_no_error():
+def test_a_start_compensated_by_an_advance_has_no_shortfall():
     bead = ramped(Dispenser(flow=AREA * SPEED, opening=0.02, closing=0.02, advance=0.02))
-    assert bead.values.start.mean == pytest.approx(0.0, abs=1e-3)
+    assert bead.values.start_shortfall.mean == pytest.approx(0.0, abs=1e-3)
 
 
-def test_starts_and_stops_are_told_of_every_stretch():
+def test_every_stretch_has_a_start_and_a_stop():
     path = line(200.0, start=(-100.0, 0.0))
     bead = laid(XY, path, Dispenser(flow=AREA * SPEED, dead_time=0.01))
     time = bead.run.time
@@ -239,16 +238,17 @@ def test_starts_and_stops_are_told_of_every_stretch():
     setpoints = replace(run_setpoints(bead), dispense=dispense)
     bead = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(flow=AREA * SPEED, dead_time=0.01)))
     assert len(bead.stretches) == 2
-    for values in (bead.values.start, bead.values.stop, bead.values.begins, bead.values.ends):
-        assert values.mean == pytest.approx(1.0, abs=PLACE)
-        assert values.std < PLACE
-    assert bead.values.laid == pytest.approx(AREA * SPEED * dispense.sum() * PERIOD)
+    values = bead.values
+    for length in (values.start_shortfall, values.stop_excess, values.start_offset, values.stop_offset):
+        assert length.mean == pytest.approx(1.0, abs=PLACE)
+        assert length.std < PLACE
+    assert values.volume == pytest.approx(AREA * SPEED * dispense.sum() * PERIOD)
     # all of them count in the ranges, and what happens within one counts neither as its begin nor as its end
     heavy = np.where(time < 0.8, 2.0, 1.0) * np.where((np.abs(time - 0.3) < 0.02) | (np.abs(time - 1.6) < 0.02), 0, 1)
     other = Bead(replace(bead.run, flow=bead.run.flow * heavy))
     assert other.values.section.max == pytest.approx(2 * AREA, rel=CONSTANT)
-    assert other.values.begins.mean == pytest.approx(1.0, abs=0.2)
-    assert other.values.ends.mean == pytest.approx(1.0, abs=0.2)
+    assert other.values.start_offset.mean == pytest.approx(1.0, abs=0.2)
+    assert other.values.stop_offset.mean == pytest.approx(1.0, abs=0.2)
     # between the two the nozzle is dry
     assert bead.area[np.abs(bead.place - 85.0) < 10].max() == 0
     assert bead.values.width.min == 0
@@ -257,9 +257,9 @@ def test_starts_and_stops_are_told_of_every_stretch():
 def test_a_record_that_ends_while_the_dispenser_is_on_has_no_stop():
     bead = laid(XY, line(), Dispenser(flow=AREA * SPEED, dead_time=0.01, stop_lead=0.05))
     faulted = Bead(replace(bead.run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm")))
-    assert faulted.values.stop is None
-    assert faulted.values.ends is None
-    assert faulted.values.start.mean == pytest.approx(1.0)
+    assert faulted.values.stop_excess is None
+    assert faulted.values.stop_offset is None
+    assert faulted.values.start_shortfall.mean == pytest.approx(1.0)
     assert bead.run.flow[-1] == pytest.approx(AREA * SPEED)
 
 
@@ -270,8 +270,8 @@ def test_turns_keep_the_pitch_less_their_width_between_them():
         width = float(bead.nominal_section.width[0])
         assert bead.clearance[inner] == pytest.approx(np.full(inner.sum(), pitch - width), abs=CONSTANT * width)
         apart = pitch > width
-        assert bead.values.gapping == pytest.approx(float(apart), abs=0.02)
-        assert bead.values.overlapping == pytest.approx(float(not apart), abs=0.02)
+        assert bead.values.gap_share == pytest.approx(float(apart), abs=0.02)
+        assert bead.values.overlap_share == pytest.approx(float(not apart), abs=0.02)
 
 
 def test_the_share_that_overlaps_is_that_of_the_length():
@@ -281,20 +281,20 @@ def test_the_share_that_overlaps_is_that_of_the_length():
     least = float(np.interp(spacing.s[0] + 0.4 * (spacing.s[-1] - spacing.s[0]), spacing.s, spacing.next_s))
     flow = np.where(bead.length < least, 2.0, 1.0) * AREA * SPEED
     heavy = Bead(replace(bead.run, flow=flow))
-    assert heavy.values.overlapping == pytest.approx(0.4, abs=0.02)
-    assert heavy.values.overlapping + heavy.values.gapping == pytest.approx(1.0, abs=1e-3)
+    assert heavy.values.overlap_share == pytest.approx(0.4, abs=0.02)
+    assert heavy.values.overlap_share + heavy.values.gap_share == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("ratio", [1.25, 2.0, 3.0])
 def test_the_annulus_is_covered_by_the_share_of_the_width_in_the_pitch(ratio):
     width = float(section(AREA, GAP).width[0])
-    figures = laid(XY, spiral(ratio * width, radius=45.0, turns=1.6)).values
-    assert figures.coverage == pytest.approx(1 / ratio, abs=COVERED)
+    values = laid(XY, spiral(ratio * width, radius=45.0, turns=1.6)).values
+    assert values.coverage == pytest.approx(1 / ratio, abs=COVERED)
 
 
 def test_a_bead_without_turns_has_no_clearance_and_no_coverage():
-    figures = laid(XY, line()).values
-    assert figures.clearance is figures.coverage is figures.overlapping is figures.gapping is None
+    values = laid(XY, line()).values
+    assert values.clearance is values.coverage is values.overlap_share is values.gap_share is None
 
 
 def test_a_nozzle_that_stands_higher_lays_a_narrower_bead():
@@ -311,7 +311,7 @@ def test_a_nozzle_that_stands_higher_lays_a_narrower_bead():
     assert Bead(bead.run, BeadSettings(gap=0.3)).height[-40] == pytest.approx(0.3)
 
 
-def test_what_flows_while_the_nozzle_lifts_lies_on_the_spot():
+def test_glue_that_flows_while_the_nozzle_lifts_lies_on_the_spot():
     bead = laid(XY, line())
     lift = np.clip(np.arange(len(bead.run.time)) - 800, 0, 100)[:, None] * [0, 0, 0.1]
     stop = np.minimum(bead.run.nozzle, [30.0, 0, 0])
@@ -324,19 +324,19 @@ def test_what_flows_while_the_nozzle_lifts_lies_on_the_spot():
     assert Bead(replace(bead.run, nozzle=slope)).place[-1] == pytest.approx(125.0)
 
 
-def test_a_run_without_glue_has_no_figures_and_one_at_rest_neither():
-    with pytest.raises(InputError, match="asks for no glue while the nozzle moves"):
+def test_a_run_without_glue_has_no_values_and_one_at_rest_neither():
+    with pytest.raises(InputError, match="requests no glue while the nozzle moves"):
         _ = laid(XY, line(), Dispenser()).values
     bead = laid(XY, line(), Dispenser())
     assert not bead.area.any()
     still = replace(run_setpoints(bead), position=np.zeros((100, 2)), dispense=np.ones(100, bool))
     resting = Bead(perfect_follower(XY, still, dispenser=Dispenser(flow=10.0)))
-    with pytest.raises(InputError, match="asks for no glue while the nozzle moves"):
+    with pytest.raises(InputError, match="requests no glue while the nozzle moves"):
         _ = resting.values
     assert volume_of(resting) == pytest.approx(0.99, rel=EXACT)
 
 
-def test_settings_that_cannot_be_are_refused():
+def test_impossible_settings_are_refused():
     for values, text in (
         ({"gap": 0.0}, "gap = 0 mm: must be at least 1e-06 mm"),
         ({"gap": 1e-300}, "gap = 1e-300 mm: must be at least 1e-06 mm"),
@@ -353,11 +353,11 @@ def test_a_jobs_bead_holds_what_flowed(name):
     job = Job.load(name)
     bead = Bead(job.follow(), job.bead)
     assert volume_of(bead) == pytest.approx(bead.run.flow[:-1].sum() * bead.run.period, rel=EXACT)
-    assert bead.values.laid == pytest.approx(volume_of(bead), rel=EXACT)
-    assert bead.map.volume == pytest.approx(bead.values.laid, rel=1e-6)
+    assert bead.values.volume == pytest.approx(volume_of(bead), rel=EXACT)
+    assert bead.map.volume == pytest.approx(bead.values.volume, rel=1e-6)
 
 
-def test_a_jobs_tables_reach_its_dispenser_and_its_bead(tmp_path):
+def test_a_job_configures_its_dispenser_and_its_bead(tmp_path):
     overrides = ["bead.gap=0.4", "cell=0.5", "squashed=false", "contact_angle=45", "closing=0.2", "needle.bore=0.5"]
     overrides += ["metering='time-pressure'"]
     job = Job.load("an225", overrides)
@@ -383,7 +383,7 @@ def test_a_jobs_tables_reach_its_dispenser_and_its_bead(tmp_path):
     assert len(held.setpoints.position) == len(Job.load("an225").setpoints.position) + 31
 
 
-def test_after_a_fault_on_the_first_ramp_the_section_asked_for_is_not_known():
+def test_after_a_fault_on_the_first_ramp_the_requested_section_is_unknown():
     """Of a fixed flow the median would be that of some speed on the ramp; an area needs no speed."""
     fault = Fault("travel", "x", 0.1, 2.0, 1.0, "mm")
 
@@ -400,13 +400,13 @@ def test_after_a_fault_on_the_first_ramp_the_section_asked_for_is_not_known():
     assert faulted(Dispenser(flow=AREA * SPEED), 600).values.nominal == pytest.approx(AREA)
 
 
-def test_a_bead_takes_two_stations_at_least():
+def test_a_bead_needs_two_stations():
     with pytest.raises(InputError, match="stations = 1: must be at least 2"):
         Bead(laid(XY, line()).run, stations=1)
 
 
 @pytest.mark.filterwarnings("error")
-def test_the_boldest_values_that_are_taken_make_no_warning():
+def test_extreme_settings_cause_no_warning():
     run = laid(XY, line()).run
     for values in ({"gap": 1e-6}, {"contact_angle": 1.0}, {"gap": 1e300}, {"cell": 1e-6}):
         bead = Bead(run, BeadSettings(**values))
@@ -418,27 +418,27 @@ def test_the_boldest_values_that_are_taken_make_no_warning():
         _ = heavy.map
 
 
-def told(bead):
+def printed(bead):
     console = Console(width=200, file=StringIO())
     console.print(outcome_table(bead.run, bead.analysis.values, bead.values))
     return console.file.getvalue()
 
 
-def test_the_console_tells_the_volumes_of_a_tiny_bead_too():
+def test_the_console_shows_the_volumes_of_a_tiny_bead():
     """Of 1e-3 mm² along 100 mm, of whose start 1 mm is missing."""
     dispenser = Dispenser(flow=1e-3 * SPEED, dead_time=0.01)
-    text = told(laid(XY, line(), dispenser, cell=0.01, gap=0.05))
+    text = printed(laid(XY, line(), dispenser, cell=0.01, gap=0.05))
     assert re.search(r"volume +0.099 mm³ +-1.00 % of 0.1 requested", text)
     assert re.search(r"start +1.00 mm missing +length of nominal bead", text)
     assert re.search(r"volume error +-0.00100\d* mm³ +ramps \+0.0+, starts -0.00100\d*, running \+0.0+, stops", text)
     assert "late" not in text
 
 
-def test_the_console_tells_that_the_map_has_not_settled():
+def test_the_console_warns_of_a_map_that_has_not_settled():
     bead = laid(XY, line())
-    text = told(bead)
+    text = printed(bead)
     assert "not settled" not in text
     bead.values = replace(bead.values, ridge=0.5)
-    assert re.search(r"height map +not settled +glue found no room and stands 50 % above the nozzle", told(bead))
+    assert re.search(r"height map +not settled +glue stands 50 % above the nozzle", printed(bead))
     note = bead_section(bead).text
     assert note == ["The height map has not settled: " + bead.values.ridge_note + "."]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from gantrysim import Dispenser, InputError, Machine
 from gantrysim.bead import Bead, BeadSettings, HeightMap, Section, pushing
 from gantrysim.bead.pushing import push_aside
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 
 from support.beads import AREA, GAP, PERIOD, SPEED, laid, line, spiral
@@ -67,15 +68,15 @@ def test_the_section_on_the_map_is_that_of_the_bead(angle, squashed):
     bead = laid(XY, line(60.0, angle, (-20.0, -20.0)), squashed=squashed, cell=0.1)
     middle = np.array([-20.0, -20.0]) + 30.0 * np.array([np.cos(angle), np.sin(angle)])
     u = np.linspace(-3.5, 3.5, 141)
-    seen = bead.map.at(middle + u[:, None] * np.array([-np.sin(angle), np.cos(angle)]))
+    heights = bead.map.at(middle + u[:, None] * np.array([-np.sin(angle), np.cos(angle)]))
     expected = nominal(gap=GAP if squashed else np.inf).profile(u)[0]
     # at the contact line the cells blur a kink of tan 60 deg
     inner = np.abs(np.abs(u) - 0.5 * float(bead.nominal_section.width[0])) > 0.25
-    assert seen[inner] == pytest.approx(expected[inner], abs=SHAPE * GAP)
+    assert heights[inner] == pytest.approx(expected[inner], abs=SHAPE * GAP)
 
 
 def test_in_a_bend_the_section_is_the_same_on_its_inner_and_its_outer_side(circle):
-    """The inner side has less way to lie on; without the share 1 - kappa u it would stand a third higher here."""
+    """The inner side is shorter: without the factor 1 - kappa u it would be a third higher here."""
     bead = laid(XY, circle(6.0, 0.75), cell=0.1)
     angle = np.linspace(1.0, 3.5, 40)
     u = np.linspace(-1.9, 1.9, 39)
@@ -85,14 +86,14 @@ def test_in_a_bend_the_section_is_the_same_on_its_inner_and_its_outer_side(circl
 
 
 def test_the_wet_width_is_constant_along_a_bead_of_constant_flow(circle):
-    """In all directions over the grid; what is off is the grid's, and goes down with its cells."""
+    """In all directions over the grid; the error shrinks with its cells."""
     width, path = float(nominal().width[0]), circle(8.0, 0.9)
     s = np.linspace(10.0, path.length - 10.0, 200)
     off = {}
     for cell in (0.02, 0.08):
         bead = laid(XY, path, cell=cell)
-        seen = wet_widths(bead, path.position(s)[:, :2], path.normal(s)[:, :2], 4.0)
-        off[cell] = np.abs(seen / width - 1).max()
+        widths = wet_widths(bead, path.position(s)[:, :2], path.normal(s)[:, :2], 4.0)
+        off[cell] = np.abs(widths / width - 1).max()
     assert off[0.02] < WIDTH
     assert off[0.02] < 0.4 * off[0.08]
 
@@ -105,13 +106,13 @@ def test_half_the_speed_doubles_the_glue_across_the_map():
 
 
 def test_turns_as_far_apart_as_they_are_wide_just_touch():
-    """A little further they leave dry ground between them, a little less none; beyond, w / pitch is covered."""
+    """Slightly further apart they leave a gap, slightly closer none; beyond, w / pitch is covered."""
     width = float(nominal().width[0])
     covered = {}
     for ratio in (0.97, 1.03, 1.5, 2.5):
-        figures = laid(XY, spiral(ratio * width, radius=35.0, turns=1.5), cell=0.1).values
-        covered[ratio] = figures.coverage
-        assert figures.gapping == pytest.approx(float(ratio > 1), abs=0.03)
+        values = laid(XY, spiral(ratio * width, radius=35.0, turns=1.5), cell=0.1).values
+        covered[ratio] = values.coverage
+        assert values.gap_share == pytest.approx(float(ratio > 1), abs=0.03)
     assert covered[0.97] == pytest.approx(1.0, abs=0.005)
     assert covered[1.03] == pytest.approx(1 / 1.03, abs=0.005)
     assert covered[1.5] == pytest.approx(1 / 1.5, abs=0.005)
@@ -143,15 +144,13 @@ def test_turns_a_pitch_of_area_over_gap_apart_fill_a_film_without_voids():
 
 
 def cross(**bead):
-    """Two lines that cross at the origin, one after the other, with a dry way between them."""
-    way = np.concatenate([np.arange(400) * 0.1 - 20.0, np.full(400, 20.0), np.zeros(400)])
+    """Two lines that cross at the origin, one after the other, with a dry motion between them."""
+    along = np.concatenate([np.arange(400) * 0.1 - 20.0, np.full(400, 20.0), np.zeros(400)])
     other = np.concatenate([np.zeros(400), np.linspace(0, 20, 400), 20.0 - np.arange(400) * 0.1])
-    way[400:800] = np.linspace(20.0, 0.0, 400)
+    along[400:800] = np.linspace(20.0, 0.0, 400)
     setpoints = laid(XY, line()).run
-    from gantrysim.controllers.setpoints import Setpoints
-
     dispense = np.repeat([True, False, True], 400)
-    points = Setpoints(PERIOD, ("x", "y"), np.stack([way, other], axis=1), dispense, setpoints.requested)
+    points = Setpoints(PERIOD, ("x", "y"), np.stack([along, other], axis=1), dispense, setpoints.requested)
     return Bead(perfect_follower(XY, points, dispenser=Dispenser(flow=AREA * SPEED)), BeadSettings(**bead))
 
 
@@ -183,7 +182,7 @@ def test_pushing_aside_keeps_the_volume_and_makes_a_round_heap():
 
 
 def test_excess_finds_room_through_a_film_that_is_full():
-    """To all sides alike; and into its nearer edge more than into its further one."""
+    """Equally to all sides, and more over a nearer edge than over a further one."""
     height = np.zeros((81, 81))
     height[20:61, 20:61] = 1.0
     before = height.copy()
@@ -196,7 +195,7 @@ def test_excess_finds_room_through_a_film_that_is_full():
     assert gained[:, :20].sum() > 3 * gained[:, 61:].sum() > 0
 
 
-def test_what_finds_no_room_stays_as_a_ridge_and_is_told():
+def test_what_finds_no_room_stays_as_a_ridge_and_is_returned():
     height = np.full((9, 9), 1.0)
     height[4, 4] = 5.0
     ridge = push_aside(height, np.ones_like(height), 0.01, 50)
@@ -234,18 +233,18 @@ def test_an_overfull_bead_finds_room_around_its_map_and_is_a_film_of_the_gap():
     """At five times what the film between the turns holds; its area is the volume over the gap."""
     bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=10 * AREA * SPEED))
     assert bead.map.ridge == 0
-    assert bead.map.volume == pytest.approx(bead.laid, rel=VOLUME)
+    assert bead.map.volume == pytest.approx(bead.total_volume, rel=VOLUME)
     assert bead.map.height.max() <= GAP * (1 + FILM)
     rim = np.concatenate([bead.map.height[[0, -1]].ravel(), bead.map.height[:, [0, -1]].ravel()])
     assert not rim.any()
-    assert (bead.map.height > 0.5 * GAP).sum() * bead.map.cell**2 == pytest.approx(bead.laid / GAP, rel=0.02)
+    assert (bead.map.height > 0.5 * GAP).sum() * bead.map.cell**2 == pytest.approx(bead.total_volume / GAP, rel=0.02)
     x, y = np.meshgrid(bead.map.x, bead.map.y)
     middle = [float((place * bead.map.height).sum() / bead.map.height.sum()) for place in (x, y)]
     weight = bead.run.flow[:-1, None] / bead.run.flow[:-1].sum()
     assert np.hypot(*((weight * bead.run.nozzle[:-1, :2]).sum(axis=0) - middle)) < 1.0
 
 
-def test_a_map_that_does_not_settle_says_so(monkeypatch):
+def test_a_map_that_does_not_settle_reports_its_ridge(monkeypatch):
     monkeypatch.setattr("gantrysim.bead.height_map._SWEEPS", 1)
     bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=4 * AREA * SPEED))
     assert bead.map.ridge == pytest.approx(bead.map.height.max() / GAP - 1)
@@ -253,8 +252,8 @@ def test_a_map_that_does_not_settle_says_so(monkeypatch):
     assert bead.values.ridge == bead.map.ridge
 
 
-def test_an_interrupt_is_heard_while_glue_is_pushed_aside(monkeypatch):
-    """The native code comes back every few sweeps."""
+def test_pushing_aside_can_be_interrupted(monkeypatch):
+    """The compiled code returns every few sweeps."""
     calls = []
     sweep = pushing._sweep
 
@@ -296,7 +295,7 @@ def test_the_ends_of_a_bead_are_round():
 
 
 def test_a_stretch_too_short_for_two_ends_is_a_round_drop():
-    """And so is what is laid at rest: the drop that holds the volume, with the same second moments every way."""
+    """So is glue laid at rest: a drop of its volume, with the same second moments in all directions."""
     still = replace(laid(XY, line()).run, nozzle=np.zeros((1001, 3)))
     short = laid(XY, line(100.0), on=(0.5, 0.51))
     for bead, volume in ((Bead(still, BeadSettings(cell=0.1)), 200.0), (short, 2.0)):
@@ -322,8 +321,8 @@ def test_a_drop_that_relaxes_is_the_body_of_its_section():
     sphere = rim / np.sin(np.pi / 3)
     r = np.linspace(0.1, 0.9, 17) * rim
     centre = bead.map.x @ bead.map.height.sum(axis=0) / bead.map.height.sum()
-    seen = np.mean([bead.map.at(np.stack([centre + s * r, 0 * r], axis=1)) for s in (-1, 1)], axis=0)
-    assert seen == pytest.approx(np.sqrt(sphere**2 - r**2) - sphere * np.cos(np.pi / 3), abs=0.02 * rim)
+    heights = np.mean([bead.map.at(np.stack([centre + s * r, 0 * r], axis=1)) for s in (-1, 1)], axis=0)
+    assert heights == pytest.approx(np.sqrt(sphere**2 - r**2) - sphere * np.cos(np.pi / 3), abs=0.02 * rim)
 
 
 def test_a_map_of_no_glue_is_flat():
@@ -341,11 +340,11 @@ def test_off_the_map_there_is_nothing():
 
 def test_cells_too_small_for_the_bead_are_refused():
     bead = laid(XY, line(), cell=0.001)
-    text = r"cell = 0.001 mm: of a bead 4.5\d+ mm wide, .* makes a height map of .* cells, at most 2e\+07"
+    text = r"cell = 0.001 mm: the height map of a bead 4.5\d+ mm wide, .* has .* cells, at most 2e\+07"
     with pytest.raises(InputError, match=text):
         HeightMap.of(bead)
     wide = laid(XY, line(), gap=1e-6)
-    with pytest.raises(InputError, match=r"of a bead 2e\+06 mm wide, .* makes a height map of"):
+    with pytest.raises(InputError, match=r"of a bead 2e\+06 mm wide, .* has .* cells"):
         HeightMap.of(wide)
 
 

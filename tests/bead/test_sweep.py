@@ -88,9 +88,9 @@ def test_the_faces_look_outwards(run):
     face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(face, axis=1)
     normal = mesh.normals[sweep.faces()].mean(axis=1)
-    seen = area > 1e-9
-    cosine = np.einsum("ij,ij->i", face[seen], normal[seen]) / area[seen]
-    assert seen.sum() > 10_000
+    visible = area > 1e-9
+    cosine = np.einsum("ij,ij->i", face[visible], normal[visible]) / area[visible]
+    assert visible.sum() > 10_000
     assert (cosine > 0.8).mean() > 0.99
     assert (cosine > -1e-4).all()  # the fold at a tip is upright, inside the bead
 
@@ -134,7 +134,7 @@ def section_areas(rings):
     return np.sum(0.5 * (height[:, 1:] + height[:, :-1]) * np.diff(across, axis=1), axis=1)
 
 
-def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
+def test_a_section_is_no_higher_than_the_gap_and_has_the_area_of_the_glue(run):
     area = FLOW / SPEED
     for gap in (0.3, 0.5, 5.0):
         sweep = Sweep(run, BeadSettings(gap=gap))
@@ -151,7 +151,7 @@ def test_a_section_is_no_higher_than_the_gap_and_holds_the_glue(run):
         np.testing.assert_allclose(top, [0, 0, 1], atol=1e-6)
 
 
-def test_a_ring_knows_its_place_on_the_trace(run):
+def test_rings_have_their_place_on_the_trace(run):
     sweep = Sweep(run)
     mesh = sweep.mesh(len(run.time) // 2)
     laid = sweep.bead_trace.length[len(run.time) // 2]
@@ -184,7 +184,7 @@ def test_rings_stand_where_the_trace_is_long_or_turns(run):
     assert away.max() < 0.5 * sweep.bead_trace.width[len(sweep.bead_trace.width) // 4] + 0.6
 
 
-def test_dashes_are_as_long_and_as_wide_as_the_model_has_them(run):
+def test_dashes_have_the_length_and_width_of_the_model(run):
     """However short: on a straight trace each is its length by glue and a round end, at either side."""
     straight = np.zeros((len(run.time), 3))
     straight[:, 0] = SPEED * run.time
@@ -205,7 +205,7 @@ def test_dashes_are_as_long_and_as_wide_as_the_model_has_them(run):
     assert rings[..., 1].max() == pytest.approx(width / 2, abs=0.05)
 
 
-def test_a_number_of_rings_is_kept_whatever_is_drawn(run):
+def test_a_mesh_like_another_has_as_many_rings(run):
     like = Sweep(run)
     rings = like.rings
     several = [(k / 10, k / 10 + 0.05) for k in range(10)]
@@ -218,7 +218,7 @@ def test_a_number_of_rings_is_kept_whatever_is_drawn(run):
             assert np.isfinite(mesh.vertices).all()
 
 
-def test_more_stretches_than_there_are_rings_for_are_refused_not_lost(run):
+def test_more_stretches_than_the_rings_suffice_for_are_refused(run):
     many = on_and_off(run, [(k / 80, k / 80 + 0.005) for k in range(80)])
     with pytest.raises(TooFewRingsError, match=r"rings of the mesh = \d+: must be more than \d+, for the bead's ends"):
         Sweep(many, None, Sweep(run))
@@ -226,7 +226,7 @@ def test_more_stretches_than_there_are_rings_for_are_refused_not_lost(run):
 
 
 def test_a_trembling_trace_is_drawn_with_the_rings_of_a_calm_one(run):
-    """As where a live machine is pushed: it asks for many more rings, and gets them further apart."""
+    """It needs many more rings, and has them further apart."""
     shake = 0.3 * np.random.default_rng(2).uniform(-1, 1, run.nozzle.shape) * [1, 1, 0]
     trembling = run.nozzle + shake
     shaken = dataclasses.replace(run, nozzle=trembling)

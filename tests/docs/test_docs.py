@@ -91,14 +91,16 @@ def test_the_bead_is_what_the_job_gives(an225):
         text,
     )
     numbers = [float(number) for number in found.groups()]
-    assert numbers[:3] == pytest.approx([values.start.mean, values.stop.mean, values.error_percent], abs=0.01)
-    assert numbers[3:6] == pytest.approx([values.error, values.dispenser, values.ramps], abs=0.1)
+    assert numbers[:3] == pytest.approx(
+        [values.start_shortfall.mean, values.stop_excess.mean, values.volume_error_percent], abs=0.01
+    )
+    assert numbers[3:6] == pytest.approx([values.volume_error, values.dispenser_error, values.ramp_error], abs=0.1)
     slow = slice(len(an225.time) // 2, -1)
     laid = bead.nominal * (bead.commanded_steps * an225.dispense[:-1])[slow].sum()
     assert numbers[6] == pytest.approx(an225.flow_demand[slow].sum() * an225.period - laid, abs=1)
     even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
-    assert Bead(even.follow(), even.bead).values.ramps == pytest.approx(0, abs=1e-6)
-    assert values.overlapping > 0  # the blob touches the turn beside it
+    assert Bead(even.follow(), even.bead).values.ramp_error == pytest.approx(0, abs=1e-6)
+    assert values.overlap_share > 0  # the blob touches the turn beside it
 
 
 @pytest.mark.parametrize(

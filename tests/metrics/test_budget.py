@@ -1,6 +1,7 @@
-"""The error budget: parts that add up, to links whose errors are known."""
+"""The error budget: parts that add up, for links with known errors."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,8 +18,8 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.job.job import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.metrics.budget import LINKS, Budget
-from gantrysim.run import Run
+from gantrysim.metrics.budget import CAUSES, DESCRIPTIONS, LINKS, Budget
+from gantrysim.run import Fault, Run
 
 from support.runs import PERIOD, plain
 
@@ -69,7 +70,7 @@ def budget(run):
 
 
 def inner(path, count=2001, edge=1.0):
-    """Arc lengths that keep off the path's ends, where an error along the path is one to its end."""
+    """Arc lengths without the path's ends, where an error along the path is a distance from the end."""
     return np.linspace(edge, path.length - edge, count)
 
 
@@ -78,7 +79,7 @@ def wave(s, amplitude, count):
 
 
 @pytest.mark.parametrize("path", [INVOLUTE, CIRCLE, CONE], ids=["involute", "circle", "cone"])
-def test_errors_along_the_normal_are_told_apart(path):
+def test_errors_along_the_normal_are_attributed_to_their_links(path):
     """Exactly, as the normal of a plane curve and of its parallels is the same."""
     s = inner(path)
     normal = path.normal(s)
@@ -158,13 +159,13 @@ def test_the_parts_of_every_job_add_up(name):
     assert smooth.mean() > 0.98
     size = np.hypot(lateral, vertical)
     assert size[smooth] == pytest.approx(analysis.nozzle.distance[smooth], abs=2 * EXACT)
-    figures = found.values
-    assert sum(part.share for part in figures.parts.values()) == pytest.approx(1.0, abs=1e-9)
-    assert list(figures.parts) == list(LINKS)
-    assert figures.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
+    values = found.values
+    assert sum(part.share for part in values.parts.values()) == pytest.approx(1.0, abs=1e-9)
+    assert list(values.parts) == list(LINKS)
+    assert values.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
 
 
-def test_zero_parts_are_zero_and_others_are_not(rigid, xy):
+def test_ideal_links_have_zero_parts_and_real_ones_do_not(rigid, xy):
     continuous, stepped = MoveSpiral(120, 4, 10, 100, loop_period=0), MoveSpiral(120, 4, 10, 100)
     machine = rigid()
     exact = budget(simulate(machine, plain(machine), continuous.setpoints(PERIOD))).parts
@@ -234,14 +235,14 @@ def test_tracking_by_axis_adds_up_but_for_second_order(name):
     assert "r" not in parts or parts["r"].size.max() < EXACT  # it turns the nozzle about its own tip
 
 
-def test_shares_tell_a_link_that_makes_good_for_another():
+def test_a_link_that_offsets_another_has_a_negative_share():
     s = inner(INVOLUTE)
     normal = INVOLUTE.normal(s)
-    figures = budget(record(INVOLUTE, s, commanded=0.3 * normal, encoder=-0.1 * normal)).values
-    assert figures.contour.rms == pytest.approx(0.2, abs=EXACT)
-    assert figures.parts["generation"].share == pytest.approx(1.5)
-    assert figures.parts["tracking"].share == pytest.approx(-0.5)
-    assert figures.parts["structure"].share == 0
+    values = budget(record(INVOLUTE, s, commanded=0.3 * normal, encoder=-0.1 * normal)).values
+    assert values.contour.rms == pytest.approx(0.2, abs=EXACT)
+    assert values.parts["generation"].share == pytest.approx(1.5)
+    assert values.parts["tracking"].share == pytest.approx(-0.5)
+    assert values.parts["structure"].share == 0
     # of parts that have nothing to do with each other each has its own mean square
     mixed = budget(record(INVOLUTE, s, commanded=wave(s, 0.3, 40) * normal, nozzle=wave(s, 0.4, 90) * normal)).values
     assert mixed.parts["generation"].share == pytest.approx(0.36, abs=1e-3)
@@ -250,7 +251,27 @@ def test_shares_tell_a_link_that_makes_good_for_another():
     assert [part.share for part in nothing.parts.values()] == [0, 0, 0, 0]
 
 
-def test_figures_say_where():
+def test_a_budget_prints_as_the_table_of_its_links():
+    s = inner(INVOLUTE)
+    normal = INVOLUTE.normal(s)
+    run = record(INVOLUTE, s, commanded=0.3 * normal, encoder=-0.1 * normal, nozzle=-0.00001 * normal)
+    title, header, *rows = str(Budget(run)).splitlines()
+    assert title == "error normal to the requested path [µm]"
+    assert header.split() == ["link", "rms", "95", "%", "max", "share"]
+    assert [row.split(maxsplit=6) for row in rows] == [
+        ["generation", "300.0", "300.0", "300.0", "150.0", "%", "requested path to commanded"],
+        ["tracking", "100.0", "100.0", "100.0", "-50.0", "%", "commanded to encoder"],
+        ["measurement", "0.0", "0.0", "0.0", "0.0", "%", "encoder to motor"],
+        ["structure", "0.0", "0.0", "0.0", "0.0", "%", "motor to nozzle"],
+        ["contour", "200.0", "200.0", "200.0", "100.0", "%", "requested path to nozzle"],
+    ]
+    assert max(map(len, rows)) < 80
+    assert list(DESCRIPTIONS) == list(CAUSES) == [*LINKS, "contour"]
+    faulted = replace(run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm"))
+    assert str(Budget(faulted)).startswith("error normal to the requested path [µm], until the fault\n")
+
+
+def test_values_of_a_part_locate_its_maximum():
     s = inner(INVOLUTE, 4001)
     normal = INVOLUTE.normal(s)
     size = np.linspace(0.01, 0.02, len(s))[:, None]
@@ -270,9 +291,9 @@ def test_turns_of_a_spiral(clockwise):
     ends = np.array([2 * np.pi * k * (60 - 5 * k) for k in range(5)])  # R phi - a phi^2 / 2
     turn = np.searchsorted(ends[1:-1], s, side="right")
     found = budget(record(path, s, commanded=0.01 * (turn + 1)[:, None] * path.normal(s)))
-    figures = found.values
-    assert [turn.turn for turn in figures.turns] == [1, 2, 3, 4]
-    for k, turn in enumerate(figures.turns):
+    values = found.values
+    assert [turn.turn for turn in values.turns] == [1, 2, 3, 4]
+    for k, turn in enumerate(values.turns):
         assert turn.parts["generation"].rms == pytest.approx(0.01 * (k + 1), rel=1e-2)
         assert turn.parts["contour"].max == pytest.approx(0.01 * (k + 1), rel=1e-2)
         assert turn.parts["tracking"].max < EXACT
@@ -305,5 +326,5 @@ CORNERED = Chain(
 @pytest.mark.parametrize(
     "path", [CIRCLE, ArcChain((0, 0), 0.0, [0.0], [50.0]), CORNERED], ids=["circle", "line", "corners"]
 )
-def test_a_path_of_one_turn_or_none_has_no_figures_by_turn(path):
+def test_a_path_of_one_turn_or_none_has_no_values_by_turn(path):
     assert budget(record(path, np.linspace(0, path.length, 1001))).values.turns == ()

@@ -1,4 +1,4 @@
-"""AnalysisValues in the manner of ISO 230-4 and ISO 9283, against circles and scatters whose figures are known."""
+"""Values in the manner of ISO 230-4 and ISO 9283, against circles and scatters whose values are known."""
 
 import math
 
@@ -34,7 +34,7 @@ def traced(points):
 
 
 def backlash(width, clockwise, axis=0):
-    """Points of a machine one of whose axes lags by half a backlash behind its motion."""
+    """Points of a machine with one axis that lags half a backlash behind its motion."""
     theta = 0.3 + (-1 if clockwise else 1) * ANGLES
     points = RADIUS * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     velocity = np.gradient(points[:, axis])
@@ -103,7 +103,7 @@ def rough(seed):
 
 
 @pytest.mark.parametrize("points", [*map(scattered, range(12)), *map(rough, range(3))])
-def test_the_zone_has_no_narrower_one_near_it_be_the_points_a_circle_or_not(points):
+def test_the_minimum_zone_is_a_local_minimum_for_any_points(points):
     zone = minimum_zone(points)
 
     def width(centre):
@@ -116,7 +116,7 @@ def test_the_zone_has_no_narrower_one_near_it_be_the_points_a_circle_or_not(poin
     assert zone.width <= width(least_squares_circle(points)[0]) + EXACT
 
 
-def test_the_least_squares_circle_is_where_its_gradient_is_nothing():
+def test_the_gradient_vanishes_at_the_least_squares_circle():
     generator = np.random.default_rng(3)
     points = round_trip(lambda theta: 0.1 * generator.uniform(-1, 1, theta.size))
     (x, y), r = least_squares_circle(points)
@@ -128,7 +128,7 @@ def test_the_least_squares_circle_is_where_its_gradient_is_nothing():
 
 @pytest.mark.parametrize("clockwise", [False, True])
 @pytest.mark.parametrize("axis", [0, 1])
-def test_backlash_is_a_step_of_its_width_at_the_reversals_of_its_axis_alone(clockwise, axis):
+def test_backlash_is_a_step_at_the_reversals_of_its_axis_only(clockwise, axis):
     trace = traced(backlash(0.01, clockwise, axis))
     assert trace.clockwise is clockwise
     reversals = trace.reversals()
@@ -138,7 +138,7 @@ def test_backlash_is_a_step_of_its_width_at_the_reversals_of_its_axis_alone(cloc
         assert reversal.spike == pytest.approx(0, abs=1e-5)
 
 
-def test_ovality_and_a_wrong_square_angle_are_no_steps():
+def test_ovality_and_a_squareness_error_are_no_steps():
     def smooth(theta):
         return 0.005 * np.cos(2 * theta) + 0.005 * np.sin(2 * theta) + 0.01 * np.cos(theta + 0.4)
 
@@ -148,7 +148,7 @@ def test_ovality_and_a_wrong_square_angle_are_no_steps():
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
-def test_a_spike_after_a_reversal_has_its_height_and_place_whatever_the_step(clockwise):
+def test_height_and_place_of_a_spike_are_independent_of_the_step(clockwise):
     points = backlash(0.003, clockwise, axis=1)
     angle = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     since = (-1 if clockwise else 1) * (angle - 90)
@@ -160,8 +160,8 @@ def test_a_spike_after_a_reversal_has_its_height_and_place_whatever_the_step(clo
     assert [reversal.spike for reversal in reversals if reversal.angle != 90] == pytest.approx([0, 0, 0], abs=1e-5)
 
 
-def test_steps_of_one_axis_may_differ_from_end_to_end():
-    """A backlash that is there where x is positive alone."""
+def test_steps_of_one_axis_may_differ_between_its_ends():
+    """A backlash only where x is positive."""
     points = backlash(0.01, False)
     other = round_trip()
     right = points[:, 0] > 0
@@ -177,7 +177,7 @@ def test_a_dent_is_a_negative_spike():
     assert traced(round_trip(dent)).reversals()[2].spike == pytest.approx(-0.006, rel=0.02)
 
 
-def test_bidirectional_figures_of_two_circles_of_different_size():
+def test_bidirectional_values_of_two_circles_of_different_size():
     test = CircularTest(traced(round_trip(0.006, clockwise=True)), traced(round_trip(-0.002)))
     assert test.clockwise.circular_deviation == pytest.approx(0, abs=EXACT)
     assert test.counter_clockwise.circular_deviation == pytest.approx(0, abs=EXACT)
@@ -186,7 +186,7 @@ def test_bidirectional_figures_of_two_circles_of_different_size():
 
 
 def test_backlash_in_both_directions():
-    """An axis that lags both ways: each path is shifted in halves, both together fill the whole backlash."""
+    """Each path is shifted by half the backlash; both together show all of it."""
     test = CircularTest(*(traced(backlash(0.01, clockwise)) for clockwise in (True, False)))
     assert test.counter_clockwise.circular_deviation == pytest.approx(0.01, rel=0.01)
     assert test.bidirectional_circular_deviation == pytest.approx(0.01, rel=0.01)
@@ -218,13 +218,13 @@ def test_backlash_in_both_directions():
         ),
     ],
 )
-def test_what_makes_no_figures_is_refused(build, text):
+def test_input_without_defined_values_is_refused(build, text):
     with pytest.raises(InputError, match=text):
         build()
 
 
 def repeats(count, places, offset, sigma, seed=0):
-    """Attained points about a straight command, off it by a vector, scattered normally square to it."""
+    """Attained points about a straight command, with an offset and a normal scatter perpendicular to it."""
     generator = np.random.default_rng(seed)
     s = np.linspace(0, 100, places)
     command = np.stack([s, np.zeros(places), np.zeros(places)], axis=1)
@@ -233,7 +233,7 @@ def repeats(count, places, offset, sigma, seed=0):
     return RepeatedPath(s, command, command + offset + scatter)
 
 
-def test_repeats_that_are_alike_have_no_scatter_and_the_accuracy_of_each():
+def test_identical_repeats_have_no_scatter_and_the_accuracy_of_each():
     path = repeats(5, 20, np.array([0, 0.03, 0.04]), 0.0)
     assert path.path_repeatability == pytest.approx(0, abs=1e-12)
     assert path.path_accuracy == pytest.approx(0.05, abs=1e-12)
@@ -265,8 +265,8 @@ def arc():
     return Chain([Coil((0.0, 0.0, 0.0), (40.0, 40.0), 0.0, math.pi)])
 
 
-def test_traces_are_held_against_the_path_in_planes_square_to_it():
-    """Two arcs, larger and smaller, sampled unlike each other: the barycentre is the command, all the way."""
+def test_traces_are_compared_in_planes_normal_to_the_path():
+    """Two arcs, larger and smaller, sampled differently: their barycentre is the command everywhere."""
     path = arc()
     traces = []
     for count, radius, begin, end in ((400, 40.02, 0.0, math.pi), (331, 39.98, 0.05, 0.97 * math.pi)):
@@ -279,7 +279,7 @@ def test_traces_are_held_against_the_path_in_planes_square_to_it():
     assert result.repeatability == pytest.approx(np.full(50, 0.02), abs=1e-5)
 
 
-def test_where_a_trace_turns_back_it_is_left_out():
+def test_points_where_a_trace_goes_back_are_left_out():
     theta = np.concatenate([np.linspace(0, 1, 100), np.linspace(1, 0.8, 20), np.linspace(0.8, 2, 120)])
     s, offset = offset_over_length(arc(), 40.01 * np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1))
     assert np.all(np.diff(s) > 0)

@@ -1,4 +1,4 @@
-"""AnalysisValues of a run whose errors are known, and the spacing of neighbouring turns."""
+"""Values of runs with known errors, and the spacing of neighbouring turns."""
 
 import dataclasses
 import math
@@ -125,7 +125,7 @@ def test_perfect_follower_of_the_involute_has_the_pitch_for_spacing():
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_spacing_is_of_all_points_but_those_of_the_last_turn(clockwise):
+def test_spacing_exists_at_all_points_before_the_last_turn(clockwise):
     path = Involute(60, 10, 3.5, clockwise=clockwise)
     s = np.linspace(0, path.length, 5001)
     found = spacing(path, path.position(s))
@@ -139,7 +139,7 @@ def test_spacing_is_of_all_points_but_those_of_the_last_turn(clockwise):
 
 @given(st.floats(-4, 4), st.floats(1, 15), st.booleans())
 @settings(max_examples=20, deadline=None)
-def test_a_constant_lateral_error_leaves_the_spacing(error, pitch, clockwise):
+def test_a_constant_lateral_error_does_not_change_the_spacing(error, pitch, clockwise):
     """A curve parallel to an involute has the same normals and the same pitch."""
     path = Involute(5 * pitch, pitch, 4, clockwise=clockwise)
     s = np.linspace(0, path.length, 4001)
@@ -214,7 +214,7 @@ def test_a_trace_of_another_pitch_has_that_pitch_for_spacing():
 
 
 @pytest.mark.parametrize("drift", [0.03, -0.03])
-def test_spacing_ends_where_the_normal_of_the_trace_no_longer_meets_it(drift):
+def test_spacing_ends_where_the_normal_no_longer_meets_the_trace(drift):
     """A lateral error that grows by `drift` a millimetre leans the normal forwards or back."""
     further = Involute(60, 10, 4.5)
 
@@ -285,7 +285,7 @@ def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
     assert found.contour.max == pytest.approx(0, abs=EXACT)
 
 
-def test_figures_of_a_perfect_follower():
+def test_values_of_a_perfect_follower():
     found = values(run_along(INVOLUTE))
     assert found.spacing.mean == pytest.approx(10, abs=SPACING)
     assert found.spacing.std == pytest.approx(0, abs=SPACING)
@@ -338,7 +338,7 @@ def test_a_constant_lag_is_tracking_error_along_the_path(lag):
     assert found.contour.max == pytest.approx(0, abs=EXACT)
 
 
-def test_an_error_across_the_path_is_none_along_it():
+def test_an_error_across_the_path_has_no_component_along_it():
     _, _, normal = along(INVOLUTE)
     assert values(run_along(INVOLUTE, encoder=0.2 * normal)).tracking_along.max == pytest.approx(0, abs=EXACT)
 
@@ -402,21 +402,21 @@ def test_path_speed_of_a_single_sample_is_zero():
     assert values(single).spacing is None
 
 
-def test_spread_and_range_by_hand():
+def test_error_size_and_range_by_hand():
     assert ErrorSize.of(np.array([3.0, -4.0])) == ErrorSize(rms=math.sqrt(12.5), max=4.0)
     found = Range.of(np.array([1.0, 2.0, 6.0]))
     assert (found.mean, found.min, found.max) == (3.0, 1.0, 6.0)
     assert found.std == pytest.approx(math.sqrt(14 / 3), rel=1e-15)
 
 
-def test_a_run_that_never_dispenses_has_no_figures():
+def test_a_run_that_never_dispenses_has_no_values():
     run = run_along(INVOLUTE, dispense=lambda s: np.zeros(s.shape, bool))
     with pytest.raises(InputError, match="the dispenser is never on"):
         values(run)
 
 
 @pytest.mark.parametrize("off", [5.1, 8.0, -12.0])
-def test_a_trace_stays_on_its_own_turn_however_far_off_it_is(off):
+def test_a_trace_with_a_large_error_stays_on_its_own_turn(off):
     _, _, normals = along(INVOLUTE)
     shifted = run_along(INVOLUTE, nozzle=off * normals, encoder=off * normals)
     found = values(shifted)
@@ -436,7 +436,7 @@ def test_a_loop_whose_spiral_drifts_by_turns_keeps_its_local_pitch():
     assert INVOLUTE.follow(trace).distance.max() > 8  # more than the half pitch that the nearest turn would say
 
 
-def test_following_a_trace_agrees_with_projecting_it_where_it_is_near():
+def test_following_a_trace_agrees_with_projecting_it_near_the_path():
     path = archimedean(60, 10, 4)
     trace = path.position(np.linspace(0, path.length, 3001)) + np.array([0.3, -0.2, 0.1])
     assert path.follow(trace).s == pytest.approx(path.project(trace).s, abs=1e-9)
@@ -497,7 +497,7 @@ def test_spacing_is_taken_in_the_plane_of_the_spiral(plane):
 
 
 def test_spacing_is_that_of_the_stretch_that_turns_furthest_one_way():
-    """A lead-in that turns right, a spiral of three turns that turns left, and a way out to the right."""
+    """A lead-in that turns right, a spiral of three turns that turns left, and a lead-out to the right."""
     spiral = Coil((0, 0, 0), (40, 10), 0.0, 6 * math.pi)
     lead_in = Coil((50, 0, 0), (10, 10), 1.5 * math.pi, -0.5 * math.pi)  # ends at (40, 0)
     path = Chain([lead_in, spiral, Coil((20, 0, 0), (10, 10), math.pi, -0.5 * math.pi)])
@@ -523,7 +523,7 @@ def test_torque_ripple_of_white_noise_is_its_standard_deviation():
     assert torque_ripple(demanded(noise)) == pytest.approx([0.02, 0.5], rel=NOISE)
 
 
-def test_torque_ripple_of_a_torque_that_alternates_and_of_one_that_stands():
+def test_torque_ripple_of_an_alternating_and_of_a_constant_torque():
     alternating = 0.25 * (-1.0) ** np.arange(50)  # changes by 0.5
     run = demanded(np.column_stack([alternating, np.full(50, 0.7)]))
     assert torque_ripple(run) == pytest.approx([0.5 / math.sqrt(2), 0.0], rel=1e-12, abs=0)
@@ -538,15 +538,15 @@ def test_torque_ripple_of_a_ramp_is_its_change_in_a_tick():
 
 
 def test_torque_ripple_is_taken_between_ticks_that_both_dispense():
-    """The jumps at the ends and across the gap are none."""
+    """Jumps at the ends and across the gap do not count."""
     demand = np.array([9.0, 0.1, 0.2, 7.0, 7.0, 0.4, 0.7, -5.0])[:, None] * [1, 2]
     dispense = np.array([0, 1, 1, 0, 0, 1, 1, 0], bool)
     once = math.sqrt((0.1**2 + 0.3**2) / 2 / 2)
     assert torque_ripple(demanded(demand, dispense)) == pytest.approx([once, 2 * once], rel=1e-12)
 
 
-def test_torque_ripple_of_single_ticks_is_none_and_without_any_is_refused():
+def test_torque_ripple_of_single_ticks_is_zero_and_without_any_is_refused():
     demand = np.arange(10.0).reshape(5, 2)
     assert torque_ripple(demanded(demand, np.array([1, 0, 1, 0, 0], bool))).tolist() == [0, 0]
-    with pytest.raises(InputError, match="the dispenser is never on in this run: its torque ripple is taken while"):
+    with pytest.raises(InputError, match="the dispenser is never on in this run: nothing to measure"):
         torque_ripple(demanded(demand, np.zeros(5, bool)))

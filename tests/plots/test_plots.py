@@ -32,19 +32,19 @@ def lines(figure, axes=0):
     return {line.get_label(): line.get_xydata() for line in figure.axes[axes].get_lines()}
 
 
-def test_the_plan_magnifies_the_error_by_what_its_legend_says(analysis):
+def test_the_plan_magnifies_the_error_by_the_factor_in_its_legend(analysis):
     figure = Figure()
     plots.draw_plan(figure, analysis)
     drawn = lines(figure)
     label = next(name for name in drawn if name.startswith("nozzle"))
-    factor = int(label.split()[-2])
+    factor = int(label.split()[-1])
     assert factor > 1
     foot = analysis.nozzle
     on_path = analysis.run.requested.position(foot.s)
     np.testing.assert_allclose(drawn[label], (on_path + factor * foot.offset)[:, :2], atol=1e-9)
     assert factor * np.percentile(foot.distance, 99) <= 0.2 * analysis.spacing.distance.mean()
     worst = next(name for name in drawn if name.startswith("largest"))
-    assert worst == f"largest error, {1e3 * foot.distance.max():.0f} µm"
+    assert worst == f"largest error: {1e3 * foot.distance.max():.0f} µm"
 
 
 def test_the_errors_over_time_have_their_signs_and_sizes(analysis):
@@ -54,25 +54,25 @@ def test_the_errors_over_time_have_their_signs_and_sizes(analysis):
     for a, name in enumerate(run.axes):
         np.testing.assert_allclose(lines(figure, 0)[name][:, 1], 1e3 * (run.commanded - run.encoder)[:, a], atol=1e-9)
     lower = lines(figure, 1)
-    np.testing.assert_allclose(lower["generation: commanded"][analysis.ticks, 1], 1e3 * analysis.commanded.lateral)
-    np.testing.assert_allclose(lower["contour: nozzle"][analysis.ticks, 1], 1e3 * analysis.nozzle.lateral)
-    assert np.isnan(lower["contour: nozzle"][~run.dispense, 1]).all()
+    np.testing.assert_allclose(lower["generation"][analysis.ticks, 1], 1e3 * analysis.commanded.lateral)
+    np.testing.assert_allclose(lower["contour"][analysis.ticks, 1], 1e3 * analysis.nozzle.lateral)
+    assert np.isnan(lower["contour"][~run.dispense, 1]).all()
     # the loop's spiral lies inside the requested one: to the right of a clockwise path
     assert analysis.commanded.lateral.min() < -0.05
     assert analysis.commanded.lateral.max() < 0.01
 
 
-def test_the_spacing_is_drawn_turn_by_turn_with_what_was_asked_for(analysis):
+def test_the_spacing_is_drawn_turn_by_turn_with_the_requested_one(analysis):
     figure = Figure()
     plots.draw_spacing(figure, analysis)
     drawn = lines(figure)
     turns = analysis.spacing
     np.testing.assert_allclose(drawn["turn 1 to 2"][:, 1], turns.distance[turns.turn < 1])
     np.testing.assert_allclose(drawn["turn 1 to 2"][:, 0], 360 * turns.turn[turns.turn < 1])
-    assert drawn["asked for: 10 mm"][0, 1] == 10
+    assert drawn["requested: 10 mm"][0, 1] == 10
 
 
-def test_rare_peaks_are_written_down_and_do_not_set_the_scale(analysis):
+def test_rare_peaks_are_annotated_and_do_not_set_the_scale(analysis):
     figure = Figure()
     plots.draw_error(figure, analysis)
     error = 1e3 * np.abs(analysis.run.commanded - analysis.run.encoder)[analysis.ticks]
@@ -85,9 +85,9 @@ def test_rotary_axes_have_a_panel_of_their_own_in_thousandths_of_a_degree(tmp_pa
     figure = Figure()
     plots.draw_error(figure, Analysis(run))
     assert [axes.get_ylabel() for axes in figure.axes] == [
-        "commanded - encoder [µm]",
-        "commanded - encoder [mdeg]",
-        "left of the requested path [µm]",
+        "following error [µm]",
+        "following error [mdeg]",
+        "lateral error, positive to the left [µm]",
     ]
     error = 1e3 * (run.commanded - run.encoder)
     for panel, (a, name) in enumerate(((1, "x"), (0, "th"))):
@@ -131,7 +131,7 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
     assert heights[1, 1] == pytest.approx(rms[1] * share)
 
 
-def test_shares_below_zero_stand_on_the_other_side():
+def test_negative_shares_extend_to_the_other_side_of_zero():
     figure = Figure()
     axes = figure.add_subplot()
     values = {"generation": [30.0], "tracking": [-10.0], "measurement": [-5.0], "structure": [85.0]}
@@ -196,10 +196,10 @@ def test_the_polar_view_has_every_turn_in_its_direction(analysis):
     direction, spacing = drawn["turn 1 to 2"].T
     np.testing.assert_allclose(spacing, turns.distance[turns.turn < 1])
     points = analysis.run.requested.position(turns.s[turns.turn < 1])[:, :2] - (30.0, 10 / (2 * np.pi))
-    seen = np.arctan2(points[:, 1], points[:, 0])  # from the true centre of the spiral
-    off = np.angle(np.exp(1j * (direction - seen)))
+    expected = np.arctan2(points[:, 1], points[:, 0])  # from the true centre of the spiral
+    off = np.angle(np.exp(1j * (direction - expected)))
     assert np.abs(off).max() < 0.1  # an involute's normal passes the centre at its base radius
-    np.testing.assert_allclose(drawn["asked for: 10 mm"][:, 1], 10)
+    np.testing.assert_allclose(drawn["requested: 10 mm"][:, 1], 10)
     low, high = axes.get_ylim()
     shown = np.append(turns.distance, 10)
     assert low < 2 * shown.min() - shown.max() + 1e-9
@@ -250,22 +250,22 @@ def test_width_and_clearance_are_drawn_along_the_trace(bead, analysis):
     assert off == [pytest.approx(bead.length[bead.stretches[0, 1]])]
 
 
-def test_a_view_from_above_is_as_high_as_what_it_shows():
+def test_the_height_of_a_plan_view_follows_its_content():
     assert plots.view_height(100.0, 50.0, 8.0) == pytest.approx(1.2 + 0.85 * 8.0 / 2)
     assert plots.view_height(100.0, 0.0, 8.0) == pytest.approx(1.2 + 2.0)
     assert plots.view_height(0.0, 100.0, 8.0) == pytest.approx(1.2 + 8.8)
 
 
 def test_plots_of_a_bead_are_saved_with_it(analysis, bead, tmp_path):
-    told = []
-    saved = plots.save_plots(analysis, tmp_path, bead, told.append)
+    shares = []
+    saved = plots.save_plots(analysis, tmp_path, bead, shares.append)
     assert [file.name for file in saved] == ["plan.png", "error.png", "budget.png", "spacing.png", "bead.png"]
-    assert told == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+    assert shares == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
     dry = Bead(replace(bead.run, flow=0 * bead.run.flow, flow_demand=0 * bead.run.flow), analysis=analysis)
     assert "bead.png" not in [file.name for file in plots.save_plots(analysis, tmp_path, dry)]
 
 
-def test_the_width_of_a_rare_blob_leaves_the_picture_and_is_written_down(bead):
+def test_a_rare_blob_is_annotated_and_does_not_set_the_scale(bead):
     last = np.flatnonzero(bead.run.dispense)[-1]
     flow = bead.run.flow * np.where(np.abs(np.arange(len(bead.run.time)) - last + 20) < 15, 10.0, 1.0)
     even, bead = bead, Bead(replace(bead.run, flow=flow), analysis=bead.analysis)
@@ -277,14 +277,14 @@ def test_the_width_of_a_rare_blob_leaves_the_picture_and_is_written_down(bead):
     assert bead.width[widest] > 2 * np.median(bead.width)
     assert axes.get_ylim()[1] < 0.7 * bead.width[widest]
     assert axes.get_ylim()[1] > 1.2 * np.median(bead.width)
-    assert f"widest {bead.width[widest]:.3g} mm at {bead.place[widest]:.4g} mm" in texts
+    assert f"maximum {bead.width[widest]:.3g} mm at {bead.place[widest]:.4g} mm" in texts
     figure = Figure()
     plots.draw_bead_along(figure, even)
-    assert not [text for text in figure.axes[0].texts if "widest" in text.get_text()]
+    assert not [text for text in figure.axes[0].texts if "maximum" in text.get_text()]
     assert figure.axes[0].get_ylim()[1] > even.width.max()
 
 
-def test_the_colours_of_the_height_say_which_is_the_gap(bead):
+def test_the_colour_bar_of_the_height_marks_the_gap(bead):
     figure = Figure()
     plots.draw_height_map(figure, bead)
     bar = figure.axes[1]

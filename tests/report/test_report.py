@@ -112,10 +112,10 @@ def test_its_bead_is_that_of_the_run(spiral):
     _, page, bead = spiral
     values = bead.values
     text = page.section("bead")
-    error = f"{values.error_percent:+.2f} % of {values.asked:.1f} mm³ requested"
-    assert f"Volume laid {values.laid:.1f} mm³ {error}" in text
+    error = f"{values.volume_error_percent:+.2f} % of {values.requested_volume:.1f} mm³ requested"
+    assert f"Volume laid {values.volume:.1f} mm³ {error}" in text
     assert f"Coverage {100 * values.coverage:.1f} %" in text
-    assert f"turns overlap on {100 * values.overlapping:.1f} % of their length" in text
+    assert f"turns overlap on {100 * values.overlap_share:.1f} % of their length" in text
     between = "gap" if values.clearance.mean > 0 else "overlap"
     assert f"Mean {between} between turns {abs(values.clearance.mean):.3f} mm" in text
     row = next(row for row in page.rows() if row and row[0] == "width")

@@ -98,7 +98,7 @@ def test_the_row_of_a_case_is_of_its_run(job):
     assert row["speed_ripple"] == speed_ripple(run)
     bead = Bead(run, job.bead).values
     assert row["bead_width_mean_mm"] == pytest.approx(bead.width.mean)
-    assert row["bead_volume_error_percent"] == pytest.approx(bead.error_percent)
+    assert row["bead_volume_error_percent"] == pytest.approx(bead.volume_error_percent)
     assert (row["end_x_mm"], row["end_y_mm"], row["end_z_mm"]) == figures.end_point
 
 
