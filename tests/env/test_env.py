@@ -332,7 +332,7 @@ def test_an_action_that_is_none_is_refused(env, action, said):
         ({"job": "none-such"}, "unknown job 'none-such'"),
         ({"job": 3}, "job.str = 3: input should be a valid string"),
         ({"spread": 0.3}, "spread = 0.3: input should be a dictionary or an instance of Tolerances"),
-        ({"spread": "payload=a"}, "spread payload=a: must be payload= and a number"),
+        ({"spread": "payload=a"}, "tolerance payload=a: must be payload= and a number"),
         ({"servo": {"bandwidth": 30}}, "unknown key servo.bandwidth"),
         ({"speeed": 100.0}, "unknown setting 'speeed': did you mean speed? known: acceleration, "),
         ({"per_axis": "maybe"}, "per_axis = 'maybe': input should be a valid boolean"),

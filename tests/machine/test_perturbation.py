@@ -38,7 +38,6 @@ def spiral_run(machine, servo):
 def test_nothing_is_changed_by_nothing_to_the_last_bit(xy):
     servo = Servo.derive(xy.axes)
     same = xy.perturbed(Perturbation())
-    assert Perturbation().nothing
     assert same.digest == xy.digest
     assert (same.axes, same.addresses, same.name, same.source) == (xy.axes, xy.addresses, xy.name, xy.source)
     assert same is not xy
@@ -66,7 +65,6 @@ def test_nothing_is_changed_by_nothing_to_the_last_bit(xy):
 )
 def test_each_number_changes_its_arrays_and_no_others_and_leaves_the_nominal_machine_alone(perturbation, changed):
     machine, untouched = Machine("xy"), Machine("xy")
-    assert not perturbation.nothing
     assert machine.digest == untouched.digest
     other = machine.perturbed(perturbation)
     assert fields_that_differ(machine.model, other.model) == changed
@@ -323,14 +321,3 @@ def test_what_does_not_fit_the_machine_is_refused(xy, perturbation, text):
 
 def test_a_lighter_nozzle_is_a_negative_payload(xy):
     assert xy.perturbed(Perturbation(payload=-0.4)).model.body("carriage").mass[0] == pytest.approx(0.6)
-
-
-def test_numbers_are_plain():
-    assert Perturbation(payload=1, friction=(1, 2)).numbers() == {
-        "payload": 1.0,
-        "friction": [1.0, 2.0],
-        "viscous": 1.0,
-        "stiffness": 1.0,
-        "motor_constant": 1.0,
-        "home_offset": 0.0,
-    }
