@@ -22,7 +22,7 @@ from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.stability.linear_model import Linear, linearised
+from gantrysim.stability.linear_model import LinearSystem, linearise
 from gantrysim.stability.margins import Margins, Plant, margins_of
 
 from support.runs import ideal_motors, plain, smooth, turntable
@@ -280,7 +280,7 @@ def test_the_linear_machine_moves_as_the_engine_moves_it(name, payload, delay):
     assert run.fault is None
     substeps = substeps_of(machine, 1e-3)
     motor = np.zeros_like(run.motor)
-    for system in linearised(machine, 1e-3, substeps, delay_steps(delay, 1e-3, substeps)):
+    for system in linearise(machine, 1e-3, substeps, delay_steps(delay, 1e-3, substeps)):
         axes, state, before = list(system.axes), np.zeros(len(system.F)), np.zeros(len(system.axes))
         for k, demand in enumerate(run.demand[:, axes]):
             motor[k, axes] = system.H @ state
@@ -383,9 +383,9 @@ def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
 @given(factor=st.floats(1e-3, 1e3), name=st.sampled_from(["xy", "stage"]))
 def test_a_machine_and_gains_that_are_scaled_alike_keep_their_margins(factor, name):
     machine = Machine(name)
-    servo, systems = pd(machine, integral_time=0.1), linearised(machine, 1e-3, 4, 0)
+    servo, systems = pd(machine, integral_time=0.1), linearise(machine, 1e-3, 4, 0)
     heavier = [dataclasses.replace(one, G0=one.G0 / factor, G1=one.G1 / factor) for one in systems]
-    assert all(isinstance(one, Linear) for one in heavier)
+    assert all(isinstance(one, LinearSystem) for one in heavier)
     for one, other in zip(
         Plant(1e-3, 0.0, heavier).margins(scaled(servo, factor)), plant_of(name).margins(servo), strict=True
     ):
@@ -444,7 +444,7 @@ def test_an_unstable_axis_tells_how_far_its_gains_must_come_down(xy):
     assert found[0] == nominal[0]  # no axis of a gantry is the other's
     assert found[1].gain == pytest.approx(0.5, rel=MARGIN)
     assert (found[1].stable, found[1].phase, found[1].delay, found[1].sensitivity) == (False, 0, 0, math.inf)
-    assert str(found[1]) == "unstable, stable with 0.5 of its gains"
+    assert str(found[1]) == "unstable, stable with its gains times 0.5"
 
 
 def test_axes_that_move_each_other_are_stable_or_not_together():
@@ -570,7 +570,7 @@ def test_a_position_of_any_sequence_of_numbers_is_taken(xy, at):
 def test_an_actuator_with_a_delay_of_its_own_is_refused(rigid):
     file = rigid().source
     file.write_text(file.read_text().replace('<dcmotor name="x"', '<dcmotor name="x" delay="0.001" nsample="4"'))
-    with pytest.raises(InputError, match="actuator 'x' has a delay in its MJCF: its linear loop is not known"):
+    with pytest.raises(InputError, match="actuator 'x' has a delay in its MJCF: it cannot be linearised"):
         Plant.of(Machine(file), 1e-3)
     machine = Machine(file)
     assert margins_of(machine, pd(machine)) is None
