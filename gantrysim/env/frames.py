@@ -1,4 +1,4 @@
-"""Pictures of an episode under way, for `render`."""
+"""Pictures of a running episode, for `render`."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class Frames:
-    """Draws episodes, one after the other, with one renderer, made for the first picture.
+    """Pictures of episodes, with one renderer that is made for the first picture.
 
     Args:
-        mode: None, and nothing is drawn, or "rgb_array".
+        mode: "rgb_array", or None for no pictures.
         size: width and height [pixels].
 
     Raises:
-        InputError: another mode, or no size.
+        InputError: another mode, or an invalid size.
     """
 
     def __init__(self, mode: str | None, size: tuple[int, int]) -> None:
@@ -39,14 +39,14 @@ class Frames:
     def picture(
         self, scene: Callable[[], tuple[Machine, Run, int]], episode: Callable[[], Run]
     ) -> NDArray[np.uint8] | None:
-        """Return a picture, (height, width, 3), or None where nothing is drawn.
+        """Return a picture, (height, width, 3), or None without a mode.
 
         Args:
-            scene: gives the machine, its record and the tick to be drawn.
-            episode: gives a record of the whole episode, for what is made for all pictures: work piece, length of bead.
+            scene: returns the machine, its record and the tick to draw.
+            episode: returns a record of the whole episode, from which the work piece and the bead's mesh are built.
 
         Raises:
-            NoOpenGLError: no OpenGL that needs no display.
+            NoOpenGLError: OpenGL cannot draw without a display.
         """
         if self._mode is None:
             return None

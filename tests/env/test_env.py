@@ -339,7 +339,7 @@ def test_an_action_that_is_none_is_refused(env, action, said):
         ({"tolerance": math.nan}, "tolerance = nan mm: must be finite"),
         ({"size": (0, 480)}, "width of the picture = 0: must be at least 1"),
         ({"size": 3}, "size = 3: must be width and height [pixels]"),
-        ({"machine": "stage"}, "machine stage turns its work, and a spiral is drawn where the work stands still"),
+        ({"machine": "stage"}, "machine stage turns its work, but spirals need a work that does not turn"),
         ({"diameter": (80.0, 340.0)}, "x = -170 mm at t = 0 s: must lie in the travel -150 to 150 mm"),
         ({"speed": (50.0, 5000.0), "acceleration": 1e6}, "speed of "),
         ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
@@ -476,7 +476,7 @@ def test_there_is_no_record_before_the_first_step(env):
 
 
 def test_options_that_reset_does_not_have_are_refused(env):
-    with pytest.raises(InputError, match="options diameter: reset takes none"):
+    with pytest.raises(InputError, match="options diameter: reset takes none; use the settings of the environment"):
         env.reset(options={"diameter": 100})
     with pytest.raises(InputError, match="unknown option 'mask'"):
         SpiralTuningVectorEnv(2).reset(options={"mask": np.ones(2, bool)})
