@@ -143,8 +143,8 @@ def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script,
     assert run.fault is None
     assert len(servos) == -(-len(run.time) // 100)
     assert names["agent"].num_timesteps == 1024
-    check_the_adapter(names["EpisodeBatch"])
-    # the servos that are told are those that ran
+    check_the_adapter(names["NativeVecEnv"])
+    # the listed servos are those of the episode
     env = gymnasium.make(names["ID"], **names["settings"]).unwrapped
     observation, _ = env.reset(seed=names["SEED"])
     for servo in servos:
