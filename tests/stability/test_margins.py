@@ -16,7 +16,6 @@ from scipy.optimize import brentq
 from gantrysim import Machine, Servo, simulate
 from gantrysim.cli import info
 from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.servo import law
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
@@ -75,10 +74,10 @@ class Tick:
 
     def __call__(self, state, factor=1.0):
         q, v, total, last, *waiting = state
-        gains = [getattr(self.servo, name)[self.axis] for name in ("kp", "ki", "kd")]
+        kp, ki, kd, output = (getattr(self.servo, f)[self.axis] for f in ("kp", "ki", "kd", "output_velocity"))
         total = total - q * self.T  # E = 0 - MPOS
         change = (q - last) / self.T
-        u = factor * law(-q, total, -change, 0, 0, change, *gains, 0, 0, self.servo.output_velocity[self.axis])
+        u = factor * (-kp * q + ki * total - kd * change + output * change)
         queue = [u, *waiting]
         u_new, u_old, last, h = queue[self.waits], queue[self.waits + 1], q, self.T / self.substeps
         for step in range(self.substeps):
