@@ -71,8 +71,8 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
     reward_fault    -12 for the interval of a fault and for each interval that the fault prevents
     ==============  =========================================================================================
 
-    No interval without a fault costs as much as one with, so a fault never pays. Stability affects the reward only
-    through the ripple: check learnt gains with `gantrysim.stability.margins`.
+    An interval without a fault costs at most 10, so a fault never pays. Stability affects the reward only through the
+    ripple: check learnt gains with `gantrysim.stability.margins`.
 
     `info` also holds contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, the torque ripple
     while dispensing as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, a text or
@@ -154,5 +154,5 @@ class GainBanditEnv(SpiralTuningEnv):
     terminates the episode, as a fault does; `info["fault"]` distinguishes them.
     """
 
-    def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
-        super().__init__(render_mode=render_mode, size=size, **{**settings, "decision_interval": math.inf})
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**{**settings, "decision_interval": math.inf})

@@ -40,10 +40,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         InputError: a value out of bounds.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -152,10 +149,11 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        seeds = [whole("seed", seed, 0) + i for i in range(self.num_envs)] if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
-        if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds: must be one, or {self.num_envs}, one for each environment")
-        return [None if one is None else whole("seed", one, 0) for one in seeds]
+        if not isinstance(seed, Sequence | np.ndarray):
+            return [whole("seed", seed, 0) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InputError(f"{len(seed)} seeds: must be one, or {self.num_envs}, one for each environment")
+        return [None if one is None else whole("seed", one, 0) for one in seed]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
         for name in set(options or {}) - {"reset_mask"}:

@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
@@ -86,8 +87,16 @@ def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, source:
     return int(index)
 
 
-def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) -> tuple[Axis, AxisAddress]:
-    """Return the axis driven by the i-th actuator and its addresses; `data` holds the model at its reference."""
+def read_axes(model: mujoco.MjModel, source: Path) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:
+    """Return the axes in the order of the actuators, and their addresses."""
+    home, inertia = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    mujoco.mj_forward(model, home)
+    mujoco.mj_fullM(model, home, inertia)
+    read = [_read_axis(model, inertia, i, source) for i in range(model.nactuator)]
+    return tuple(axis for axis, _ in read), tuple(address for _, address in read)
+
+
+def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int, source: Path) -> tuple[Axis, AxisAddress]:
     name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
     if not name:
         raise InputError(f"model {source}: actuator {i} has no name; it must bear the name of its axis' joint")
@@ -106,9 +115,6 @@ def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) 
     per_si = PER_SI[unit]
     scale = per_si / gear
     dof = int(model.jnt_dofadr[joint])
-    inertia = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
-
     drive = _drive(model, i, name, source)
     low, high = (float(end) * per_si for end in model.jnt_range[joint])
     declared = float(model.jnt_user[joint, 0]) * per_si if model.nuser_jnt else 0.0
@@ -125,9 +131,8 @@ def read_axis(model: mujoco.MjModel, data: mujoco.MjData, i: int, source: Path) 
         **drive,
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
-    return axis, AxisAddress(
-        int(model.jnt_qposadr[joint]), int(model.actuator_ctrladr[i]), int(model.actuator_outadr[i]), current
-    )
+    where = model.jnt_qposadr[joint], model.actuator_ctrladr[i], model.actuator_outadr[i], current
+    return axis, AxisAddress(*map(int, where))
 
 
 def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> dict[str, float]:

@@ -129,8 +129,8 @@ class Dispenser:
         The dispenser is at rest before the first tick.
 
         Args:
-            dispense: dispenser command from each tick to the next, (n,).
-            speed: mean commanded path speed over that period, (n,) [mm/s].
+            dispense: as for `flow_demand`, (n,).
+            speed: as for `flow_demand`, (n,) [mm/s].
             period: servo period [s].
 
         Raises:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, positive, unknown
-from gantrysim.machine.axis import PER_SI, Axis, AxisAddress, element_index, read_axis
+from gantrysim.machine.axis import PER_SI, element_index, read_axes
 from gantrysim.machine.kinematics import Kinematics
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
 from gantrysim.native.row import MAX_AXES, ROW_NUMBERS
@@ -101,7 +101,7 @@ class Machine:
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""
         self.physics = physics
-        self.axes, self.addresses = _read_axes(physics, self.source)
+        self.axes, self.addresses = read_axes(physics, self.source)
         self._model: mujoco.MjModel | None = None
         self._stepping: dict[float, mujoco.MjModel] = {}
 
@@ -180,17 +180,13 @@ class Machine:
         return self._stepping[timestep]
 
     def to_qpos(self, position: ArrayLike) -> Floats:
-        """Return qpos for axis positions, all other joints at their reference, (nq,) [SI].
-
-        Args:
-            position: (axes,) [mm or deg].
-        """
+        """Return qpos for a position of the axes, (axes,) [mm or deg]; all other joints are at their reference."""
         qpos: Floats = self.physics.qpos0.copy()
         qpos[[address.joint for address in self.addresses]] = np.asarray(position, float) / self._per_si
         return qpos
 
     def tip(self, position: ArrayLike) -> Floats:
-        """Return the nozzle position of the rigid, unperturbed machine in the work frame, (n, 3) [mm].
+        """Return the nozzle in the work frame of the rigid, unperturbed machine, (n, 3) [mm].
 
         Args:
             position: axis positions, (n, axes) [mm or deg].
@@ -206,29 +202,25 @@ class Machine:
 
     def _check_work_frame(self) -> None:
         """Raise InputError unless axis positions are nozzle positions in the work frame, to a micrometre."""
-        offset = self.tip(np.zeros(len(self.axes)))
+        home, unit, each = np.zeros((1, len(self.axes))), np.eye(len(self.axes)), np.eye(3)
+        offset = self.tip(home)[0]
         if np.abs(offset).max() > _FRAME_TOLERANCE:
             raise InputError(
                 f"model {self.source}: with all axes at zero the nozzle is at {_vector(offset)} mm of body {WORK!r}: "
                 "must be its origin"
             )
-        slides = [a for a, axis in enumerate(self.axes) if axis.unit == "mm"]
-        probes = np.concatenate([np.zeros((1, len(self.axes))), _PROBE * np.eye(len(self.axes))[slides]])
-        units = self.tip(np.eye(len(self.axes))) - offset
-        for a, axis in enumerate(self.axes):
-            if axis.unit == "deg":
-                for turn in (90.0, 180.0):
-                    turned = probes.copy()
-                    turned[:, a] = turn
-                    moved = np.linalg.norm(self.tip(turned) - self.tip(probes), axis=1).max()
-                    if moved > _FRAME_TOLERANCE:
-                        raise InputError(
-                            f"model {self.source}: rotary axis {axis.name!r} moves the nozzle by {moved:.4g} mm "
-                            f"in {turn:g} deg: must turn it about its own tip"
-                        )
-            if axis.name in "xyz" and np.abs(units[a] - np.eye(3)["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
+        probes = np.concatenate([home, _PROBE * unit[[axis.unit == "mm" for axis in self.axes]]])
+        for axis, along, direction in zip(self.axes, unit, self.tip(unit) - offset, strict=True):
+            for turn in (90.0, 180.0) if axis.unit == "deg" else ():
+                moved = np.linalg.norm(self.tip(probes + turn * along) - self.tip(probes), axis=1).max()
+                if moved > _FRAME_TOLERANCE:
+                    raise InputError(
+                        f"model {self.source}: rotary axis {axis.name!r} moves the nozzle by {moved:.4g} mm "
+                        f"in {turn:g} deg: must turn it about its own tip"
+                    )
+            if axis.name in "xyz" and np.abs(direction - each["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
                 raise InputError(
-                    f"model {self.source}: axis {axis.name!r} moves the nozzle along {_vector(units[a])} "
+                    f"model {self.source}: axis {axis.name!r} moves the nozzle along {_vector(direction)} "
                     f"of body {WORK!r}: must be along its {axis.name}"
                 )
 
@@ -255,13 +247,6 @@ def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
         return compiled
     physics.opt.disableflags = compiled.opt.disableflags
     return physics
-
-
-def _read_axes(model: mujoco.MjModel, source: Path) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:
-    home = mujoco.MjData(model)
-    mujoco.mj_forward(model, home)
-    read = [read_axis(model, home, actuator, source) for actuator in range(model.nactuator)]
-    return tuple(axis for axis, _ in read), tuple(address for _, address in read)
 
 
 def _find(model: str | Path) -> Path:

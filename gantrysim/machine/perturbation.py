@@ -67,14 +67,10 @@ class Perturbation:
         object.__setattr__(self, name, checked)
 
     def per_axis(self, name: str, axes: Sequence[str]) -> Floats:
-        """Return a factor or an offset for each axis, (axes,).
-
-        Args:
-            name: name of the attribute.
-            axes: names of the machine's axes.
+        """Return the attribute `name` for each of the named axes, (axes,).
 
         Raises:
-            InputError: the attribute has one value per axis, for another number of axes.
+            InputError: it has one value per axis, for another number of axes.
         """
         value = getattr(self, name)
         if isinstance(value, tuple) and len(value) != len(axes):
@@ -156,12 +152,7 @@ def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
-    """Return whether each axis can have its own stiffness factor: there is one axis, or one above every spring.
-
-    Args:
-        model: the compiled model.
-        joints: index of each axis' joint.
-    """
+    """Return whether each axis can have its own stiffness factor: there is one axis, or one above every spring."""
     return len(joints) == 1 or all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
 
 

@@ -10,7 +10,7 @@ _SHORTEST_STEP = 1e-7  # [s]
 
 
 def substeps_of(machine: Machine, period: float, physics_step: float | None = None) -> int:
-    """Return the number of physics steps in a servo period.
+    """Return the number of physics steps per servo period.
 
     Args:
         machine: the machine.

@@ -49,11 +49,7 @@ class LinearSystem:
     H: Floats
 
     def response(self, z: Complexes) -> Complexes:
-        """Return P(z) = H (z - F)^-1 (G1 + G0/z), (n, axes, axes) [mm/N·m or deg/N·m].
-
-        Args:
-            z: (n,).
-        """
+        """Return P(z) = H (z - F)^-1 (G1 + G0/z) at every z, (n, axes, axes) [mm/N·m or deg/N·m]."""
         shifted = z[:, None, None] * np.eye(len(self.F)) - self.F
         return self.H @ np.linalg.solve(shifted, self.G1 + self.G0 / z[:, None, None])
 

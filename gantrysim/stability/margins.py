@@ -63,7 +63,8 @@ class Plant:
     """A linearised machine for servos of one period and delay.
 
     The loop of an axis has all others closed by the same servo. Axes that do not move each other, as on a gantry, are
-    stable or unstable separately; coupled axes are so together.
+    stable or unstable separately; coupled axes are so together. The methods raise InputError for a servo of another
+    number of axes, period or delay.
 
     Args:
         period: servo period T [s].
@@ -107,14 +108,7 @@ class Plant:
         return cls(period, delay, linearise(machine, period, substeps, delay_steps(delay, period, substeps), position))
 
     def margins(self, servo: Servo) -> tuple[Margins, ...]:
-        """Return the margins of each axis.
-
-        Args:
-            servo: a servo for the plant's axes, period and delay.
-
-        Raises:
-            InputError: a servo for another number of axes, period or delay.
-        """
+        """Return the margins of each axis."""
         margins: dict[int, Margins] = {}
         for loops in self._loops(servo):
             margins |= zip(loops.system.axes, _margins(loops), strict=True)
@@ -126,8 +120,8 @@ class Plant:
             L = C P of a single axis,        C(z) = kp + ki T/(1 - z^-1) + (kd - output_velocity) (1 - z^-1)/T
 
         Args:
-            servo: a servo for the plant's axes, period and delay.
-            frequency: above 0 and at most half the servo's, (n,) [Hz].
+            servo: the servo.
+            frequency: above 0 and at most the Nyquist frequency of the servo, (n,) [Hz].
         """
         groups = self._loops(servo)
         theta = 2 * np.pi * self.period * np.atleast_1d(np.asarray(frequency, float))
@@ -139,15 +133,11 @@ class Plant:
         return L
 
     def poles(self, servo: Servo) -> Complexes:
-        """Return the closed-loop poles; those outside the unit circle are unstable, (n,).
-
-        Args:
-            servo: a servo for the plant's axes, period and delay.
-        """
+        """Return the closed-loop poles, unstable outside the unit circle, (n,)."""
         return np.concatenate([loops.poles() for loops in self._loops(servo)])
 
     def _loops(self, servo: Servo) -> list[Loops]:
-        """Return the loops of each group of axes, or raise InputError unless the servo fits the plant."""
+        """Return the loops of each group of axes that move each other."""
         if servo.axes != self.axes:
             raise InputError(f"servo has {servo.axes} axes: the plant has {self.axes}")
         for name in ("period", "delay"):
@@ -158,13 +148,7 @@ class Plant:
 
 
 def margins_of(machine: Machine, servo: Servo, physics_step: float | None = None) -> tuple[Margins, ...] | None:
-    """Return the margins of each axis, or None if the machine cannot be linearised.
-
-    Args:
-        machine: the machine.
-        servo: its servo.
-        physics_step: as for `gantrysim.simulate` [s].
-    """
+    """Return the margins of each axis, or None if the machine cannot be linearised; arguments as for `simulate`."""
     try:
         plant = Plant.of(machine, servo.period, servo.delay, physics_step=physics_step)
     except UnknownLoopError:
