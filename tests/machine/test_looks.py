@@ -1,4 +1,4 @@
-"""What the machines look like: framing, light and shadow, parts that are seen; and that looks are no part of them."""
+"""Appearance of the machines: framing, light, shadows and visible parts, none of which affect the digest."""
 
 import itertools
 import math
@@ -111,7 +111,7 @@ def everywhere(studio):
     studio.place(np.zeros(len(ends)))
 
 
-def test_the_overview_holds_the_machine_everywhere_and_is_filled_by_it(studio):
+def test_the_machine_fills_the_overview_and_stays_inside_it(studio):
     reach = np.zeros((2, 2))  # least and largest, right and down
     for _ in everywhere(studio):
         where = seen_by(studio, "overview", corners(studio))
@@ -159,7 +159,7 @@ def test_pictures_are_neither_black_nor_blown_out(studio, camera):
     assert ((red > 200) & (green > 100) & (green < 190) & (blue < 60)).mean() < 0.01
 
 
-def test_there_are_shadows(studio):
+def test_shadows_are_cast(studio):
     lit, flat = studio.picture("overview"), studio.picture("overview", SHADOW=0)
     darker = (flat - lit).max(axis=2) > 20
     assert 0.03 < darker.mean() < 0.4
@@ -197,7 +197,7 @@ def test_the_threads_have_the_leads_of_the_screws(studio):
             )
 
 
-def test_a_machines_digest_is_free_of_its_looks(rigid):
+def test_a_machines_digest_does_not_depend_on_its_looks(rigid):
     machine = rigid()
     content = machine.source.read_text()
     looks = """
@@ -226,7 +226,7 @@ def test_a_machines_digest_is_free_of_its_looks(rigid):
 
 
 @pytest.mark.parametrize("name", builtin_models())
-def test_from_near_the_shadows_are_sharp_and_follow_the_tip(name):
+def test_close_up_shadows_are_sharp_and_follow_the_tip(name):
     machine = Machine(name)
     low, high = np.array([axis.travel for axis in machine.axes]).T
     reach = np.minimum(0.25 * (high - low), [0.1 * axis.speed_limit for axis in machine.axes])

@@ -1,4 +1,4 @@
-"""The machines that come with gantrysim, against the theory of their drives."""
+"""The built-in machines against the theory of their drives."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -80,7 +80,7 @@ def test_stall_force_is_peak_torque_through_the_gear(name):
 
 
 def below(model, body):
-    """The bodies that a body carries, and itself."""
+    """A body and those that it carries."""
     carried = [body]
     for other in range(body + 1, model.nbody):
         if model.body_parentid[other] in carried:
@@ -175,7 +175,7 @@ def test_static_friction_holds_and_breaks_away(name):
 
 
 def smooth(duration):
-    """A way from 0 to 1 without a jump in acceleration, at every millisecond."""
+    """A motion from 0 to 1 with continuous acceleration, every millisecond."""
     u = np.arange(round(1e3 * duration) + 1) / round(1e3 * duration)
     return u - np.sin(2 * np.pi * u) / (2 * np.pi)
 
