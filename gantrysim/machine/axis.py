@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -73,7 +72,7 @@ class AxisAddress:
     current: int  # act, -1 where the winding has no inductance
 
 
-def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, source: Path) -> int:
+def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     """Return the index of a named element, or raise InputError that lists the names in the model."""
     index = mujoco.mj_name2id(model, kind, name)
     if index < 0:
@@ -83,39 +82,39 @@ def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, source:
             mujoco.mjtObj.mjOBJ_JOINT: ("joint", model.njnt),
         }[kind]
         present = filter(None, (mujoco.mj_id2name(model, kind, i) for i in range(count)))
-        raise InputError(f"model {source}: has no {label} named {name!r}; it has: {', '.join(present) or 'none'}")
+        raise InputError(f"has no {label} named {name!r}; it has: {', '.join(present) or 'none'}")
     return int(index)
 
 
-def read_axes(model: mujoco.MjModel, source: Path) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:
+def read_axes(model: mujoco.MjModel) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:
     """Return the axes in the order of the actuators, and their addresses."""
     home, inertia = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     mujoco.mj_forward(model, home)
     mujoco.mj_fullM(model, home, inertia)
-    read = [_read_axis(model, inertia, i, source) for i in range(model.nactuator)]
+    read = [_read_axis(model, inertia, i) for i in range(model.nactuator)]
     return tuple(axis for axis, _ in read), tuple(address for _, address in read)
 
 
-def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int, source: Path) -> tuple[Axis, AxisAddress]:
+def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int) -> tuple[Axis, AxisAddress]:
     name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
     if not name:
-        raise InputError(f"model {source}: actuator {i} has no name; it must bear the name of its axis' joint")
-    joint = element_index(model, mujoco.mjtObj.mjOBJ_JOINT, name, source)
+        raise InputError(f"actuator {i} has no name; it must bear the name of its axis' joint")
+    joint = element_index(model, mujoco.mjtObj.mjOBJ_JOINT, name)
     if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[i, 0] != joint:
-        raise InputError(f"model {source}: actuator {name!r} must drive the joint {name!r}")
+        raise InputError(f"actuator {name!r} must drive the joint {name!r}")
     unit = {mujoco.mjtJoint.mjJNT_SLIDE: "mm", mujoco.mjtJoint.mjJNT_HINGE: "deg"}.get(
         mujoco.mjtJoint(int(model.jnt_type[joint]))
     )
     if unit is None:
-        raise InputError(f"model {source}: joint {name!r} must be a slide or a hinge")
+        raise InputError(f"joint {name!r} must be a slide or a hinge")
     gear = float(model.actuator_gear[i, 0])
     if not gear > 0:
         meaning = {"mm": "2 pi / lead in rad/m", "deg": "turns of the motor per turn of the axis"}[unit]
-        raise InputError(f"model {source}: gear of {name!r} = {gear:g}: must be greater than 0 ({meaning})")
+        raise InputError(f"gear of {name!r} = {gear:g}: must be greater than 0 ({meaning})")
     per_si = PER_SI[unit]
     scale = per_si / gear
     dof = int(model.jnt_dofadr[joint])
-    drive = _drive(model, i, name, source)
+    drive = _drive(model, i, name)
     low, high = (float(end) * per_si for end in model.jnt_range[joint])
     declared = float(model.jnt_user[joint, 0]) * per_si if model.nuser_jnt else 0.0
     damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
@@ -127,7 +126,7 @@ def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int, source: Path) -> 
         inertia=float(inertia[dof, dof]) / (gear * per_si),
         viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
-        resolution=_resolution(model, name, i, scale, source),
+        resolution=_resolution(model, name, i, scale),
         **drive,
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
@@ -135,7 +134,7 @@ def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int, source: Path) -> 
     return axis, AxisAddress(*map(int, where))
 
 
-def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> dict[str, float]:
+def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, float]:
     """Return the attributes of `Axis` that belong to the motor and its drive."""
     peak = math.inf
     for limited, (low, high) in (
@@ -143,7 +142,7 @@ def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> dict[str, 
         (model.actuator_ctrllimited[i], np.ravel(model.actuator_ctrlrange[model.actuator_ctrladr[i]])),
     ):
         if limited and not low < 0 < high:
-            raise InputError(f"model {source}: range of {name!r} = {low:g} to {high:g} N·m: must hold zero within it")
+            raise InputError(f"range of {name!r} = {low:g} to {high:g} N·m: must hold zero within it")
         if limited:
             peak = min(peak, float(-low), float(high))
     gain = model.actuator_gainprm[i]
@@ -151,8 +150,7 @@ def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> dict[str, 
         resistance, constant, voltage = float(gain[0]), float(gain[1]), float(gain[7])
         if model.actuator_ctrlspec[i] != mujoco.mjtCtrlInput.mjINPUT_FF or voltage <= 0:
             raise InputError(
-                f'model {source}: dcmotor {name!r} must have input="ff" '
-                "and a bus voltage, the last number of its controller"
+                f'dcmotor {name!r} must have input="ff" and a bus voltage, the last number of its controller'
             )
         return {
             "motor_constant": constant,
@@ -168,17 +166,17 @@ def _drive(model: mujoco.MjModel, i: int, name: str, source: Path) -> dict[str, 
         or model.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_NONE
         or model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE
     ):
-        raise InputError(f'model {source}: actuator {name!r} must be a dcmotor with input="ff", or a motor')
+        raise InputError(f'actuator {name!r} must be a dcmotor with input="ff", or a motor')
     ideal = {"motor_constant": math.nan, "resistance": math.nan, "lag": 0.0, "bus_voltage": math.inf, "coulomb": 0.0}
     return {**ideal, "peak_torque": peak}
 
 
-def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float, source: Path) -> float:
+def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float) -> float:
     """Return the axis travel per count of the encoder; 0 where the axis has none."""
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
     if sensor < 0 or not model.nuser_sensor:
         return 0.0
     if model.sensor_type[sensor] != mujoco.mjtSensor.mjSENS_ACTUATORPOS or model.sensor_objid[sensor] != actuator:
-        raise InputError(f"model {source}: sensor {name!r} must be an actuatorpos of the actuator {name!r}")
+        raise InputError(f"sensor {name!r} must be an actuatorpos of the actuator {name!r}")
     counts = float(model.sensor_user[sensor, 0])
     return 2 * math.pi * scale / counts if counts > 0 else 0.0

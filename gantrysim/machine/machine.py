@@ -71,37 +71,26 @@ class Machine:
         self.source = _find(model)
         self.name = self.source.stem
         try:
-            self.spec = mujoco.MjSpec.from_file(str(self.source))
-            self.spec.nuserdata = max(int(self.spec.nuserdata), ROW_NUMBERS)
-            self._compiled = self.spec.compile()
-        except (ValueError, mujoco.FatalError) as error:
-            raise InputError(f"model {self.source}: {' '.join(str(error).split())}") from None
-        compiled = self._compiled
-        if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:
-            raise InputError(f"model {self.source}: disables its actuators; the servo needs them")
-        compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        physics = _physics(self.spec, compiled)
-        self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE, self.source)
-        self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK, self.source)
-        if compiled.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            raise InputError(
-                f"model {self.source}: integrator RK4 calls the servo four times a step; "
-                "use Euler, implicit or implicitfast"
-            )
-        if not 1 <= compiled.nactuator <= MAX_AXES:
-            raise InputError(f"model {self.source}: has {compiled.nactuator} actuators, must have 1 to {MAX_AXES}")
-        self._perturbations: tuple[Perturbation, ...] = ()
-        self._use(physics)
-        self.drive_gain: Floats = np.ones(len(self.axes))
-        self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
-        self._kinematics = Kinematics(physics, self.nozzle, self.work, [address.joint for address in self.addresses])
-        if not self.turns_work:
-            self._check_work_frame()
+            self.spec, self._compiled = _compile(self.source)
+            physics = _physics(self.spec, self._compiled)
+            self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
+            self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)
+            if not 1 <= physics.nactuator <= MAX_AXES:
+                raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
+            self._perturbations: tuple[Perturbation, ...] = ()
+            self._use(physics)
+            self.drive_gain: Floats = np.ones(len(self.axes))
+            self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
+            self._kinematics = Kinematics(physics, self.nozzle, self.work, [axis.joint for axis in self.addresses])
+            if not self.turns_work:
+                self._check_work_frame()
+        except InputError as error:
+            raise InputError(f"model {self.source}: {error}") from None
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""
         self.physics = physics
-        self.axes, self.addresses = read_axes(physics, self.source)
+        self.axes, self.addresses = read_axes(physics)
         self._model: mujoco.MjModel | None = None
         self._stepping: dict[float, mujoco.MjModel] = {}
 
@@ -205,28 +194,42 @@ class Machine:
         home, unit, each = np.zeros((1, len(self.axes))), np.eye(len(self.axes)), np.eye(3)
         offset = self.tip(home)[0]
         if np.abs(offset).max() > _FRAME_TOLERANCE:
-            raise InputError(
-                f"model {self.source}: with all axes at zero the nozzle is at {_vector(offset)} mm of body {WORK!r}: "
-                "must be its origin"
-            )
+            at = f"{_vector(offset)} mm of body {WORK!r}"
+            raise InputError(f"with all axes at zero the nozzle is at {at}: must be its origin")
         probes = np.concatenate([home, _PROBE * unit[[axis.unit == "mm" for axis in self.axes]]])
         for axis, along, direction in zip(self.axes, unit, self.tip(unit) - offset, strict=True):
             for turn in (90.0, 180.0) if axis.unit == "deg" else ():
                 moved = np.linalg.norm(self.tip(probes + turn * along) - self.tip(probes), axis=1).max()
                 if moved > _FRAME_TOLERANCE:
                     raise InputError(
-                        f"model {self.source}: rotary axis {axis.name!r} moves the nozzle by {moved:.4g} mm "
+                        f"rotary axis {axis.name!r} moves the nozzle by {moved:.4g} mm "
                         f"in {turn:g} deg: must turn it about its own tip"
                     )
             if axis.name in "xyz" and np.abs(direction - each["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
                 raise InputError(
-                    f"model {self.source}: axis {axis.name!r} moves the nozzle along {_vector(direction)} "
+                    f"axis {axis.name!r} moves the nozzle along {_vector(direction)} "
                     f"of body {WORK!r}: must be along its {axis.name}"
                 )
 
 
 def _vector(values: Floats) -> str:
     return f"({', '.join(f'{value:g}' for value in values.round(6))})"
+
+
+def _compile(source: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(source))
+        spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
+        compiled = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(" ".join(str(error).split())) from None
+    if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:
+        raise InputError("disables its actuators; the servo needs them")
+    if compiled.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        raise InputError("integrator RK4 calls the servo four times a step; use Euler, implicit or implicitfast")
+    compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return spec, compiled
 
 
 def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
