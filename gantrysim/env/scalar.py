@@ -140,7 +140,7 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
         Raises:
             NoOpenGLError: OpenGL cannot draw without a display.
         """
-        return self._frames.picture(lambda: self._episodes.scene(0), lambda: self._episodes.follower(0))
+        return None if self.render_mode is None else self._frames.picture(self._episodes, 0)
 
     def close(self) -> None:
         """Free the renderer."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -135,12 +134,9 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         Raises:
             NoOpenGLError: OpenGL cannot draw without a display.
         """
-        episodes = self._episodes
-        pictures = [
-            self._frames.picture(partial(episodes.scene, place), partial(episodes.follower, place))
-            for place in range(self.num_envs)
-        ]
-        return None if self.render_mode is None else tuple(picture for picture in pictures if picture is not None)
+        if self.render_mode is None:
+            return None
+        return tuple(self._frames.picture(self._episodes, place) for place in range(self.num_envs))
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Free the renderer."""
@@ -171,11 +167,10 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         self._over[mask] = True
         drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()})
         self._over[mask] = False
-        names = next(iter(drawn.values()))
-        values = {name: np.zeros(self.num_envs, type(value)) for name, value in names.items()}
-        for place, own in drawn.items():
-            for name, value in own.items():
-                values[name][place] = value
+        values = {}
+        for name, value in next(iter(drawn.values())).items():
+            values[name] = np.zeros(self.num_envs, type(value))
+            values[name][list(drawn)] = [own[name] for own in drawn.values()]
         return _masked(values, mask)
 
 

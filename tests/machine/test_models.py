@@ -14,6 +14,8 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine.machine import builtin_models
 
+from support.runs import smooth
+
 MACHINES = ("xy", "xyz", "xyzr", "stage")
 AXES = [
     (name, axis) for name, axes in zip(MACHINES, ("xy", "xyz", "xyzr", ("th", "x", "y")), strict=True) for axis in axes
@@ -172,12 +174,6 @@ def test_static_friction_holds_and_breaks_away(name):
         travelled = np.abs(data.qpos[axis_dofs(machine)])
         assert (travelled > 1000 * bristles).all() == moves
         assert moves or (travelled < 10 * bristles).all()
-
-
-def smooth(duration):
-    """A motion from 0 to 1 with continuous acceleration, every millisecond."""
-    u = np.arange(round(1e3 * duration) + 1) / round(1e3 * duration)
-    return u - np.sin(2 * np.pi * u) / (2 * np.pi)
 
 
 def to_and_fro(distances, duration):
