@@ -88,32 +88,32 @@ def test_observation_and_info_agree_with_the_analysis(env):
         observation, *_, info = env.step(np.zeros(4))
     run, tolerance = env.run, env.settings.tolerance
     last = slice(400, 500)
-    seen = dict(zip(names, observation.tolist(), strict=True))
+    observed = dict(zip(names, observation.tolist(), strict=True))
     contour = Analysis(run).nozzle
     lateral, distance = contour.lateral[last], contour.distance[last]
     assert info["contour_rms"] == pytest.approx(math.sqrt(np.mean(distance**2)), abs=CONTOUR)
     assert info["contour_max"] == pytest.approx(distance.max(), abs=CONTOUR)
-    assert 10 ** seen["contour_rms"] * tolerance == pytest.approx(info["contour_rms"], rel=1e-5)
-    assert 10 ** seen["contour_max"] * tolerance == pytest.approx(info["contour_max"], rel=1e-5)
-    assert seen["contour_mean"] * tolerance == pytest.approx(lateral.mean(), abs=CONTOUR)
+    assert 10 ** observed["contour_rms"] * tolerance == pytest.approx(info["contour_rms"], rel=1e-5)
+    assert 10 ** observed["contour_max"] * tolerance == pytest.approx(info["contour_max"], rel=1e-5)
+    assert observed["contour_mean"] * tolerance == pytest.approx(lateral.mean(), abs=CONTOUR)
     peak = [axis.peak_torque for axis in env._episodes.source.machine.axes]
     shares = []
     for a, axis in enumerate("xy"):
         error = (run.commanded - run.encoder)[last, a]
-        assert 10 ** seen[f"tracking_rms_{axis}"] * tolerance == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
-        assert 10 ** seen[f"tracking_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
-        assert seen[f"tracking_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
-        assert seen[f"torque_{axis}"] == pytest.approx(np.abs(run.demand[last, a]).max() / peak[a], rel=1e-6)
+        assert 10 ** observed[f"tracking_rms_{axis}"] * tolerance == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
+        assert 10 ** observed[f"tracking_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
+        assert observed[f"tracking_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
+        assert observed[f"torque_{axis}"] == pytest.approx(np.abs(run.demand[last, a]).max() / peak[a], rel=1e-6)
         change = np.diff(run.demand[399:500, a])
         shares.append(np.sqrt(0.5 * np.mean(change**2)) / peak[a])
-        assert 10 ** seen[f"ripple_{axis}"] * env.settings.ripple_limit == pytest.approx(shares[-1], rel=1e-5)
+        assert 10 ** observed[f"ripple_{axis}"] * env.settings.ripple_limit == pytest.approx(shares[-1], rel=1e-5)
     assert info["ripple"] == pytest.approx(max(shares), rel=1e-12)
     local = run.requested.local(contour.s[[499]])
-    assert seen["curvature"] * 0.1 == pytest.approx(float(local.turning[0]), rel=0.02)
-    assert seen["cos_heading"] == pytest.approx(float(local.tangent[0, 0]), abs=0.01)
-    assert seen["sin_heading"] == pytest.approx(float(local.tangent[0, 1]), abs=0.01)
-    assert seen["speed"] * 100 == pytest.approx(path_speed(run)[last].mean(), rel=0.01)
-    assert seen["progress"] == pytest.approx(500 / len(env._episodes.episodes[0].simulation.position), rel=1e-6)
+    assert observed["curvature"] * 0.1 == pytest.approx(float(local.turning[0]), rel=0.02)
+    assert observed["cos_heading"] == pytest.approx(float(local.tangent[0, 0]), abs=0.01)
+    assert observed["sin_heading"] == pytest.approx(float(local.tangent[0, 1]), abs=0.01)
+    assert observed["speed"] * 100 == pytest.approx(path_speed(run)[last].mean(), rel=0.01)
+    assert observed["progress"] == pytest.approx(500 / len(env._episodes.episodes[0].simulation.position), rel=1e-6)
 
 
 def test_the_ripple_of_an_episode_is_that_of_the_metrics():
@@ -138,9 +138,9 @@ def test_the_ripple_of_an_episode_with_pauses_is_that_of_the_metrics(name):
 
 def test_the_last_info_holds_the_episodes_contour_error(env):
     (*_, info), infos = whole_episode(env)
-    figures = Analysis(env.run).values
-    assert info["episode_contour_rms"] == pytest.approx(figures.contour.rms, abs=CONTOUR)
-    assert info["episode_contour_max"] == pytest.approx(figures.contour.max, abs=CONTOUR)
+    values = Analysis(env.run).values
+    assert info["episode_contour_rms"] == pytest.approx(values.contour.rms, abs=CONTOUR)
+    assert info["episode_contour_max"] == pytest.approx(values.contour.max, abs=CONTOUR)
     assert all("episode_contour_rms" not in info for info in infos[:-1])
 
 
@@ -282,8 +282,10 @@ def test_every_axis_can_have_gains_of_its_own():
     observation, *_ = own.step(np.array([0.2, -0.3, 0.1, 0.1, 0, 0, 0, 0.4]))
     assert np.array_equal(own.run.demand[:, 0], shared.run.demand[:, 0])
     assert not np.array_equal(own.run.demand[:, 1], shared.run.demand[:, 1])
-    seen = dict(zip(own.observation_names, observation.tolist(), strict=True))
-    assert [seen[f"gain_{name}"] for name in ("kp_x", "kp_y", "acceleration_ff_y")] == pytest.approx([0.2, -0.3, 0.4])
+    observed = dict(zip(own.observation_names, observation.tolist(), strict=True))
+    assert [observed[f"gain_{name}"] for name in ("kp_x", "kp_y", "acceleration_ff_y")] == pytest.approx(
+        [0.2, -0.3, 0.4]
+    )
 
 
 def test_actions_are_clipped_to_their_space(env):

@@ -124,12 +124,12 @@ def test_an_advance_of_the_time_constant_takes_the_lag_off_a_ramp():
     speed, constant, ramp_ = np.arange(820) * 0.1, 0.02, slice(400, 820)
     on = np.ones(820, bool)
     lagging = flows(Dispenser(area=2.0, opening=constant, closing=constant), on, speed)
-    asked = 2.0 * speed
-    assert asked[ramp_] - lagging[ramp_] == pytest.approx(np.full(420, 2.0 * 100.0 * constant), rel=1e-6)
+    demand = 2.0 * speed
+    assert demand[ramp_] - lagging[ramp_] == pytest.approx(np.full(420, 2.0 * 100.0 * constant), rel=1e-6)
     advanced = flows(Dispenser(area=2.0, opening=constant, closing=constant, advance=constant), on, speed)
-    np.testing.assert_allclose(advanced[ramp_], asked[ramp_], rtol=1e-9)
+    np.testing.assert_allclose(advanced[ramp_], demand[ramp_], rtol=1e-9)
     half = flows(Dispenser(area=2.0, opening=constant, closing=constant, advance=0.5 * constant), on, speed)
-    assert asked[ramp_] - half[ramp_] == pytest.approx(np.full(420, 100.0 * constant), rel=1e-6)
+    assert demand[ramp_] - half[ramp_] == pytest.approx(np.full(420, 100.0 * constant), rel=1e-6)
 
 
 def test_an_advance_recovers_the_volume_of_an_opening_but_not_of_a_closing():

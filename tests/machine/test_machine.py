@@ -91,15 +91,15 @@ def test_geoms_that_collide_or_define_an_inertia_stay_in_the_physics(rigid):
     machine = rigid()
     assert machine.model.ngeom == machine.physics.ngeom == 2
     content = machine.source.read_text()
-    seen = content.replace(
+    visual = content.replace(
         '<geom type="sphere" size="0.01" mass="3"/>', '<geom size="0.01" mass="3" contype="0" conaffinity="0"/>'
     )
-    assert seen != content
-    machine.source.write_text(seen)
+    assert visual != content
+    machine.source.write_text(visual)
     light = Machine(machine.source)
     assert (light.model.ngeom, light.physics.ngeom) == (2, 1)
     assert np.array_equal(light.physics.body_mass, light.model.body_mass)
-    machine.source.write_text(seen.replace("<option", '<compiler inertiafromgeom="true"/><option'))
+    machine.source.write_text(visual.replace("<option", '<compiler inertiafromgeom="true"/><option'))
     whole = Machine(machine.source)
     assert whole.physics is whole.model
     assert whole.model.ngeom == 2

@@ -179,9 +179,9 @@ def test_static_friction_holds_and_breaks_away(name):
 def to_and_fro(distances, duration):
     """All axes at once from zero to a distance and back [mm or deg]."""
     there = smooth(0.5 * duration)
-    way = np.concatenate([there, there[-2::-1]])
-    position = way[:, None] * np.array(list(distances.values()))
-    return Setpoints(1e-3, tuple(distances), position, np.ones(len(way), bool), MoveSpiral(60, 1, 10, 100).requested)
+    motion = np.concatenate([there, there[-2::-1]])
+    position = motion[:, None] * np.array(list(distances.values()))
+    return Setpoints(1e-3, tuple(distances), position, np.ones(len(motion), bool), MoveSpiral(60, 1, 10, 100).requested)
 
 
 def energies(machine, setpoints, step):

@@ -159,9 +159,9 @@ def test_derived_gains_have_a_margin_of_a_quarter_on_every_axis(name, position):
     frequency = 1.25 * natural_frequency(PERIOD + max(axis.lag for axis in machine.axes), 1.0)
     servo = Servo.derive(machine.axes, PERIOD, frequency=frequency)
     for a, axis in enumerate(machine.axes):
-        way = np.tile(np.array(position, float), (1001, 1))
-        way[:, a] += (90.0 if axis.unit == "deg" else 40.0) * smooth(1.0)
-        setpoints = Setpoints(PERIOD, machine.axis_names, way, np.ones(1001, bool), ramp(50.0).requested)
+        motion = np.tile(np.array(position, float), (1001, 1))
+        motion[:, a] += (90.0 if axis.unit == "deg" else 40.0) * smooth(1.0)
+        setpoints = Setpoints(PERIOD, machine.axis_names, motion, np.ones(1001, bool), ramp(50.0).requested)
         run = simulate(machine, servo, setpoints)
         assert run.fault is None
         # no ringing: the demand changes little from tick to tick

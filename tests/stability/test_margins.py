@@ -194,7 +194,7 @@ def test_gain_margins_are_where_a_tick_written_out_loses_stability(
         assert tick.edge(found.gain_lower * 1.001, found.gain_lower * 0.999) == pytest.approx(
             found.gain_lower, rel=MARGIN
         )
-    for share in (0.05, 0.5, 0.95):  # stable all the way between
+    for share in (0.05, 0.5, 0.95):  # stable everywhere between
         assert tick.stable(found.gain_lower + share * (found.gain - found.gain_lower))
     if found.stable:
         assert found.gain_lower < 1 < found.gain
@@ -261,8 +261,8 @@ def test_the_delay_margin_is_the_lag_at_which_a_tick_written_out_loses_stability
 
 def away(machine, servo, ticks, size=0.02):
     """A run with a small motion of all axes in 20 ms, then at rest."""
-    way = size * np.minimum(np.append(smooth(0.02), np.ones(ticks)), 1.0)[:ticks]
-    position = np.repeat(way[:, None], len(machine.axes), axis=1)
+    motion = size * np.minimum(np.append(smooth(0.02), np.ones(ticks)), 1.0)[:ticks]
+    position = np.repeat(motion[:, None], len(machine.axes), axis=1)
     requested = ArcChain((0.0, 0.0), 0.0, [0.0], [1.0])
     setpoints = Setpoints(servo.period, machine.axis_names, position, np.ones(ticks, bool), requested)
     return simulate(machine, servo, setpoints)
