@@ -507,9 +507,9 @@ def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
         patch.setattr(Simulation, "start", interrupted)
         with pytest.raises(KeyboardInterrupt):
             env.reset()
-    batch = env._episodes._batch
-    row = batch.rows[0][0]
-    assert row["log"] == batch._loaded[0].log.ctypes.data  # the log of the armed row is kept alive
+    fleet = env._episodes._batch
+    row = fleet.rows[0][0]
+    assert row["log"] == fleet._loaded[0].log.ctypes.data  # what the armed row writes to is kept alive
     if kind is SpiralTuningEnv:
         with pytest.raises(ResetNeeded):
             env.step(np.zeros(4))

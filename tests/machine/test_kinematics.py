@@ -13,8 +13,8 @@ from support.runs import turntable
 
 SAME = 1e-9  # [mm]
 
-# bodies of any orientation; joints off their bodies' origins, with references, several per body, some not driven; nozzle
-# and work on chains of hinges and slides from a common body that also moves
+# bodies of any orientation; joints off their bodies' origins, with references, several per body, some not driven;
+# nozzle and work on chains of hinges and slides from a common body that also moves
 NASTY = """
 <mujoco>
   <compiler angle="degree" autolimits="true"/>
