@@ -39,7 +39,7 @@ arguments = parser.parse_args()
 
 
 class NativeVecEnv(VecEnv):
-    """Gymnasium's interface of the native vector environment turned into that of stable-baselines3."""
+    """Adapter of the native vector environment to stable-baselines3."""
 
     def __init__(self, envs):
         self.envs = envs
@@ -61,13 +61,10 @@ class NativeVecEnv(VecEnv):
     def get_attr(self, attr_name, indices=None):
         return [getattr(self.envs, attr_name)] * self.num_envs
 
-    def env_is_wrapped(self, wrapper_class, indices=None):
-        return [False] * self.num_envs
-
     def close(self):
         self.envs.close()
 
-    set_attr = env_method = None  # abstract in VecEnv, but not used by PPO
+    set_attr = env_method = env_is_wrapped = None  # abstract in VecEnv, but not used by PPO
 
 
 job = Job.load(arguments.job)
