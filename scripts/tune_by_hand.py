@@ -1,10 +1,10 @@
-"""Turn a servo's gains by hand and see what it does to the path of the bead.
+"""Change a servo's gains by hand and compare the runs: contour error, following error, torque ripple and gain margin.
 
 python scripts/tune_by_hand.py [JOB] [CHANGE ...]
 
-A CHANGE is a gain, the axis if it is for one alone, and a factor on the job's own gain: "kp 1.2", "kd x 0.5", "ff 0";
-several at once stand between commas. Each CHANGE is a trial, on top of those before it. Without any they are asked for,
-until "q". The last trial's gains end in tuned.toml, for `gantrysim run --servo`, all trials' errors in trials.png.
+A CHANGE is a gain, optionally an axis, and a factor on the job's own gain: "kp 1.2", "kd x 0.5", "ff 0"; commas
+separate several. Each CHANGE is one trial and adds to those before it. Without any, the script prompts for them until
+"q". The gains of the last trial go to tuned.toml, for `gantrysim run --servo`, the errors of all trials to trials.png.
 """
 
 import argparse
@@ -27,7 +27,7 @@ BY_HAND = {name: (name,) for name in GAINS} | {"ff": ("velocity_ff", "accelerati
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("job", nargs="?", default="fanuc-spiral", help="a built-in job or a TOML file")
-parser.add_argument("changes", nargs="*", metavar="CHANGE", help='as "kp 1.2", "kd x 0.5" or "kp 2, ff 0"')
+parser.add_argument("changes", nargs="*", metavar="CHANGE", help='such as "kp 1.2", "kd x 0.5" or "kp 2, ff 0"')
 parser.add_argument("--out", type=Path, default=Path("out/tune-by-hand"), help="folder for tuned.toml and trials.png")
 arguments = parser.parse_args()
 console = Console()
@@ -46,7 +46,7 @@ for column in ("contour,\nrms [µm]", "\nmax [µm]", *following, "torque\nripple
 
 
 def changed(servo: Servo, line: str) -> Servo:
-    """Return the servo after the changes in a line."""
+    """Return the servo with the changes of one trial."""
     names = machine.axis_names
     for change in line.split(","):
         parts = re.fullmatch(r"(\w+)(?: +(\w+))? +(\S+)", change.strip())
@@ -62,31 +62,31 @@ def changed(servo: Servo, line: str) -> Servo:
     return servo
 
 
-def attempt(name: str, servo: Servo) -> None:
-    """Run the job with a servo, and add to the table what came out, and what the loop has in reserve."""
+def run_trial(name: str, servo: Servo) -> None:
+    """Run the job with a servo, and add its errors and margin to the table."""
     run = simulate(machine, servo, job.setpoints, physics_step=job.simulation.physics_step, dispenser=job.dispenser)
     if run.fault is not None:
         raise InputError(f"{name}: fault: {run.fault}")
     trials.append((name, servo, Analysis(run)))
-    figures, margins = trials[-1][2].values, plant.margins(servo)
-    errors = [figures.contour.rms, figures.contour.max, *(spread.rms for spread in figures.tracking.values())]
+    values, margins = trials[-1][2].values, plant.margins(servo)
+    errors = [values.contour.rms, values.contour.max, *(error.rms for error in values.tracking.values())]
     ripple = max(torque_ripple(run) / [axis.peak_torque for axis in machine.axes])
-    reserve = f"{min(margin.gain for margin in margins):.2f}" if all(loop.stable for loop in margins) else "unstable"
-    table.add_row(name, *(f"{UM * error:.1f}" for error in errors), f"{100 * ripple:.2f} %", reserve)
+    least = f"{min(margin.gain for margin in margins):.2f}" if all(margin.stable for margin in margins) else "unstable"
+    table.add_row(name, *(f"{UM * error:.1f}" for error in errors), f"{100 * ripple:.2f} %", least)
 
 
-def asked() -> str:
+def prompt() -> str:
     console.print(table)
     try:
-        return console.input("change, as kp 1.2 or kd x 0.5; q: ").strip()
+        return console.input("change, such as kp 1.2 or kd x 0.5; q to quit: ").strip()
     except EOFError:
         return "q"
 
 
-attempt("as it is", own)
-for line in arguments.changes or iter(asked, "q"):
+run_trial("unchanged", own)
+for line in arguments.changes or iter(prompt, "q"):
     try:
-        attempt(line, changed(trials[-1][1], line))
+        run_trial(line, changed(trials[-1][1], line))
     except InputError as error:
         if arguments.changes:
             parser.error(str(error))
@@ -98,10 +98,10 @@ settings = {name: getattr(job.servo, name) for name in ("period", "delay", "foll
 settings |= {name: list(getattr(servo, name)) for name in (*GAINS, "torque_limit", "resolution")}
 (arguments.out / "tuned.toml").write_text(tomli_w.dumps({"servo": settings}))
 with sheet(9.0, 4.5) as figure:
-    axes = figure.add_subplot(xlabel="place along the requested path [mm]", ylabel="left of the requested path [µm]")
+    axes = figure.add_subplot(xlabel="distance along the path [mm]", ylabel="contour error, positive to the left [µm]")
     for (name, _, analysis), colour in zip(trials, turn_colours(len(trials)), strict=True):
         axes.plot(*thinned(analysis.nozzle.s, UM * analysis.nozzle.lateral), color=colour, lw=1.0, label=name)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
     figure.savefig(arguments.out / "trials.png")
 console.print(table)
-console.print(f"gains of the last trial and errors of all: {arguments.out}/tuned.toml, trials.png", soft_wrap=True)
+console.print(f"gains of the last trial, and errors of all: {arguments.out}/tuned.toml, trials.png", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""The example scripts, run as they stand on a short job: what they find, what they write, what they refuse."""
+"""The example scripts on a short job: results, files and errors."""
 
 import runpy
 import sys
@@ -38,8 +38,8 @@ following_error_limit = 4.0
 """
 
 EXACT = 1e-12
-SINGLE = 1e-6  # of an action, which is of single precision
-ALONE = 0.02  # that one axis shows in the other, which it moves by friction alone
+SINGLE = 1e-6  # rounding of an action in single precision
+ALONE = 0.02  # effect of one axis on the other, by friction alone
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def job(tmp_path):
 
 @pytest.fixture
 def script(monkeypatch, tmp_path, capsys):
-    """Run a script in an empty folder; its names, and what it has printed."""
+    """Run a script in an empty folder; return its variables and its output."""
 
     def run(name, *arguments):
         monkeypatch.chdir(tmp_path)
@@ -63,17 +63,17 @@ def script(monkeypatch, tmp_path, capsys):
     return run
 
 
-def test_gains_turned_by_hand_do_what_they_say(script, job, tmp_path):
+def test_changes_by_hand_scale_the_gains(script, job, tmp_path):
     names, output = script("tune_by_hand.py", job, "kp x 0.5", "kd 1.5, ki y 0", "ff 0", "kp 1")
     own = Job.load(job).built_servo
     servos = [servo for _, servo, _ in names["trials"]]
     assert servos[0] == own
     assert servos[1].kp == (0.5 * own.kp[0], own.kp[1])
-    assert servos[2].kp == servos[1].kp  # it stays
+    assert servos[2].kp == servos[1].kp  # changes add up
     assert servos[2].kd == (1.5 * own.kd[0], 1.5 * own.kd[1])
     assert servos[2].ki == (own.ki[0], 0.0)
     assert servos[3].velocity_ff == servos[3].acceleration_ff == (0.0, 0.0)
-    assert servos[4].kp == own.kp  # factors are on the job's own gains
+    assert servos[4].kp == own.kp  # factors apply to the job's own gains
     before, after = (analysis.values.tracking for _, _, analysis in names["trials"][:2])
     assert after["x"].rms > 1.2 * before["x"].rms
     assert after["y"].rms == pytest.approx(before["y"].rms, rel=ALONE)
@@ -83,7 +83,7 @@ def test_gains_turned_by_hand_do_what_they_say(script, job, tmp_path):
     assert (tmp_path / "out/tune-by-hand/trials.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_gains_turned_by_hand_are_those_that_run_takes(script, job, tmp_path):
+def test_the_written_gains_reproduce_the_last_trial(script, job, tmp_path):
     names, _ = script("tune_by_hand.py", job, "kp 1.4, kd 1.1", "--out", tmp_path / "mine")
     loaded = Job.load(job, servo=tmp_path / "mine" / "tuned.toml")
     _, servo, analysis = names["trials"][-1]
@@ -91,7 +91,7 @@ def test_gains_turned_by_hand_are_those_that_run_takes(script, job, tmp_path):
     assert np.array_equal(loaded.run().nozzle, analysis.run.nozzle)
 
 
-def test_without_changes_gains_are_asked_for_until_the_end(script, job, monkeypatch):
+def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypatch):
     lines = iter(["kp 2", "foo 2", "kp z 2", "kp x", "kd nan", "kp 60", "kd y 1.2"])
 
     def answer(_prompt=""):
@@ -102,7 +102,7 @@ def test_without_changes_gains_are_asked_for_until_the_end(script, job, monkeypa
 
     monkeypatch.setattr("builtins.input", answer)
     names, output = script("tune_by_hand.py", job)
-    assert [name for name, _, _ in names["trials"]] == ["as it is", "kp 2", "kd y 1.2"]
+    assert [name for name, _, _ in names["trials"]] == ["unchanged", "kp 2", "kd y 1.2"]
     for text in (
         "unknown change 'foo 2': known: ",
         "unknown axis 'z': known: x, y",
@@ -121,14 +121,14 @@ def test_without_changes_gains_are_asked_for_until_the_end(script, job, monkeypa
         (["fanuc-spiral", "kp x y 2"], "unknown change 'kp x y 2'"),
     ],
 )
-def test_what_cannot_be_turned_is_refused_in_one_line(script, capsys, arguments, text):
+def test_an_invalid_change_is_a_one_line_error(script, capsys, arguments, text):
     with pytest.raises(SystemExit) as stop:
         script("tune_by_hand.py", *arguments)
     assert stop.value.code == 2
     assert text in capsys.readouterr().err
 
 
-def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script, job):
+def test_the_agent_beats_the_detuned_start_and_is_compared_with_the_tuner(script, job):
     names, output = script("train_ppo.py", job, "--steps", 1024, "--budget", 16)
     start, own, tuned, agent = (Analysis(run).values.contour.rms for run, *_ in names["runs"].values())
     assert agent < 0.95 * start
@@ -143,8 +143,8 @@ def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script,
     assert run.fault is None
     assert len(servos) == -(-len(run.time) // 100)
     assert names["agent"].num_timesteps == 1024
-    check_the_adapter(names["EpisodeBatch"])
-    # the servos that are told are those that ran
+    check_the_adapter(names["NativeVecEnv"])
+    # the listed servos are those of the episode
     env = gymnasium.make(names["ID"], **names["settings"]).unwrapped
     observation, _ = env.reset(seed=names["SEED"])
     for servo in servos:
@@ -154,7 +154,7 @@ def test_the_agent_beats_the_detuned_start_and_is_held_against_the_tuner(script,
 
 
 def check_the_adapter(kind):
-    """What stable-baselines3 is told of episodes that end is what the native vector environment tells."""
+    """The adapter passes on what the native vector environment returns when episodes end."""
     adapter, native = (
         gymnasium.make_vec(TUNING, num_envs=4, autoreset_mode=AutoresetMode.SAME_STEP, **SHORT) for _ in range(2)
     )

@@ -14,7 +14,7 @@ from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import GAINS, Episode, Source
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
-from gantrysim.env.observation import Measured, entries, observe
+from gantrysim.env.observation import IntervalValues, entries, observe
 from gantrysim.env.settings import Settings
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
@@ -130,9 +130,9 @@ class EpisodeBatch:
         return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
 
     @property
-    def measured(self) -> Measured:
+    def measured(self) -> IntervalValues:
         """What the last interval of every place was like."""
-        return Measured.of(self._rows, self.source.servo.period, self._peak)
+        return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
 
     def record(self, place: int) -> Run:
         """Return the record of the episode at a place so far.

@@ -1,4 +1,4 @@
-"""What an episode is: a spiral and a machine, drawn by the environment's random numbers, or a job's."""
+"""Episodes: a random spiral, or the path of a job, on a random machine."""
 
 from __future__ import annotations
 
@@ -20,22 +20,34 @@ from gantrysim.job.job import Job
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 
-GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # that the agent sets
-_DETUNED = ("ki", *GAINS)
+GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
+SCALED = ("ki", *GAINS)  # scaled by the action: ki with kp, so that the integral time stays
+
 _SPIRAL = ("diameter", "thickness", "speed", "turns")
-_BEAD = 2.0  # cross-section of the glue on a spiral [mm²]
+_BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
 _ROUNDING = 1e-9
+
+
+def gain_factors(action: Floats, gain_range: float) -> dict[str, Floats]:
+    """Return the factor on each gain of `SCALED`, of the shape of its action.
+
+    Args:
+        action: one row per gain of `GAINS`, from -1 to 1, (gains, ...).
+        gain_range: largest factor.
+    """
+    factors = dict(zip(GAINS, gain_range ** np.asarray(action, float), strict=True))
+    return {"ki": factors["kp"], **factors}
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One episode, ready to be run.
+    """One episode, ready to run.
 
     Attributes:
-        simulation: of its setpoints on its machine.
-        points: along the requested path, evenly but for its corners, (m, 3) [mm].
-        spacing: of them [mm].
-        drawn: what is special to it, by name.
+        simulation: its setpoints on its machine.
+        points: points along the requested path, evenly spaced but for the corners, (m, 3) [mm].
+        spacing: their spacing [mm].
+        drawn: values drawn for the path, by name.
     """
 
     simulation: Simulation
@@ -46,7 +58,7 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """What an episode has of its path."""
+    """The path of an episode."""
 
     setpoints: Setpoints
     dispenser: Dispenser
@@ -54,7 +66,7 @@ class _Plan:
 
     @cached_property
     def points(self) -> tuple[Floats, float]:
-        """Points along the requested path, and their spacing; the corners, which chords would cut, are among them."""
+        """Points along the requested path, with its corners, and their spacing."""
         path = self.setpoints.requested
         s, points = path.table
         if path.corners.size:
@@ -63,19 +75,19 @@ class _Plan:
 
 
 class Source:
-    """Draws episodes.
+    """Source of random episodes.
 
     Args:
-        settings: of the environment.
+        settings: settings of the environment.
 
     Attributes:
         machine: the nominal machine.
-        servo: the gains about which the agent acts.
-        ticks: servo periods from one decision to the next; None for one decision per episode.
+        servo: the servo with an action of 0.
+        ticks: servo periods between decisions; None for one decision per episode.
 
     Raises:
-        InputError: no such job or machine, spirals that it cannot run, or a decision interval that is no multiple of
-            the servo period.
+        InputError: an unknown job or machine, spirals that the machine cannot run, or a decision interval that is not a
+            multiple of the servo period.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -86,7 +98,7 @@ class Source:
             servo = Servo.derive(self.machine.axes, **dict(settings.servo))
         else:
             self.machine, servo = self._job.built_machine, self._job.built_servo
-        lower: dict[str, Any] = {n: tuple(gain / settings.detune for gain in getattr(servo, n)) for n in _DETUNED}
+        lower: dict[str, Any] = {n: tuple(gain / settings.detune for gain in getattr(servo, n)) for n in SCALED}
         self.servo = replace(servo, **lower)
         self.ticks = self._ticks()
         self._fixed = self._fixed_plan()
@@ -94,7 +106,7 @@ class Source:
             self._check_room()
 
     def draw(self, random: np.random.Generator) -> Episode:
-        """Return an episode; of the same random numbers it is the same."""
+        """Return a random episode; it depends on the random numbers alone."""
         plan = self._fixed or self._drawn_plan(random)
         spread = self.settings.spread
         machine = self.machine if spread is None else self.machine.perturbed(spread.draw(random, self.machine))
@@ -108,13 +120,14 @@ class Source:
         return Episode(simulation, *plan.points, plan.drawn)
 
     def _fixed_plan(self) -> _Plan | None:
-        """Return what every episode has, if the path is not drawn."""
+        """Return the path that all episodes share, or None if it is drawn."""
         if self._job is not None:
             return _Plan(self._job.setpoints, self._job.dispenser, {})
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
-        if any(low != high for low, high in (diameter, thickness, speed, turns)):
+        bounds = [self.settings.between(name) for name in _SPIRAL]
+        if any(low != high for low, high in bounds):
             return None
-        return self._spiral(diameter[0], thickness[0], speed[0], int(turns[0]))
+        diameter, thickness, speed, turns = (low for low, _ in bounds)
+        return self._spiral(diameter, thickness, speed, int(turns))
 
     def _drawn_plan(self, random: np.random.Generator) -> _Plan:
         diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in _SPIRAL[:3])
@@ -130,11 +143,11 @@ class Source:
         return _Plan(setpoints, Dispenser(flow=_BEAD * speed), drawn)
 
     def _check_room(self) -> None:
-        """See that the machine can run the largest and fastest spirals: none is refused in the middle of training."""
+        """Raise InputError unless the machine can run the largest and fastest spirals: training must not stop later."""
         if self.machine.turns_work:
             raise InputError(
-                f"machine {self.machine.name} turns its work, and a spiral is drawn where the work stands still: "
-                "give a job, or another machine"
+                f"machine {self.machine.name} turns its work, but spirals need a work that does not turn: "
+                "give a job or another machine"
             )
         diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
         for distance in thickness:

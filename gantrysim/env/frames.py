@@ -1,30 +1,28 @@
-"""Pictures of an episode under way, for `render`."""
+"""Pictures of a running episode, for `render`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.errors import InputError, whole
-from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
 
 if TYPE_CHECKING:
     from gantrysim.render import Renderer
 
 
 class Frames:
-    """Draws episodes, one after the other, with one renderer, made for the first picture.
+    """Pictures of episodes, with one renderer that is made for the first picture.
 
     Args:
-        mode: None, and nothing is drawn, or "rgb_array".
+        mode: "rgb_array", or None for no pictures.
         size: width and height [pixels].
 
     Raises:
-        InputError: another mode, or no size.
+        InputError: another mode, or an invalid size.
     """
 
     def __init__(self, mode: str | None, size: tuple[int, int]) -> None:
@@ -32,35 +30,26 @@ class Frames:
             raise InputError(f"render_mode = {mode!r}: must be None or 'rgb_array'")
         if not isinstance(size, tuple | list) or len(size) != 2:
             raise InputError(f"size = {size!r}: must be width and height [pixels]")
-        self._mode = mode
         self._size = whole("width of the picture", size[0], 1), whole("height of the picture", size[1], 1)
         self._renderer: Renderer | None = None
 
-    def picture(
-        self, scene: Callable[[], tuple[Machine, Run, int]], episode: Callable[[], Run]
-    ) -> NDArray[np.uint8] | None:
-        """Return a picture, (height, width, 3), or None where nothing is drawn.
-
-        Args:
-            scene: gives the machine, its record and the tick to be drawn.
-            episode: gives a record of the whole episode, for what is made for all pictures: work piece, length of bead.
+    def picture(self, episodes: EpisodeBatch, place: int) -> NDArray[np.uint8]:
+        """Return a picture of the episode at a place, (height, width, 3).
 
         Raises:
-            NoOpenGLError: no OpenGL that needs no display.
+            NoOpenGLError: OpenGL cannot draw without a display.
         """
-        if self._mode is None:
-            return None
         from gantrysim.bead.sweep import TooFewRingsError
         from gantrysim.render import Renderer
 
-        machine, run, tick = scene()
+        machine, run, tick = episodes.scene(place)
         if self._renderer is not None:
             try:
                 self._renderer.show(run)
             except TooFewRingsError:
                 self.close()
-        if self._renderer is None:
-            self._renderer = Renderer(machine, episode(), size=self._size)
+        if self._renderer is None:  # built for the whole episode: its work piece and all of its bead
+            self._renderer = Renderer(machine, episodes.follower(place), size=self._size)
             self._renderer.show(run)
         return np.ascontiguousarray(self._renderer.frame(tick))
 

@@ -1,4 +1,4 @@
-"""What the agent sees and is told: every entry with its range and unit, and how it follows from the measurements."""
+"""Observation of the environments: its entries with range and unit, computed from the measurements."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from gantrysim.arrays import Floats
 from gantrysim.env.episodes import GAINS
 from gantrysim.env.interval import PER_AXIS, SHARED
 
-_DECADES = 3.0  # of errors and ripple, to either side of their limits
-_MEAN = 10.0  # tolerances
-_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s] and largest
-_CURVATURE, _CURVATURES = 0.1, 10.0  # unit [1/mm] and largest
+_DECADES = 3.0  # range of errors and ripple, above and below their limits
+_MEAN = 10.0  # range of mean errors [tolerances]
+_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s] and range
+_CURVATURE, _CURVATURES = 0.1, 10.0  # unit [1/mm] and range
 
 
 class Entry(NamedTuple):
@@ -38,20 +38,20 @@ def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
     decades, tolerances = (-_DECADES, _DECADES), "log10 of tolerances"
     found: list[Entry] = []
     for axis in axes:
-        of = f"following error of {axis}"
+        error = f"following error of {axis}"
         found += [
-            Entry(f"tracking_rms_{axis}", *decades, tolerances, f"rms {of}"),
-            Entry(f"tracking_max_{axis}", *decades, tolerances, f"largest {of}"),
-            Entry(f"tracking_mean_{axis}", -_MEAN, _MEAN, "tolerances", f"mean {of}, signed"),
+            Entry(f"tracking_rms_{axis}", *decades, tolerances, f"RMS {error}"),
+            Entry(f"tracking_max_{axis}", *decades, tolerances, f"largest {error}"),
+            Entry(f"tracking_mean_{axis}", -_MEAN, _MEAN, "tolerances", f"mean {error}, signed"),
         ]
     found += [
-        Entry("contour_rms", *decades, tolerances, "rms contour error while the dispenser is on"),
-        Entry("contour_max", *decades, tolerances, "largest contour error of the same"),
+        Entry("contour_rms", *decades, tolerances, "RMS contour error while dispensing"),
+        Entry("contour_max", *decades, tolerances, "largest contour error while dispensing"),
         Entry("contour_mean", -_MEAN, _MEAN, "tolerances", "mean contour error, positive to the left of the path"),
         Entry("speed", 0.0, _SPEEDS, "100 mm/s", "path speed of the nozzle"),
-        Entry("curvature", -_CURVATURES, _CURVATURES, "0.1/mm", "of the path at the nozzle, positive to the left"),
-        Entry("cos_heading", -1.0, 1.0, "1", "of the path there, from +x"),
-        Entry("sin_heading", -1.0, 1.0, "1", "of the same"),
+        Entry("curvature", -_CURVATURES, _CURVATURES, "0.1/mm", "path curvature at the nozzle, positive to the left"),
+        Entry("cos_heading", -1.0, 1.0, "1", "path direction at the nozzle, from +x"),
+        Entry("sin_heading", -1.0, 1.0, "1", "path direction at the nozzle, from +x"),
     ]
     for axis in axes:
         found += [
@@ -60,22 +60,22 @@ def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
         ]
     for gain in GAINS:
         for name in [f"{gain}_{axis}" for axis in axes] if per_axis else [gain]:
-            found.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"present {gain}, as the action has it"))
-    return [*found, Entry("progress", 0.0, 1.0, "1", "share of the setpoints that are sent")]
+            found.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {gain}"))
+    return [*found, Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent")]
 
 
-class Measured(NamedTuple):
-    """Rows of measurements in the units of their limits, one for each environment; all zero before the first interval.
+class IntervalValues(NamedTuple):
+    """Values measured between two decisions, one row per environment; all zero before the first interval.
 
     Attributes:
-        contour_rms, contour_max: [mm], (n,).
-        ripple: share of the peak torque, (n, axes).
-        tracking_rms, tracking_max, tracking_mean: [mm or deg], (n, axes).
-        torque: share of the peak torque, (n, axes).
+        contour_rms, contour_max: contour error [mm], (n,).
+        ripple: torque ripple, share of the peak torque, (n, axes).
+        tracking_rms, tracking_max, tracking_mean: following error [mm or deg], (n, axes).
+        torque: largest torque demand, share of the peak torque, (n, axes).
         lateral: mean contour error, signed [mm], (n,).
-        speed: [mm/s], (n,).
-        heading: [rad], (n,).
-        curvature: [1/mm], (n,).
+        speed: path speed of the nozzle [mm/s], (n,).
+        heading: direction of the path [rad], (n,).
+        curvature: curvature of the path [1/mm], (n,).
     """
 
     contour_rms: Floats
@@ -91,13 +91,13 @@ class Measured(NamedTuple):
     curvature: Floats
 
     @classmethod
-    def of(cls, rows: Floats, period: float, peak: Floats) -> Measured:
-        """Return what rows of measurements say, (n, columns).
+    def of(cls, rows: Floats, period: float, peak: Floats) -> IntervalValues:
+        """Return the values of rows of measurements.
 
         Args:
-            rows: as `measure` writes them.
+            rows: rows written by `measure`, (n, columns).
             period: servo period [s].
-            peak: torque of the axes' drives [N·m], (axes,).
+            peak: peak torque of the drives, (axes,) [N·m].
         """
         shared = dict(zip(SHARED, rows.T, strict=False))
         axes = rows[:, len(SHARED) :].reshape(len(rows), -1, len(PER_AXIS))
@@ -120,16 +120,16 @@ class Measured(NamedTuple):
 
 
 def observe(
-    measured: Measured, gains: Floats, progress: Floats, tolerance: float, ripple_limit: float
+    measured: IntervalValues, gains: Floats, progress: Floats, tolerance: float, ripple_limit: float
 ) -> NDArray[np.float32]:
     """Return the observations, in the order of `entries`, clipped to their ranges, (n, entries).
 
     Args:
-        measured: of the last interval.
-        gains: the action that is in force, (n, gains).
-        progress: share of the setpoints that are sent, (n,).
-        tolerance: of the contour error [mm].
-        ripple_limit: share of the peak torque.
+        measured: values of the last interval.
+        gains: last action, (n, gains).
+        progress: share of the setpoints sent, (n,).
+        tolerance: tolerance of the contour error [mm].
+        ripple_limit: limit of the torque ripple, share of the peak torque.
     """
     mean = np.clip(measured.tracking_mean / tolerance, -_MEAN, _MEAN)
     tracking = np.stack(
@@ -151,5 +151,5 @@ def observe(
 
 
 def _decades(value: Floats, unit: float) -> Floats:
-    """Logarithm of a magnitude in units, within the decades that are told."""
+    """Return the logarithm of a magnitude in units, clipped to the observed decades."""
     return np.clip(np.log10(np.maximum(value, 1e-300) / unit), -_DECADES, _DECADES)

@@ -1,4 +1,4 @@
-"""What the environments are made of: the spirals and machines that are drawn, the agent's reach, what is rewarded."""
+"""Settings of the environments: path, machine and servo of an episode, action and reward."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ from gantrysim.job.job import Job, ServoSettings
 from gantrysim.job.toml_files import one_line
 from gantrysim.machine.tolerances import Tolerances
 
-Range = float | tuple[float, float]  # a fixed value, or the lowest and the highest that are drawn
+Bounds = float | tuple[float, float]  # a fixed value, or the lowest and the highest value drawn
 
-_LEAST_DIAMETER = 4  # thicknesses: the first turn ends with a radius of one
+_LEAST_DIAMETER = 4  # thicknesses: the first turn ends at a radius of one
 
 
 class Settings(BaseModel):
-    """Settings of the environments; those of a spiral and its machine mean nothing where a job is given.
+    """Settings of the environments. With a job, those of the spiral, its machine and its servo are not used.
 
     Attributes:
-        job: a job, by its name, its file or itself, whose path, machine and servo are taken; by default a spiral is
-            drawn, an involute that is commanded exactly, from rest to rest.
+        job: a job, its name or its file, which gives path, machine and servo. By default the path is a spiral, an
+            involute commanded exactly from rest to rest.
         machine: a built-in machine, or an MJCF file.
-        servo: arguments of `Servo.derive`, for the gains about which the agent acts.
+        servo: arguments of `Servo.derive` for the nominal gains.
         diameter: outer diameter of the spiral [mm].
-        turns: number of turns, whole; fewer where they would not leave a radius of one thickness inside.
-        thickness: distance of neighbouring turns [mm].
+        turns: whole number of turns; fewer if they would not leave a radius of one thickness inside.
+        thickness: distance between neighbouring turns [mm].
         speed: path speed [mm/s].
-        acceleration: along the path, at the start and at the end [mm/s²].
-        spread: how far the machines differ of which one is drawn for every episode; None for the nominal one.
-        decision_interval: time between two decisions, a multiple of the servo period; inf for one per episode [s].
-        tolerance: of the contour error [mm].
-        gain_range: factor to either side by which the agent can change a gain.
-        detune: by which all gains are divided about which the agent acts.
-        per_axis: whether every axis has gains of its own.
-        ripple_limit: torque ripple that costs nothing, as a share of the drive's peak torque.
+        acceleration: path acceleration at the start and the end [mm/s²].
+        spread: tolerances from which every episode's machine is drawn; None for the nominal machine.
+        decision_interval: time between decisions, a multiple of the servo period; inf for one per episode [s].
+        tolerance: tolerance of the contour error [mm].
+        gain_range: largest factor by which the agent raises or lowers a gain.
+        detune: divisor of the nominal gains.
+        per_axis: whether every axis has its own gains.
+        ripple_limit: largest torque ripple without a penalty, as a share of the drive's peak torque.
 
     Raises:
-        InputError: a value out of its bounds.
+        InputError: a value out of bounds.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, arbitrary_types_allowed=True)
@@ -57,10 +57,10 @@ class Settings(BaseModel):
     job: str | Job | None = None
     machine: str = "xy"
     servo: ServoSettings = ServoSettings(integral_time=0.03)
-    diameter: Range = (80.0, 140.0)
-    turns: Range = (2, 5)
-    thickness: Range = (6.0, 12.0)
-    speed: Range = (50.0, 150.0)
+    diameter: Bounds = (80.0, 140.0)
+    turns: Bounds = (2, 5)
+    thickness: Bounds = (6.0, 12.0)
+    speed: Bounds = (50.0, 150.0)
     acceleration: float = 1000.0
     spread: Tolerances | None = Tolerances()
     decision_interval: float = 0.1
@@ -72,10 +72,10 @@ class Settings(BaseModel):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
-        """Return the settings with these values.
+        """Return the settings with the given values.
 
         Raises:
-            InputError: an unknown one, or a value that is not in order.
+            InputError: an unknown setting, or an invalid value.
         """
         for name in values:
             if name not in cls.model_fields:
@@ -87,22 +87,21 @@ class Settings(BaseModel):
 
     @field_validator("spread", mode="before")
     @classmethod
-    def _spread_in_words(cls, value: Any) -> Any:
+    def _parsed_spread(cls, value: Any) -> Any:
         return Tolerances.parse(value) if isinstance(value, str) else value
 
     @field_validator("diameter", "turns", "thickness", "speed", mode="wrap")
     @classmethod
-    def _one_or_two(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Range:
+    def _checked_bounds(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Bounds:
         try:
-            range_: Range = handler(value)
+            return handler(value)
         except ValidationError:
             raise InputError(
                 f"{info.field_name} = {value!r}: must be one number, or the lowest and the highest"
             ) from None
-        return range_
 
     def model_post_init(self, _context: Any) -> None:
-        """Hold values against their bounds."""
+        """Raise InputError for values out of bounds."""
         for name, unit in (("diameter", "mm"), ("thickness", "mm"), ("speed", "mm/s")):
             low, high = self.between(name)
             if high < positive(name, low, unit):
@@ -123,13 +122,13 @@ class Settings(BaseModel):
             )
 
     def between(self, name: str) -> tuple[float, float]:
-        """Return the lowest and the highest value of what is drawn, the same where it is fixed."""
-        value: Range = getattr(self, name)
+        """Return the lowest and the highest value of a setting, equal if it is fixed."""
+        value: Bounds = getattr(self, name)
         return value if isinstance(value, tuple) else (value, value)
 
 
 def _plain(value: Any) -> Any:
-    """Plain values of NumPy's, and paths as text."""
+    """Return NumPy values as Python values, and paths as text."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     return os.fspath(value) if isinstance(value, os.PathLike) else value

@@ -1,10 +1,9 @@
-"""The same environment many times over, natively: all advance in one call."""
+"""The vectorised environments: all episodes advance in one native call."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,24 +25,21 @@ Flags = NDArray[np.bool_]
 
 
 class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
-    """`SpiralTuningEnv` many times over; equal to as many scalar ones, step by step, for any number of threads.
+    """Several `SpiralTuningEnv` in one, equal to them step by step for any number of threads.
 
     Args:
         num_envs: number of environments.
-        threads: on which they are stepped; by default all cores.
-        autoreset_mode: when an episode that is over is followed by the next, as Gymnasium's modes have it.
+        threads: number of threads that step them; by default all cores.
+        autoreset_mode: one of Gymnasium's modes: when the next episode follows one that has ended.
         render_mode: None or "rgb_array".
         size: width and height of the pictures [pixels].
-        settings: as for `SpiralTuningEnv`, see `Settings`.
+        settings: the fields of `Settings`.
 
     Raises:
-        InputError: a value out of its bounds.
+        InputError: a value out of bounds.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -61,15 +57,8 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
             raise unknown("autoreset_mode", str(autoreset_mode), modes)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        EzPickle.__init__(
-            self,
-            num_envs,
-            threads=threads,
-            autoreset_mode=autoreset_mode,
-            render_mode=render_mode,
-            size=size,
-            **settings,
-        )
+        own = {"threads": threads, "autoreset_mode": autoreset_mode, "render_mode": render_mode, "size": size}
+        EzPickle.__init__(self, num_envs, **own, **settings)
         self.settings = Settings.of(settings)
         self._episodes = EpisodeBatch(self.settings, self.num_envs, threads)
         self.single_observation_space = self._episodes.observation_space
@@ -83,25 +72,25 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the observation's entries, in order."""
+        """Names of the entries of the observation, in order."""
         return tuple(entry.name for entry in self._episodes.entries)
 
     def run(self, place: int) -> Run:
-        """Return the record of one environment's episode so far, at least one tick of it."""
+        """Return the record of one environment's episode so far, after at least one step."""
         return self._episodes.record(place)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begin new episodes and return their observations and what was drawn for each.
+        """Begin new episodes and return their observations and the values drawn for their paths.
 
         Args:
-            seed: of the random numbers: one, to which the number of the environment is added, or one for each; by
-                default they go on, and are random where there was no seed yet.
-            options: "reset_mask", a boolean array of the environments to be reset, by default all.
+            seed: one seed, to which the index of the environment is added, or one per environment; by default the
+                random numbers continue, or start from a random seed.
+            options: "reset_mask", a boolean array of the environments to reset, by default all.
 
         Raises:
-            InputError: seeds or a mask of another number.
+            InputError: seeds or a mask for another number of environments.
         """
         mask = self._mask(options)
         seeds = self._seeds(seed)
@@ -112,61 +101,59 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         return self._episodes.observations(), info
 
     def step(self, actions: Observations) -> tuple[Observations, Numbers, Flags, Flags, dict[str, Any]]:
-        """Take a decision in every environment, and return what came of it.
+        """Apply an action in every environment and return the outcome.
 
         Raises:
-            ResetNeeded: before the first reset, and where an episode is over that no mode resets.
+            ResetNeeded: before the first reset, or when an episode is over that the mode does not reset.
             InputError: actions that are not finite, or of another shape.
         """
         resting = self._over.copy()
         stuck = self.autoreset_mode is not AutoresetMode.NEXT_STEP and resting.any()
         if len(self._randoms) < self.num_envs or stuck:
-            raise ResetNeeded("an episode is over, or none has begun: call reset")
+            raise ResetNeeded("not all environments run an episode: call reset")
         outcome = self._episodes.advance(actions, ~resting)
         over = outcome.terminated | outcome.truncated
         self._over = over | resting  # until the next episodes have begun
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             final = self._episodes.observations()
-            info = self._told(outcome.info, ~over)
+            info = _masked(outcome.info, ~over)
             info |= {"final_obs": np.full(self.num_envs, None, object), "_final_obs": over}
             for place in np.flatnonzero(over):
                 info["final_obs"][place] = final[place]
-            info |= {"final_info": self._told({**outcome.info, **outcome.final}, over), "_final_info": over.copy()}
+            info |= {"final_info": _masked({**outcome.info, **outcome.final}, over), "_final_info": over.copy()}
             info |= self._begin(over)
         else:
-            info = self._told(outcome.info, ~resting) | self._told(outcome.final, over)
+            info = _masked(outcome.info, ~resting) | _masked(outcome.final, over)
             info |= self._begin(resting) if resting.any() else {}
         reward = np.where(resting, 0.0, outcome.reward)
         return self._episodes.observations(), reward, outcome.terminated, outcome.truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of every environment, (height, width, 3) each; None without a render mode.
+        """Return a picture of every environment, (height, width, 3) each, or None without a render mode.
 
         Raises:
-            NoOpenGLError: no OpenGL that needs no display.
+            NoOpenGLError: OpenGL cannot draw without a display.
         """
-        episodes = self._episodes
-        pictures = [
-            self._frames.picture(partial(episodes.scene, place), partial(episodes.follower, place))
-            for place in range(self.num_envs)
-        ]
-        return None if self.render_mode is None else tuple(picture for picture in pictures if picture is not None)
+        if self.render_mode is None:
+            return None
+        return tuple(self._frames.picture(self._episodes, place) for place in range(self.num_envs))
 
     def close_extras(self, **_kwargs: Any) -> None:
-        """Free what pictures were drawn with."""
+        """Free the renderer."""
         self._frames.close()
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        seeds = [whole("seed", seed, 0) + i for i in range(self.num_envs)] if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
-        if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds: must be one, or {self.num_envs}, one for each environment")
-        return [None if one is None else whole("seed", one, 0) for one in seeds]
+        if not isinstance(seed, Sequence | np.ndarray):
+            return [whole("seed", seed, 0) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InputError(f"{len(seed)} seeds: must be one, or {self.num_envs}, one for each environment")
+        return [None if one is None else whole("seed", one, 0) for one in seed]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
-        if unfit := set(options or {}) - {"reset_mask"}:
-            raise unknown("option", unfit.pop(), ["reset_mask"])
+        for name in set(options or {}) - {"reset_mask"}:
+            raise unknown("option", name, ["reset_mask"])
         mask = (options or {}).get("reset_mask")
         if mask is None:
             return np.ones(self.num_envs, bool)
@@ -176,31 +163,31 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         return mask
 
     def _begin(self, mask: Flags) -> dict[str, Any]:
-        """Begin new episodes, and return what was drawn for them as infos."""
+        """Begin new episodes and return the values drawn for their paths as infos."""
         self._over[mask] = True
         drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()})
         self._over[mask] = False
-        names = next(iter(drawn.values()))
-        values = {name: np.zeros(self.num_envs, type(value)) for name, value in names.items()}
-        for place, own in drawn.items():
-            for name, value in own.items():
-                values[name][place] = value
-        return self._told(values, mask)
-
-    def _told(self, values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
-        """Return infos as Gymnasium has them: with every name a mask of the environments that it is told of."""
-        if not mask.any():
-            return {}
-        told: dict[str, Any] = {}
-        for name, array in values.items():
-            own = np.full_like(array, None if array.dtype == object else 0)
-            own[mask] = array[mask]
-            told |= {name: own, f"_{name}": mask.copy()}
-        return told
+        values = {}
+        for name, value in next(iter(drawn.values())).items():
+            values[name] = np.zeros(self.num_envs, type(value))
+            values[name][list(drawn)] = [own[name] for own in drawn.values()]
+        return _masked(values, mask)
 
 
 class GainBanditVectorEnv(SpiralTuningVectorEnv):
-    """`GainBanditEnv` many times over; arguments as of `SpiralTuningVectorEnv`, but for the decision interval."""
+    """Several `GainBanditEnv` in one; arguments as for `SpiralTuningVectorEnv`, but for the decision interval."""
 
     def __init__(self, num_envs: int = 1, **settings: Any) -> None:
         super().__init__(num_envs, **{**settings, "decision_interval": math.inf})
+
+
+def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
+    """Return infos in Gymnasium's format: every array with a mask of the environments for which it holds values."""
+    if not mask.any():
+        return {}
+    infos: dict[str, Any] = {}
+    for name, array in values.items():
+        own = np.full_like(array, None if array.dtype == object else 0)
+        own[mask] = array[mask]
+        infos |= {name: own, f"_{name}": mask.copy()}
+    return infos

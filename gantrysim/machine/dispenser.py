@@ -1,8 +1,8 @@
-"""The dispenser: from the program's command to the glue that leaves the nozzle.
+"""Dispenser: from the program's command to the flow out of the nozzle.
 
-    command --lead--> valve --compensation--> request --dead time--> lag --needle--> flow
+    command --leads--> valve --compensation--> request --dead time--> lag --needle--> flow
 
-Its time constants are told apart by the direction in which the flow, or the pressure behind the needle, moves.
+Rising and falling flow, or pressure, have separate time constants.
 """
 
 from __future__ import annotations
@@ -22,49 +22,49 @@ from gantrysim.machine.needle import Needle
 
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 
-_MOST_PIECES = 40  # time constants after which a lag is over
-_MOST = 1e9  # of flow, area and pressure
-_EDGE = 1e-9  # of a servo period, within which an edge is at the tick
+_MOST_PIECES = 40  # time constants after which a lag has settled
+_MOST = 1e9  # largest flow, area and pressure
+_EDGE = 1e-9  # distance from a tick within which an edge is at the tick [servo periods]
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # Gauss quadrature from -1 to 1
 
 
 @dataclass(frozen=True)
 class Dispenser:
-    """A dispenser with valve and pump or pressure vessel; `Dispenser()` lays nothing.
+    """A dispenser: a valve with a pump or a pressure vessel. `Dispenser()` dispenses nothing.
 
-    While the program asks for glue the request r(t) is a fixed flow, an area times the commanded path speed (as a
-    controller with an analogue speed output asks for), or a fixed pressure. With a time-pressure dispenser a flow is
-    asked for by the pressure that drives it through the needle. The state y, the flow of a volumetric dispenser or
-    the pressure of a time-pressure one, follows with
+    While the program dispenses, the request r(t) is a fixed flow, an area times the commanded path speed (a
+    controller's speed-proportional analogue output), or a fixed pressure. A time-pressure dispenser turns a flow
+    demand into the pressure that drives it through the needle. The state y, the flow of a volumetric dispenser or the
+    pressure of a time-pressure one, follows
 
         dy/dt = (r(t - dead_time) - y) / T,  T = opening where y rises, closing where it falls,
 
-    solved exactly between the edges of r, which lie at any time and not at the servo's ticks alone.
+    solved exactly between the edges of r, which need not lie at servo ticks.
 
-    The leads move the valve against the program's on and off, not the speed that `area` multiplies. With `advance`
-    the controller asks at every servo tick k for
+    The leads shift the valve against the program's on and off, not the speed that `area` multiplies. `advance`
+    compensates the lag: with r(k) the mean request of servo period k, the controller requests
 
-        c(k) = r(k) + advance (r(k) - r(k-1)) / period,  0 <= c <= limit,
+        c(k) = r(k) + advance (r(k) - r(k-1)) / period,  0 <= c <= limit.
 
-    r(k) being the mean over the period. With advance = T a ramp is followed without lag, and after an opening the
-    volume that the lag withheld is made good; after a closing nothing can be, as no flow is below 0: that takes
-    `stop_lead`. (Klipper's pressure advance adds the same term to the filament's way.)
+    With advance = T a ramp is followed without lag, and an opening recovers the volume that the lag withheld. A closing
+    cannot, as no flow is negative: use `stop_lead`. (Klipper's pressure advance adds the same term to the filament.)
 
     Attributes:
-        flow: asked for while the dispenser is on [mm³/s].
-        area: of the section that is asked for, instead of `flow`: the flow is area * path speed [mm²].
-        pressure: asked for instead of a flow, of a time-pressure dispenser [kPa].
+        flow: flow while the dispenser is on [mm³/s].
+        area: cross-section of the bead, an alternative to `flow`: the flow is area * path speed [mm²].
+        pressure: pressure while the dispenser is on, an alternative to `flow` with time-pressure metering [kPa].
         metering: "volumetric" (a pump or screw meters the flow) or "time-pressure" (a pressure drives the needle).
-        needle: of a time-pressure dispenser.
-        dead_time: from the command to the first change [s].
-        opening: time constant T of a rising flow or pressure [s].
-        closing: time constant T of a falling one [s].
-        start_lead: of the valve's opening before the program's on [s].
-        stop_lead: of its closing before the program's off [s].
+        needle: needle of a time-pressure dispenser.
+        dead_time: time from the command to the first change [s].
+        opening: time constant T of rising flow or pressure [s].
+        closing: time constant T of falling flow or pressure [s].
+        start_lead: time by which the valve opens before the program's on [s].
+        stop_lead: time by which the valve closes before the program's off [s].
         advance: compensation of the lag [s].
-        limit: largest command, of the flow [mm³/s] or of a time-pressure dispenser's pressure [kPa]; inf for none.
+        limit: largest request, a flow [mm³/s] or with time-pressure metering a pressure [kPa]; inf for none.
 
     Raises:
-        InputError: more than one of flow, area and pressure, or a value out of its bounds.
+        InputError: more than one of flow, area and pressure, or a value out of bounds.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": True}
@@ -83,13 +83,13 @@ class Dispenser:
     needle: Needle | None = None
 
     def __post_init__(self) -> None:
-        asked = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
-        for name, unit in asked.items():
+        demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
+        for name, unit in demands.items():
             if at_least(name, getattr(self, name), 0, unit) > _MOST:
                 raise InputError(f"{name} = {getattr(self, name):g} {unit}: must be at most {_MOST:g} {unit}")
-        given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in asked.items() if getattr(self, name)]
+        given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in demands.items() if getattr(self, name)]
         if len(given) > 1:
-            raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be asked for")
+            raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be given")
         for name in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
             at_least(name, getattr(self, name), 0, "s")
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
@@ -97,10 +97,10 @@ class Dispenser:
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which turns pressure into flow")
         if self.metering == VOLUMETRIC and self.needle is not None:
-            raise InputError("metering volumetric: meters the flow whatever the needle; a needle needs time-pressure")
-        if self.pressure and self.metering == VOLUMETRIC:
-            raise InputError(f"{given[0]}: metering volumetric meters flow or area; pressure needs time-pressure")
-        if self.pressure and self.needle is not None:
+            raise InputError("metering volumetric: takes no needle; a needle needs time-pressure")
+        if self.pressure:
+            if self.needle is None:
+                raise InputError(f"{given[0]}: metering volumetric takes flow or area; pressure needs time-pressure")
             with np.errstate(over="ignore"):
                 flow = float(self.needle.flow(self.pressure))
             if not flow <= _MOST:
@@ -108,40 +108,34 @@ class Dispenser:
                     f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_MOST:g} mm³/s"
                 )
         if self.limit != math.inf:
-            limit = positive("limit", self.limit, self._unit)
-            most = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure
-            if most > limit:
-                raise InputError(
-                    f"limit = {limit:g} {self._unit}: must be at least {most:g} {self._unit}, what is asked for"
-                )
-
-    @property
-    def _unit(self) -> str:
-        return "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
+            unit = "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
+            limit = positive("limit", self.limit, unit)
+            request = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure
+            if request > limit:
+                raise InputError(f"limit = {limit:g} {unit}: must be at least the request, {request:g} {unit}")
 
     def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
-        """Return the flow that the program asks for, without leads and lags, over each tick's period, (n,) [mm³/s].
+        """Return the flow demanded by the program, without leads and lags, over each servo period, (n,) [mm³/s].
 
         Args:
             dispense: dispenser command from each tick to the next, (n,).
-            speed: commanded path speed, the mean over that period, (n,) [mm/s].
+            speed: mean commanded path speed over that period, (n,) [mm/s].
         """
-        on = np.asarray(dispense, bool)
-        return np.where(on, self._asked_flow(np.asarray(speed, float)), 0.0)
+        return np.where(np.asarray(dispense, bool), self._demand(np.asarray(speed, float)), 0.0)
 
     def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float) -> Floats:
-        """Return the flow out of the nozzle, the mean over the period that follows each tick, (n,) [mm³/s].
+        """Return the mean flow out of the nozzle over the period after each tick, (n,) [mm³/s].
 
-        Before the first tick the dispenser is at rest; after the last nothing is said.
+        The dispenser is at rest before the first tick.
 
         Args:
-            dispense: dispenser command from each tick to the next, (n,).
-            speed: commanded path speed, the mean over that period, (n,) [mm/s].
+            dispense: as for `flow_demand`, (n,).
+            speed: as for `flow_demand`, (n,) [mm/s].
             period: servo period [s].
 
         Raises:
-            InputError: a start lead longer than the time before the first dispensing, or arrays that are not of one
-                shape, (n,), or not of finite numbers.
+            InputError: a start lead longer than the time before the first dispensing, arrays not both of shape (n,),
+                or a speed that is negative or not finite.
         """
         on, speeds = np.asarray(dispense, bool), np.asarray(speed, float)
         positive("period", period, "s")
@@ -153,12 +147,12 @@ class Dispenser:
         begins, ends = self._valve(on, period)
         if not begins.size or not (self.flow or self.area or self.pressure):
             return np.zeros(on.size)
-        request = self._request(self._asked_flow(speeds))
+        request = self._request(self._demand(speeds))
         ticks = np.arange(on.size + 1, dtype=np.float64)
-        # breaks: where the request changes, in periods; gate: whether the valve is open from each to the next
+        # breaks: times at which the request changes [periods]; gate: whether the valve is open until the next break
         breaks = np.unique(np.concatenate([ticks, begins, ends]))
         breaks = breaks[(breaks >= 0) & (breaks <= on.size)]
-        # leads may bring two stretches together, or an end before its beginning
+        # leads may merge two stretches, or put an end before its beginning
         gate = np.searchsorted(begins, breaks[:-1], "right") > np.searchsorted(ends, breaks[:-1], "right")
         value = np.where(gate, request[breaks[:-1].astype(np.intp)], 0.0)
         if self.advance:
@@ -173,26 +167,25 @@ class Dispenser:
         self._valve(setpoints.dispense, setpoints.period)
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
-        """Return the setpoints, held back where the start lead is longer than what they wait before the first glue."""
+        """Return the setpoints, delayed if the start lead is longer than the time before the first dispensing."""
         first = np.flatnonzero(setpoints.dispense)
         if not first.size:
             return setpoints
         return setpoints.wait(max(self.start_lead - float(first[0]) * setpoints.period, 0.0))
 
-    def _asked_flow(self, speed: Floats) -> Floats:
+    def _demand(self, speed: Floats) -> Floats:
+        """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
         if self.area:
             return self.area * speed
         flow = self.flow if self.needle is None or not self.pressure else float(self.needle.flow(self.pressure))
         return np.full(speed.shape, flow)
 
     def _request(self, flow: Floats) -> Floats:
-        """What is asked of the valve for a flow: the same, or the pressure for it [kPa]."""
-        if self.metering == VOLUMETRIC or self.needle is None:
-            return flow
-        return self.needle.pressure(flow)
+        """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
+        return flow if self.needle is None else self.needle.pressure(flow)
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
-        """Return when the valve opens and closes, the leads taken off, (k,) each, in periods, ascending."""
+        """Return when the valve opens and closes, with the leads, (k,) each, ascending [periods]."""
         edges = np.diff(np.concatenate([[0], on.astype(np.int8), [0]]))
         begins = np.flatnonzero(edges == 1).astype(np.float64) - self.start_lead / period
         ends = np.flatnonzero(edges == -1).astype(np.float64) - self.stop_lead / period
@@ -204,53 +197,45 @@ class Dispenser:
             )
         begins, ends = _on_ticks(begins), _on_ticks(ends)
         if on.size and on[-1]:
-            ends[-1] = on.size  # where the record ends the program has not yet closed the valve
+            ends[-1] = on.size  # the program has not closed the valve by the end of the record
         return begins, ends
 
     def _lagged(self, breaks: Floats, value: Floats, ticks: int, period: float) -> Floats:
-        """Return the mean flow over each period, given a request of `value` between `breaks`, in periods."""
-        delay = self.dead_time / period
-        later = np.concatenate([[0.0], _on_ticks(breaks + delay)])
+        """Return the mean flow over each period for a request of `value` between `breaks` [periods]."""
+        later = np.concatenate([[0.0], _on_ticks(breaks + self.dead_time / period)])
         value = np.concatenate([[0.0], value])
         edges = np.unique(np.concatenate([later, np.arange(ticks + 1, dtype=np.float64)]))
         edges = edges[edges <= ticks]
         which = np.minimum(np.searchsorted(later, edges[:-1], "right") - 1, value.size - 1)
         duration = period * np.diff(edges)
-        if self.metering == VOLUMETRIC or self.needle is None:
-            volume = _volumes(duration, value[which], self.opening, self.closing)
+        lag = (duration, value[which], self.opening, self.closing)
+        if self.needle is None:
+            volume = _volumes(*lag)
         else:
-            power = 1 / self.needle.index
             volume = self.needle.conductance * _power_volumes(
-                duration, value[which], self.opening, self.closing, power, *_gauss()
+                *lag, 1 / self.needle.index, 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
             )
-        total = np.bincount(edges[:-1].astype(np.intp), volume, minlength=ticks)
-        return total / period
+        return np.bincount(edges[:-1].astype(np.intp), volume, minlength=ticks) / period
 
 
 def _on_ticks(time: Floats) -> Floats:
-    """Return times in periods, those that rounding has put beside a tick at the tick."""
+    """Return times in periods, snapped to a tick where they are off it by rounding alone."""
     near = np.round(time)
     return np.where(np.abs(time - near) < _EDGE * np.maximum(1.0, np.abs(near) * 1e-3), near, time)
 
 
-def _gauss() -> tuple[Floats, Floats]:
-    """Nodes and weights of Gauss' quadrature over 0 to 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(6)
-    return 0.5 * (nodes + 1), 0.5 * weights
-
-
 @jit
 def _volumes(duration: Floats, request: Floats, opening: float, closing: float) -> Floats:
-    """Integrals of the first-order lag over pieces of constant request, (k,)."""
+    """Return the integrals of the first-order lag over pieces of constant request, (k,)."""
     volume = np.empty(duration.size)
     y = 0.0
     for k in range(duration.size):
         r, h = request[k], duration[k]
         constant = opening if r > y else closing
         if constant > 0.0:
-            left = -math.expm1(-h / constant)  # share of the way to r
-            volume[k] = r * h + (y - r) * constant * left
-            y += (r - y) * left
+            share = -math.expm1(-h / constant)  # of the step towards r
+            volume[k] = r * h + (y - r) * constant * share
+            y += (r - y) * share
         else:
             volume[k] = r * h
             y = r
@@ -267,7 +252,10 @@ def _power_volumes(
     nodes: Floats,
     weights: Floats,
 ) -> Floats:
-    """Integrals of the lagged state to a power over pieces of constant request, (k,)."""
+    """Return the integrals of the lagged state to a power over pieces of constant request, (k,).
+
+    Nodes and weights are those of Gauss quadrature over 0 to 1.
+    """
     volume = np.empty(duration.size)
     y = 0.0
     for k in range(duration.size):
@@ -277,7 +265,7 @@ def _power_volumes(
             volume[k] = h * r**power
             y = r
             continue
-        # the quadrature takes a time constant at a time; what is left after many is at the request
+        # one quadrature per time constant; after many the state is at the request
         moving = min(h, _MOST_PIECES * constant)
         pieces = math.ceil(moving / constant)
         step = moving / pieces

@@ -1,13 +1,13 @@
-"""Where the nozzle is in the work frame, for many positions of the axes at once.
+"""Forward kinematics: the nozzle in the work frame, for many axis positions at once.
 
-Bodies hang in a tree. From the nearest body above both, the nozzle's body is reached through bodies 1 to n, the
-work through bodies 1 to m. With T_i the pose of a body in its parent and J_i(q) the motion of its joints, the point
-p of the nozzle's body is in the work frame at
+Bodies form a tree. From the nearest common ancestor, bodies 1 to n lead to the nozzle and bodies 1 to m to the work.
+With T_i the pose of a body in its parent and J_i(q) the motion of its joints, a point p fixed to the nozzle's body is
+in the work frame at
 
     J_m(q)^-1 T_m^-1 ... J_1(q)^-1 T_1^-1   T_1 J_1(q) ... T_n J_n(q)  p
     (down to the work)                      (up from the nozzle)
 
-Everything here is in SI, as the compiled model is.
+Everything is in SI units, as in the compiled model.
 """
 
 from __future__ import annotations
@@ -64,15 +64,16 @@ class _Hinge:
 
 
 class Kinematics:
-    """Where a site is in the frame of a body, whatever moves the one or the other.
-
-    Joints that no axis drives stay at their reference.
+    """Position of a site in the frame of a body; joints that no axis drives stay at their reference.
 
     Args:
         model: the compiled model.
-        site: the nozzle.
-        body: the work.
+        site: index of the nozzle.
+        body: index of the work.
         driven: address in qpos of each axis' joint, a slide or a hinge.
+
+    Attributes:
+        turns_body: whether a driven hinge turns the body.
     """
 
     def __init__(self, model: mujoco.MjModel, site: int, body: int, driven: Sequence[int]) -> None:
@@ -87,14 +88,14 @@ class Kinematics:
             for joint in reversed(_joints(model, b, columns)):
                 self._append(_joint(model, joint, columns, 1.0))
             self._append(_Rigid(_rotation(model, b), model.body_pos[b].copy()))
-        risen = len(self._steps)
+        below = len(self._steps)
         for b in reversed(down):
             back = _rotation(model, b).T
             self._append(_Rigid(back, -back @ model.body_pos[b]))
             for joint in _joints(model, b, columns):
                 self._append(_joint(model, joint, columns, -1.0))
-        self.turns_body = any(isinstance(step, _Hinge) for step in self._steps[risen:])
-        # where slides alone move the site, it is at origin + q . directions
+        self.turns_body = any(isinstance(step, _Hinge) for step in self._steps[below:])
+        # without hinges the position is linear: origin + q . directions
         self._linear: tuple[Floats, Floats] | None = None
         if not any(isinstance(step, _Hinge) for step in self._steps):
             origin = self(np.zeros((1, len(columns))))
@@ -107,7 +108,7 @@ class Kinematics:
             self._steps.append(step)
 
     def __call__(self, q: Floats) -> Floats:
-        """Return the site in the frame of the body, (n, 3) [m].
+        """Return positions of the site in the frame of the body, (n, 3) [m].
 
         Args:
             q: positions of the axes' joints, (n, axes) [m or rad].
@@ -122,20 +123,21 @@ class Kinematics:
 
 
 def _to_world(model: mujoco.MjModel, body: int) -> list[int]:
-    way = [body]
-    while way[-1]:
-        way.append(int(model.body_parentid[way[-1]]))
-    return way
+    """Return a body and its ancestors up to the world."""
+    bodies = [body]
+    while bodies[-1]:
+        bodies.append(int(model.body_parentid[bodies[-1]]))
+    return bodies
 
 
 def _joints(model: mujoco.MjModel, body: int, columns: dict[int, int]) -> list[int]:
-    """The driven joints of a body, in their order."""
+    """Return the driven joints of a body in their order."""
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     return [joint for joint in range(first, first + count) if int(model.jnt_qposadr[joint]) in columns]
 
 
 def _joint(model: mujoco.MjModel, joint: int, columns: dict[int, int], sense: float) -> _Slide | _Hinge:
-    """The motion of a joint, or with sense -1 its inverse."""
+    """Return the motion of a joint, or with sense -1 its inverse."""
     address = int(model.jnt_qposadr[joint])
     reference, axis = float(model.qpos0[address]), sense * model.jnt_axis[joint]
     if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:

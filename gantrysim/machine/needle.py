@@ -12,27 +12,27 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, positive
 
-PASCAL = 1e3  # in a kPa
+PASCAL = 1e3  # pascals per kilopascal
 
 
 @dataclass(frozen=True)
 class Needle:
-    """A needle and the glue in it, whose shear stress is K (shear rate)^n.
+    """A needle and its glue, with shear stress K (shear rate)^n.
 
         Q = pi R^3 / (3 + 1/n) (R dp / (2 K L))^(1/n)
 
-    with the bore's radius R, its length L and the pressure drop dp (Bird, Armstrong and Hassager, Dynamics of
-    Polymeric Liquids, vol. 1, 1987, on power-law flow in tubes). With n = 1 it is Hagen and Poiseuille's law,
-    Q = pi R^4 dp / (8 K L), and K the viscosity.
+    for bore radius R, length L and pressure drop dp (Bird, Armstrong and Hassager, Dynamics of Polymeric Liquids,
+    vol. 1, 1987, power-law flow in tubes). With n = 1, K is the viscosity and this is the law of Hagen and Poiseuille,
+    Q = pi R^4 dp / (8 K L).
 
     Args:
         bore: inner diameter, 2 R [mm].
         length: L [mm].
         consistency: K [Pa·s^n].
-        index: n, below 1 for a glue that shears thin.
+        index: n, below 1 for a shear-thinning glue.
 
     Raises:
-        InputError: a value that is not greater than 0.
+        InputError: a value not greater than 0, or values whose flow at 1 kPa is not a finite number above 0.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -53,15 +53,15 @@ class Needle:
         """Flow at 1 kPa, C in Q = C p^(1/n) [mm³/s]."""
         radius = 0.5 * self.bore
         try:
-            rate: float = (radius * PASCAL / (2 * self.consistency * self.length)) ** (1 / self.index)
-            return math.pi * radius**3 / (3 + 1 / self.index) * rate
+            shear_rate: float = (radius * PASCAL / (2 * self.consistency * self.length)) ** (1 / self.index)
+            return math.pi * radius**3 / (3 + 1 / self.index) * shear_rate
         except OverflowError:
             return math.inf
 
     def flow(self, pressure: ArrayLike) -> Floats:
-        """Flow Q at a pressure drop p of at least 0 [kPa], of its shape [mm³/s]."""
+        """Return the flow Q [mm³/s] at a pressure drop p of at least 0 [kPa], of the same shape."""
         return self.conductance * np.asarray(pressure, float) ** (1 / self.index)
 
     def pressure(self, flow: ArrayLike) -> Floats:
-        """Pressure drop p for a flow of at least 0 [mm³/s], of its shape [kPa]."""
+        """Return the pressure drop p [kPa] for a flow of at least 0 [mm³/s], of the same shape."""
         return (np.asarray(flow, float) / self.conductance) ** self.index

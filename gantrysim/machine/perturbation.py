@@ -1,14 +1,14 @@
-"""A machine that is not quite the drawing's: payload, friction, stiffness, motor constants and zeros that are off.
+"""Deviations of a machine from its MJCF: payload, friction, stiffness, motor constants and home offsets.
 
-The model's arrays are changed, not its MJCF, and no array changes its size; so the changed fields can just as well be
-one simulation's of a batch.
+They are written to the compiled model's arrays, none of which changes its size: `mujoco.batch` can then vary the fields
+between simulations.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -17,36 +17,34 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine.axis import PER_SI, Axis
 
-PerAxis = float | tuple[float, ...]  # of all axes, or one per axis
+PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
-# where MuJoCo keeps a dcmotor's numbers
-_MOTOR_CONSTANT = 1  # in gainprm
-_COGGING = 0  # in biasprm, the amplitude
-_COULOMB, _STATIC = 3, 4  # in biasprm
-_BRISTLE_STIFFNESS, _BRISTLE_DAMPING = 5, 6  # in dynprm
+# indices of a dcmotor's parameters in MuJoCo's arrays
+_MOTOR_CONSTANT = 1  # gainprm
+_COGGING, _COULOMB, _STATIC = 0, 3, 4  # biasprm
+_BRISTLE_STIFFNESS, _BRISTLE_DAMPING = 5, 6  # dynprm
 
-_NEXT_TO_NOTHING = 1e-30
+_NEGLIGIBLE = 1e-30
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """What of a machine differs from its MJCF; as it stands, nothing.
+    """Deviations of a machine from its MJCF; none by default.
 
-    A factor, or an offset, is one number for all axes, or one per axis in their order.
+    A factor or offset is one number for all axes, or one per axis in their order.
 
     Attributes:
-        payload: mass added at the centre of mass of the body that bears the nozzle, or where the nozzle stands still,
-            of the body `work`; a spring that carries the body (`gravcomp`) carries what it did before [kg].
-        friction: of the LuGre law of the motors and of frictionloss of the axes' joints. With f all of
-            F = sigma0 z + sigma1 dz/dt, dz/dt = v - sigma0 |v| z / g(v) is scaled, sigma0, sigma1 and g alike: the same
-            motion meets f times the force.
-        viscous: of the damping of the axes' joints and of the motors.
-        stiffness: of the springs in joints that no axis drives, each with the axis above it in the tree.
-        motor_constant: K of the motors. The drive does not know: it turns the torque demand into current by the
-            nominal K, so the torque is the demand times the factor. Limits of current and voltage stay, and with
-            them goes the peak torque.
-        home_offset: from where the controller takes an axis to be to where it is [mm or deg].
+        payload: mass added at the centre of mass of the body that carries the nozzle, or of the work if the nozzle is
+            fixed. Gravity compensation (`gravcomp`) keeps its force [kg].
+        friction: factor on the motors' LuGre friction and the axis joints' frictionloss. All of
+            F = sigma0 z + sigma1 dz/dt, dz/dt = v - sigma0 |v| z / g(v) is scaled, that is sigma0, sigma1 and g: the
+            same motion meets the scaled force.
+        viscous: factor on the damping of axis joints and motors.
+        stiffness: factor on the springs of joints that no axis drives; each takes that of the next axis above it.
+        motor_constant: factor on K of the motors. The drive converts torque demand to current by the nominal K, so the
+            torque is the demand times the factor. Current and voltage limits stay, so the peak torque scales too.
+        home_offset: true axis position minus the position according to the encoder [mm or deg].
     """
 
     payload: float = 0.0
@@ -62,27 +60,17 @@ class Perturbation:
             self._check(name, f"factor of {name}", positive)
         self._check("home_offset", "home_offset", finite)
 
-    def _check(self, name: str, called: str, check: Callable[[str, float], float]) -> None:
+    def _check(self, name: str, label: str, check: Callable[[str, float], float]) -> None:
         value = getattr(self, name)
         several = isinstance(value, Iterable) and not isinstance(value, str)
-        checked = tuple(check(called, item) for item in value) if several else check(called, value)
+        checked = tuple(check(label, item) for item in value) if several else check(label, value)
         object.__setattr__(self, name, checked)
 
-    @property
-    def nothing(self) -> bool:
-        """Whether the machine is left as it is."""
-        factors = all(np.all(np.equal(getattr(self, name), 1.0)) for name in FACTORS)
-        return factors and not self.payload and not np.any(self.home_offset)
-
     def per_axis(self, name: str, axes: Sequence[str]) -> Floats:
-        """Return a factor or an offset for each axis, (axes,).
-
-        Args:
-            name: of the attribute.
-            axes: names of the machine's axes.
+        """Return the attribute `name` for each of the named axes, (axes,).
 
         Raises:
-            InputError: it has one value per axis, of another number of axes.
+            InputError: it has one value per axis, for another number of axes.
         """
         value = getattr(self, name)
         if isinstance(value, tuple) and len(value) != len(axes):
@@ -90,10 +78,6 @@ class Perturbation:
                 f"{name} has {len(value)} values: must be one or {len(axes)}, of the axes {', '.join(axes)}"
             )
         return np.broadcast_to(np.asarray(value, float), (len(axes),)).copy()
-
-    def numbers(self) -> dict[str, float | list[float]]:
-        """Return all values as plain numbers and lists."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
 
 def perturbed_model(
@@ -105,13 +89,13 @@ def perturbed_model(
     nozzle: int,
     work: int,
 ) -> mujoco.MjModel:
-    """Return a copy of a compiled model with the perturbation in its arrays.
+    """Return a copy of a compiled model with a perturbation in its arrays.
 
     Args:
-        model: left as it is.
-        perturbation: what differs.
-        axes: of the machine, in the order of the actuators.
-        joints: index of the joint of each axis.
+        model: the compiled model; it is not changed.
+        perturbation: the deviations.
+        axes: axes of the machine, in the order of the actuators.
+        joints: index of each axis' joint.
         nozzle: index of the site.
         work: index of the body.
 
@@ -123,10 +107,10 @@ def perturbed_model(
     friction, viscous, constant, stiffness = (
         perturbation.per_axis(name, names) for name in ("friction", "viscous", "motor_constant", "stiffness")
     )
-    dofs = model.jnt_dofadr[list(joints)]
+    dofs, motors = model.jnt_dofadr[list(joints)], _dcmotors(model)
 
-    changed.actuator_biasprm[:, [_COULOMB, _STATIC]] *= friction[:, None] ** _dcmotors(model)
-    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= friction[:, None] ** _dcmotors(model)
+    changed.actuator_biasprm[:, [_COULOMB, _STATIC]] *= friction[:, None] ** motors
+    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= friction[:, None] ** motors
     changed.dof_frictionloss[dofs] *= friction
 
     changed.dof_damping[dofs] *= viscous
@@ -142,29 +126,25 @@ def perturbed_model(
         changed.jnt_stiffness[joint] *= stiffness[axis or 0]
         changed.jnt_stiffnesspoly[joint] *= stiffness[axis or 0]
 
-    changed.actuator_gainprm[:, [_MOTOR_CONSTANT]] *= constant[:, None] ** _dcmotors(model)
-    changed.actuator_forcerange[:] *= constant[:, None]  # the limits of the current
+    changed.actuator_gainprm[:, [_MOTOR_CONSTANT]] *= constant[:, None] ** motors
+    changed.actuator_forcerange[:] *= constant[:, None]  # current limits
     changed.actuator_ctrlrange[:] *= constant[:, None]
 
     if perturbation.payload:
-        _load(changed, perturbation.payload, nozzle, work)
+        _add_payload(changed, perturbation.payload, nozzle, work)
         mujoco.mj_setConst(changed, mujoco.MjData(changed))
-    # a joint moves by its position less its reference: with this it is further on than its encoder tells
+    # a joint's displacement is qpos - qpos0, its encoder reads qpos
     offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
     changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
     return changed
 
 
 def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of a compiled model with viscous friction alone: without LuGre friction, frictionloss and cogging.
-
-    Args:
-        model: left as it is.
-    """
+    """Return a copy of a compiled model without LuGre friction, frictionloss and cogging; viscous friction stays."""
     changed = copy.copy(model)
     motors = _dcmotors(model)
-    # not zero, for with that MuJoCo would look for an activation less than there is
-    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= _NEXT_TO_NOTHING**motors
+    # not zero: MuJoCo would then expect no bristle activation
+    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
     changed.actuator_biasprm[:, [_COGGING]] *= 1 - motors
     changed.dof_frictionloss[:] = 0
     changed.tendon_frictionloss[:] = 0
@@ -172,17 +152,12 @@ def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
-    """Return whether each axis can have a factor of stiffness of its own: a spring above all axes has none.
-
-    Args:
-        model: of the machine.
-        joints: index of the joint of each axis.
-    """
+    """Return whether each axis can have its own stiffness factor: there is one axis, or one above every spring."""
     return len(joints) == 1 or all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
 
 
 def _dcmotors(model: mujoco.MjModel) -> Floats:
-    """1 for a dcmotor, 0 for an ideal torque source, whose arrays mean something else, (actuators, 1)."""
+    """Return 1 for a dcmotor, 0 for an ideal torque source, whose parameters have other meanings, (actuators, 1)."""
     return (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR).astype(float)[:, None]
 
 
@@ -191,7 +166,7 @@ def _springs(model: mujoco.MjModel, driven: Sequence[int]) -> list[int]:
 
 
 def _axis_above(model: mujoco.MjModel, joint: int, driven: Sequence[int]) -> int | None:
-    """Index of the axis whose joint is next above another in the tree; None where there is none."""
+    """Return the index of the axis whose joint is next above a joint in the tree, or None."""
     body = int(model.jnt_bodyid[joint])
     below = joint
     while body:
@@ -204,9 +179,9 @@ def _axis_above(model: mujoco.MjModel, joint: int, driven: Sequence[int]) -> int
     return None
 
 
-def _load(model: mujoco.MjModel, payload: float, nozzle: int, work: int) -> None:
+def _add_payload(model: mujoco.MjModel, payload: float, nozzle: int, work: int) -> None:
     body = int(model.site_bodyid[nozzle])
-    if not model.body_weldid[body]:  # the nozzle stands still: what moves is the work
+    if not model.body_weldid[body]:  # the nozzle is fixed: the work moves
         body = work
     mass = float(model.body_mass[body])
     if payload < 0 and not mass + payload > 0:

@@ -1,4 +1,4 @@
-"""How a servo period and a servo delay divide into physics steps."""
+"""Servo period and servo delay in physics steps."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ _SHORTEST_STEP = 1e-7  # [s]
 
 
 def substeps_of(machine: Machine, period: float, physics_step: float | None = None) -> int:
-    """Return the number of physics steps in a servo period.
+    """Return the number of physics steps per servo period.
 
     Args:
-        machine: whose MJCF has the longest step in it.
+        machine: the machine.
         period: servo period [s].
-        physics_step: longest physics step, at most and by default the machine's own [s].
+        physics_step: upper bound of the physics step; by default, and at most, the MJCF's timestep [s].
 
     Raises:
-        InputError: a step that is too short, or longer than the machine's own.
+        InputError: a step that is too short, or longer than the MJCF's.
     """
     longest = float(machine.physics.opt.timestep)
     if physics_step is None:
@@ -26,22 +26,21 @@ def substeps_of(machine: Machine, period: float, physics_step: float | None = No
     step = at_least("physics_step", physics_step, _SHORTEST_STEP, "s")
     if step > longest * (1 + 1e-9):
         raise InputError(
-            f"physics_step = {step:g} s: must be at most {longest:g} s, "
-            f"the timestep that machine {machine.name} is made for"
+            f"physics_step = {step:g} s: must be at most {longest:g} s, the timestep of machine {machine.name}"
         )
     return ticks(period, step)
 
 
 def delay_steps(delay: float, period: float, substeps: int) -> int:
-    """Return the servo's delay in physics steps.
+    """Return the servo delay in physics steps.
 
     Args:
-        delay: from the sample to the output [s].
+        delay: time from sample to output [s].
         period: servo period [s].
-        substeps: physics steps in it.
+        substeps: physics steps per period.
 
     Raises:
-        InputError: it is no whole number of them.
+        InputError: the delay is not a multiple of the physics step.
     """
     steps = delay / period * substeps
     if abs(steps - round(steps)) > 1e-6:

@@ -1,4 +1,4 @@
-"""How far machines that are built to one drawing differ."""
+"""Tolerances: the variation between machines of one design."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from gantrysim.machine.perturbation import FACTORS, Perturbation
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far machines differ; what is 0 does not.
+    """Variation between machines of one design; a tolerance of 0 means none.
 
-    A payload lies evenly between 0 and its spread. A factor lies between 1 / (1 + spread) and 1 + spread, evenly on a
-    logarithmic scale, so that half of the machines have more than the nominal one and half have less; each axis has
-    its own. The default values are assumptions: friction and its viscous part vary most from machine to machine,
-    with preload, seals and grease; motor constants are of a catalogue's tolerance.
+    The payload is uniform from 0 to its tolerance. A factor with the tolerance t is log-uniform from 1 / (1 + t) to
+    1 + t, so its median is the nominal 1; every axis has its own. The defaults are assumptions: friction varies most,
+    with preload, seals and grease; the motor constants have a catalogue's tolerance.
 
     Attributes:
-        payload: [kg].
-        friction: of the Coulomb and static friction, relative.
-        viscous: of the viscous friction, relative.
-        stiffness: of the drive trains' springs, relative.
-        motor_constant: of the motors, relative.
+        payload: added mass [kg].
+        friction: Coulomb and static friction, relative.
+        viscous: viscous friction, relative.
+        stiffness: stiffness of the drive trains, relative.
+        motor_constant: motor constants, relative.
+
+    Raises:
+        InputError: a tolerance below 0.
     """
 
     payload: float = 0.3
@@ -39,55 +41,55 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            at_least(f"spread of {f.name}", getattr(self, f.name), 0, "kg" if f.name == "payload" else "")
+            at_least(f"tolerance of {f.name}", getattr(self, f.name), 0, "kg" if f.name == "payload" else "")
 
     @classmethod
     def parse(cls, text: str) -> Tolerances:
-        """Return a spread from words, as in "payload=0.5,friction=0.3"; what is left out keeps its default.
+        """Return the tolerances in a text such as "payload=0.5,friction=0.3"; the others keep their defaults.
 
         Raises:
-            InputError: words that are none of this.
+            InputError: an unknown name, or a value that is not a number.
         """
         values: dict[str, float] = {}
         known = [f.name for f in fields(cls)]
         for item in filter(None, (part.strip() for part in text.split(","))):
             name, _, value = (part.strip() for part in item.partition("="))
             if name not in known:
-                raise unknown("spread", name, known)
+                raise unknown("tolerance", name, known)
             try:
                 values[name] = float(value)
             except ValueError:
-                raise InputError(f"spread {item}: must be {name}= and a number") from None
+                raise InputError(f"tolerance {item}: must be {name}= and a number") from None
         return cls(**values)
 
     def draw(self, random: np.random.Generator, machine: Machine) -> Perturbation:
-        """Return one machine at random.
+        """Return a random machine's perturbation.
 
-        It takes 1 + 4 axes numbers from the generator, whatever is 0, so that of one seed a factor is the same
-        whichever others differ.
+        The generator always yields 1 + 4 axes numbers, so a seed gives a factor the same value whichever other
+        tolerances are 0.
 
         Args:
-            random: where the numbers come from.
-            machine: the nominal machine, for its axes.
+            random: random number generator.
+            machine: the nominal machine, which gives the axes.
         """
         axes = machine.axis_names
-        unit = random.random(1 + len(FACTORS) * len(axes))
-        numbers = dict(zip(("payload_kg", *(f"{name}_{axis}" for name in FACTORS for axis in axes)), unit, strict=True))
-        numbers |= {name: numbers[f"{name}_{axes[0]}"] for name in FACTORS}  # those of all axes
+        names = ["payload_kg", *(f"{name}_{axis}" for name in FACTORS for axis in axes)]
+        unit = dict(zip(names, random.random(len(names)), strict=True))
+        unit |= {name: unit[f"{name}_{axes[0]}"] for name in FACTORS}  # factors common to all axes
         columns = self.columns(machine)
-        values = {name: float(_scaled(name, spread, numbers[name])) for name, spread in columns.items()}
+        values = {name: float(_scaled(name, tolerance, unit[name])) for name, tolerance in columns.items()}
         return self.perturbation(values, machine)
 
     def machines(self, machine: Machine, count: int, seed: int) -> list[Perturbation]:
-        """Return machines from a Latin hypercube: of n machines each factor has one in each n-th of its range.
+        """Return the perturbations of a Latin hypercube of n machines: each n-th of a factor's range has one.
 
         Args:
-            machine: the nominal machine, for its axes.
+            machine: the nominal machine, which gives the axes.
             count: number n of machines.
-            seed: of the random numbers; the same seed draws the same machines.
+            seed: seed of the random numbers.
 
         Raises:
-            InputError: a count or a seed that is no whole number, or is below 1 or 0.
+            InputError: a count or seed that is not a whole number, a count below 1 or a seed below 0.
         """
         values = self.hypercube(machine, count, seed)
         return [
@@ -96,26 +98,27 @@ class Tolerances:
         ]
 
     def hypercube(self, machine: Machine, count: int, seed: int) -> dict[str, Floats]:
-        """Return the same machines as values of every factor that differs, by the name of its column, (count,)."""
-        from scipy.stats.qmc import LatinHypercube  # slow to import, and not needed to draw one machine
+        """Return the machines of `machines` as one column per varying factor, (count,) each."""
+        from scipy.stats.qmc import LatinHypercube  # slow to import, and not needed by draw
 
         count, seed = whole("number of machines", count, 1), whole("seed", seed, 0)
         columns = self.columns(machine)
         unit = LatinHypercube(len(columns), rng=seed).random(count)
-        return {name: _scaled(name, spread, unit[:, k]) for k, (name, spread) in enumerate(columns.items())}
+        return {name: _scaled(name, tolerance, unit[:, k]) for k, (name, tolerance) in enumerate(columns.items())}
 
     def columns(self, machine: Machine) -> dict[str, float]:
-        """Return the spread of every factor that differs, by the name of its column, as friction_x."""
-        spreads = {"payload_kg": self.payload} if self.payload else {}
+        """Return the tolerance of every varying factor by its column name, such as friction_x."""
+        columns = {"payload_kg": self.payload} if self.payload else {}
         for name in FACTORS:
-            if spread := getattr(self, name):
+            if tolerance := getattr(self, name):
                 each = name != "stiffness" or machine.springs_have_axes
-                spreads |= {f"{name}_{axis}": spread for axis in machine.axis_names} if each else {name: spread}
-        return spreads
+                names = [f"{name}_{axis}" for axis in machine.axis_names] if each else [name]
+                columns |= dict.fromkeys(names, tolerance)
+        return columns
 
     @staticmethod
     def perturbation(values: Mapping[str, float], machine: Machine) -> Perturbation:
-        """Return the perturbation of the values of one machine by the names of their columns."""
+        """Return the perturbation with one machine's values by column name."""
         axes = machine.axis_names
         given: dict[str, Any] = {}
         for name in FACTORS:
@@ -126,24 +129,17 @@ class Tolerances:
         return Perturbation(payload=values.get("payload_kg", 0.0), **given)
 
 
-def _scaled(name: str, spread: float, unit: Floats) -> Floats:
-    """Turn numbers from 0 to 1 into payloads or factors of a spread."""
-    return spread * unit if name == "payload_kg" else (1 + spread) ** (2 * unit - 1)
+def _scaled(name: str, tolerance: float, unit: Floats) -> Floats:
+    """Map numbers from 0 to 1 to payloads or factors."""
+    return tolerance * unit if name == "payload_kg" else (1 + tolerance) ** (2 * unit - 1)
 
 
 def in_words(factor: str) -> str:
-    """Return what a factor of `Tolerances` or of a study's columns is called, as in "friction of x"."""
-    words = {
-        "payload_kg": "payload",
-        "payload": "payload",
-        "friction": "friction",
-        "viscous": "viscous friction",
-        "stiffness": "stiffness",
-        "motor_constant": "motor constant",
-    }
-    for name, said in words.items():
-        if factor == name:
-            return said
+    """Return the label of a tolerance or of a column, such as "friction of x"."""
+    for name in ("payload", *FACTORS):
+        label = "viscous friction" if name == "viscous" else name.replace("_", " ")
+        if factor in (name, f"{name}_kg"):
+            return label
         if factor.startswith(f"{name}_"):
-            return f"{said} of {factor.removeprefix(f'{name}_')}"
+            return f"{label} of {factor.removeprefix(f'{name}_')}"
     return factor

@@ -1,6 +1,6 @@
-"""The loops that a servo closes around a linear machine: responses on a grid of frequencies, crossings, poles."""
+"""Servo loops closed around a linear machine: frequency responses, crossings and poles."""
 
-# ruff: noqa: N803, N806 - matrices and functions of z have the letters of the law
+# ruff: noqa: N803, N806 - matrices and functions of z bear the letters of the law
 
 from __future__ import annotations
 
@@ -12,50 +12,50 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.stability.linear_model import Complexes, Linear
+from gantrysim.stability.linear_model import Complexes, LinearSystem
 
-_LOWEST = 1e-5  # of the grid of frequencies, of the Nyquist frequency
+_LOWEST = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency
 _PER_DECADE = 80
-_AT_NYQUIST = 0.2  # angle below it in which the grid gets closer
-_PEAKED = 0.3  # damping ratio under which a mode or a zero has points of its own
-_ROUND_A_PEAK = np.geomspace(1e-6, 0.03, 24)  # angles from one at which the grid has points, relative
-_HIGH_GAIN = 1e6  # at which the poles have come to the zeros
-_ASYMPTOTIC = 1e-9  # how far inside the unit circle a stable pole lies at least
-_EXACT = 1e-8  # of a crossing, relative
-_MOST_STEPS = 60  # to find one
-_NO_LOOP = 1e-300  # size of a loop without gains
-_ZOOM = 9  # points between those of the grid where |S| has its peak
+_AT_NYQUIST = 0.2  # distance from the Nyquist angle within which the grid is finer [rad]
+_PEAKED = 0.3  # damping ratio below which a mode or zero gets grid points of its own
+_AROUND_A_PEAK = np.geomspace(1e-6, 0.03, 24)  # relative distances of these points from the peak
+_HIGH_GAIN = 1e6  # gain at which the poles have reached the zeros
+_ASYMPTOTIC = 1e-9  # least distance of a stable pole from the unit circle
+_EXACT = 1e-8  # accuracy of a crossing, relative
+_MOST_STEPS = 60  # iterations to find a crossing
+_NO_LOOP = 1e-300  # magnitude of a loop without gains
+_ZOOM = 9  # points between those of the grid around the peak of |S|
 
 
 @dataclass(frozen=True, eq=False)
-class Gridded:
-    """A linear system with its response on a grid of angles theta = 2 pi f T.
+class FrequencyResponse:
+    """A linear system and its response on a grid of angles theta = 2 pi f T.
 
     Attributes:
         system: the system.
-        theta: up to pi, the Nyquist frequency, (n,).
-        P: (n, axes, axes) [mm/N·m or deg/N·m].
+        theta: angles up to pi, the Nyquist frequency, (n,).
+        P: response, (n, axes, axes) [mm/N·m or deg/N·m].
     """
 
-    system: Linear
+    system: LinearSystem
     theta: Floats
     P: Complexes
 
     @classmethod
-    def of(cls, system: Linear) -> Gridded:
-        """Return the system with a grid that is fine enough for its modes."""
+    def of(cls, system: LinearSystem) -> FrequencyResponse:
+        """Return the response on a grid that resolves the system's modes."""
         theta = _grid(system)
         return cls(system, theta, system.response(np.exp(1j * theta)))
 
 
-def _grid(system: Linear) -> Floats:
-    """Return angles up to the Nyquist frequency, closer where a mode has its peak or its zero, (n,)."""
+def _grid(system: LinearSystem) -> Floats:
+    """Return angles up to the Nyquist frequency, finer around lightly damped modes and zeros, (n,)."""
     count = round(-math.log10(_LOWEST) * _PER_DECADE)
     even = np.pi * np.logspace(math.log10(_LOWEST), 0, count + 1)
-    even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])  # there poles leave the circle two by two, near -1
+    even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])  # pairs of poles leave the circle near -1
     G = system.G0 + system.G1
     roots = [np.linalg.eigvals(system.F)]
-    for a in range(len(system.axes)):  # the zeros of an axis are where high gain takes its poles
+    for a in range(len(system.axes)):  # high gain takes the poles of an axis to its zeros
         through = np.outer(G[:, a], system.H[a])
         strength = np.abs(system.H[a] @ G[:, a])
         if strength > 0:
@@ -64,31 +64,31 @@ def _grid(system: Linear) -> Floats:
     z = z[np.abs(z) > 0]
     angle, width = np.angle(z), np.abs(np.log(np.abs(z)))
     peaked = (angle > 0) & (angle < np.pi) & (width < _PEAKED * angle)
-    close = np.outer(np.append(1 - _ROUND_A_PEAK, 1 + _ROUND_A_PEAK), angle[peaked]).ravel()
+    close = np.outer(np.append(1 - _AROUND_A_PEAK, 1 + _AROUND_A_PEAK), angle[peaked]).ravel()
     return np.unique(np.concatenate([even, close[(close > even[0]) & (close < np.pi)]]))
 
 
 class Loops:
-    """The loops that a servo closes around axes that move each other.
+    """Servo loops around axes that move each other.
 
     Args:
-        grid: the system of these axes.
-        servo: of all axes of the machine.
+        plant: frequency response of these axes.
+        servo: the servo of all axes of the machine.
     """
 
-    def __init__(self, grid: Gridded, servo: Servo) -> None:
-        self.grid, self.system, self.T = grid, grid.system, servo.period
+    def __init__(self, plant: FrequencyResponse, servo: Servo) -> None:
+        self.plant, self.system, self.T = plant, plant.system, servo.period
         axes = list(self.system.axes)
         self.kp, self.ki = np.array(servo.kp)[axes], np.array(servo.ki)[axes]
         self.d = np.array(servo.kd)[axes] - np.array(servo.output_velocity)[axes]
         self.delayed = bool(np.any(self.system.G0))
 
     def open(self, theta: Floats, P: Complexes) -> Complexes:
-        """Return the loops where each is broken and the others are closed, (n, axes).
+        """Return the open loop of each axis with the others closed, (n, axes).
 
-        With S = (1 + C P)^-1 the i-th is 1/S_ii - 1.
+        With S = (1 + C P)^-1, that of axis i is 1/S_ii - 1.
         """
-        difference = (1 - np.exp(-1j * theta))[:, None] / self.T  # of one period, over T
+        difference = (1 - np.exp(-1j * theta))[:, None] / self.T
         C = self.kp + self.ki / difference + self.d * difference
         if len(self.kp) == 1:
             return C * P[:, 0]
@@ -96,10 +96,10 @@ class Loops:
         return 1 / np.einsum("nii->ni", S) - 1
 
     def poles(self, axis: int = 0, factor: float = 1.0) -> Complexes:
-        """Return the poles with all loops closed, the gains of one axis scaled.
+        """Return the closed-loop poles with the gains of one axis scaled by a factor.
 
-        The state is x, the sum of T y of the axes that have an integral term, the last y, and of a delayed output
-        the last u: u = -(kp + ki T + d/T) y - ki sum + d/T last.
+        With last y written y', u = -(kp + ki T + d/T) y - ki sum + d/T y'. The state is x, the sum of T y of each axis
+        with an integral term, y', and the last u if the output is delayed.
         """
         F, G0, G1, H = self.system.F, self.system.G0, self.system.G1, self.system.H
         scale = np.ones(len(self.kp))
@@ -123,12 +123,12 @@ class Loops:
         return np.linalg.eigvals(A).astype(complex)
 
     def stable(self, axis: int = 0, factor: float = 1.0) -> bool:
-        """Return whether all poles lie inside the unit circle."""
+        """Return whether all closed-loop poles lie inside the unit circle."""
         return bool(np.abs(self.poles(axis, factor)).max() < 1 - _ASYMPTOTIC)
 
     def crossings(self, L: Complexes) -> Crossings:
-        """Return where the loops cross the real axis and the unit circle, from their values on the grid, (n, axes)."""
-        theta = np.log(self.grid.theta)
+        """Return the crossings of the real axis and the unit circle, given the loops on the grid, (n, axes)."""
+        theta = np.log(self.plant.theta)
         size = np.maximum(np.abs(L), _NO_LOOP)
         values = np.stack([L.imag / size, np.log(size)])  # (2, n, axes)
         kind, k, axis = np.nonzero((values[:, :-1] >= 0) != (values[:, 1:] >= 0))
@@ -136,7 +136,7 @@ class Loops:
         a, b = theta[k], theta[k + 1]
         fa, fb = values[kind, k, axis], values[kind, k + 1, axis]
         falls, at = fa >= 0, L[k + 1, axis]
-        for _ in range(_MOST_STEPS):  # regula falsi, Illinois' variant
+        for _ in range(_MOST_STEPS):  # regula falsi, Illinois variant
             if not len(k) or np.abs(fb).max() < _EXACT:
                 break
             c = (a * fb - b * fa) / (fb - fa)
@@ -148,8 +148,8 @@ class Loops:
         return Crossings(np.exp(b), axis, unit, falls, at)
 
     def peaks(self, L: Complexes) -> Floats:
-        """Return the peaks of |S| from the loops' values on the grid, (axes,)."""
-        theta, each = self.grid.theta, np.arange(L.shape[1])
+        """Return the peak of |S| of each axis, given the loops on the grid, (axes,)."""
+        theta, each = self.plant.theta, np.arange(L.shape[1])
         peaks: Floats = np.abs(1 / (1 + L)).max(axis=0)
         k = np.abs(1 + L).argmin(axis=0)
         low, high = theta[np.maximum(k - 1, 0)], theta[np.minimum(k + 1, len(theta) - 1)]
@@ -159,18 +159,26 @@ class Loops:
             peaks = np.maximum(peaks, size.max(axis=0))
             k = size.argmax(axis=0)
             low, high = near[np.maximum(k - 1, 0), each], near[np.minimum(k + 1, _ZOOM - 1), each]
-        poles = self.poles()  # where a peak is as narrow as the closed loop's damping
+        poles = self.poles()  # lightly damped ones have peaks narrower than the grid
         narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
         return np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))
 
     def at(self, theta: Floats) -> Complexes:
-        """Return the open loops at any angles, (n, axes)."""
+        """Return the open loops at given angles, (n, axes)."""
         return self.open(theta, self.system.response(np.exp(1j * theta)))
 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Where loops cross the real axis or the unit circle, (n,) each."""
+    """Crossings of the real axis or the unit circle, (n,) each.
+
+    Attributes:
+        theta: angle.
+        axis: axis of the loop.
+        unit: whether the unit circle is crossed.
+        falls: whether the imaginary part or the magnitude falls.
+        L: value of the loop.
+    """
 
     theta: Floats
     axis: NDArray[np.intp]
@@ -179,6 +187,6 @@ class Crossings:
     L: Complexes
 
     def of(self, axis: int, *, unit: bool) -> Crossings:
-        """Return those of an axis and a kind."""
+        """Return the crossings of one axis, of the unit circle or of the real axis."""
         chosen = (self.axis == axis) & (self.unit == unit)
         return Crossings(*(value[chosen] for value in vars(self).values()))

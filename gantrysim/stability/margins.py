@@ -1,10 +1,10 @@
-"""How far a servo is from instability: margins of the sampled loop of each axis, with all of its lag in it.
+"""Stability margins of the sampled loop of each axis.
 
-The machine is MuJoCo's own step made linear, so rotor, load, the compliance between them, winding, hold and delay are
-the simulation's. Quantisation of the encoder, limits of torque and voltage, and Coulomb friction are left out.
+The machine is MuJoCo's step, linearised: rotor, load, compliance, winding, hold and delay are those of the simulation.
+Encoder quantisation, torque and voltage limits and Coulomb friction are left out.
 """
 
-# ruff: noqa: N806 - functions of z have the letters of the law
+# ruff: noqa: N806 - functions of z bear the letters of the law
 
 from __future__ import annotations
 
@@ -20,30 +20,29 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, at_least, positive
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.stability.linear_model import Complexes, Linear, UnknownLoopError, linearised
-from gantrysim.stability.loops import Gridded, Loops
+from gantrysim.stability.linear_model import Complexes, LinearSystem, UnknownLoopError, linearise
+from gantrysim.stability.loops import FrequencyResponse, Loops
 
-_MIN_GAIN = 1e-6  # a loop that is stable down to this has no lower gain margin
-_REAL = 1e-6  # imaginary part of a loop that counts as real, relative
+_MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
+_REAL = 1e-6  # largest imaginary part of a real loop, relative
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How far the loop of one axis is from instability, broken where its torque demand leaves the servo.
+    """Margins of the loop of one axis, broken at its torque demand.
 
-    Stable is what comes to rest at its position. A loop without kp, or with no gain at all, holds none: it leaves a
-    pole at z = 1, and counts as not stable, with a gain of 0.
+    A stable axis comes to rest at its position. A loop without kp, or without gains, does not hold a position: it has a
+    pole at z = 1 and counts as unstable, with a gain of 0.
 
     Attributes:
-        gain: largest factor on the axis' gains up to which the loop is stable; inf where there is none. Of a loop
-            that is not stable, the largest below 1, and 0 where there is none.
-        gain_lower: smallest factor down to which it is stable; 0 where there is none.
-        phase: smallest turn of the loop's phase, lag or lead, that makes it unstable, 180 where none does; of a loop
-            that is not stable, 0 [deg].
-        delay: smallest lag that makes it unstable, inf where none does; of a loop that is not stable, 0 [s].
-        sensitivity: peak of |S| = |1/(1 + L)|; of a loop that is not stable, inf.
-        crossover: lowest frequency at which |L| falls below 1; 0 where it is below at every frequency [Hz].
-        stable: whether the loop is.
+        gain: largest factor on the axis' gains up to which the loop is stable, inf without limit; for an unstable loop
+            the largest factor below 1 that makes it stable, 0 if none does.
+        gain_lower: smallest factor down to which the loop is stable, 0 without limit.
+        phase: smallest phase lag or lead that makes the loop unstable, 180 if none does; 0 for an unstable loop [deg].
+        delay: smallest delay that makes the loop unstable, inf if none does; 0 for an unstable loop [s].
+        sensitivity: peak of |S| = |1/(1 + L)|; inf for an unstable loop.
+        crossover: lowest frequency at which |L| falls below 1; 0 if |L| < 1 at all frequencies [Hz].
+        stable: whether the loop is stable.
     """
 
     gain: float
@@ -56,28 +55,28 @@ class Margins:
 
     def __str__(self) -> str:
         if not self.stable:
-            return "unstable" + (f", stable with {self.gain:.2g} of its gains" if self.gain > 0 else "")
+            return "unstable" + (f", stable with its gains times {self.gain:.2g}" if self.gain > 0 else "")
         return f"gain {self.gain:.3g}, phase {self.phase:.0f} deg, crossover {self.crossover:.3g} Hz"
 
 
 class Plant:
-    """A machine as a servo of one period and delay sees it.
+    """A linearised machine for servos of one period and delay.
 
-    The loop of an axis has all the others closed by the same servo, as they are on the machine. Where no axis moves
-    another, as on a gantry, they make no difference, and an axis is stable or not by itself; axes that do move each
-    other are stable or not together.
+    The loop of an axis has all others closed by the same servo. Axes that do not move each other, as on a gantry, are
+    stable or unstable separately; coupled axes are so together. The methods raise InputError for a servo of another
+    number of axes, period or delay.
 
     Args:
         period: servo period T [s].
-        delay: from the sample to the output [s].
-        systems: of the axes that move each other.
+        delay: time from sample to output [s].
+        systems: one per group of axes that move each other.
     """
 
-    def __init__(self, period: float, delay: float, systems: list[Linear]) -> None:
+    def __init__(self, period: float, delay: float, systems: list[LinearSystem]) -> None:
         self.period = period
         self.delay = delay
         self.axes = sum(len(system.axes) for system in systems)
-        self._grids = [Gridded.of(system) for system in systems]
+        self._responses = [FrequencyResponse.of(system) for system in systems]
 
     @classmethod
     def of(
@@ -89,84 +88,67 @@ class Plant:
         physics_step: float | None = None,
         position: ArrayLike | None = None,
     ) -> Plant:
-        """Return the plant of a machine, made linear at rest.
+        """Return the plant of a machine linearised at rest.
 
         Args:
             machine: the machine.
             period: servo period [s].
-            delay: from the sample to the output, a multiple of the physics step and at most the period [s].
-            physics_step: as of `gantrysim.simulate` [s].
-            position: of the axes, home by default, (axes,) [mm or deg].
+            delay: time from sample to output, a multiple of the physics step and at most the period [s].
+            physics_step: as for `gantrysim.simulate` [s].
+            position: position of the axes, by default zero, (axes,) [mm or deg].
 
         Raises:
-            InputError: a period, a delay or a physics step that `gantrysim.simulate` refuses; a position that is
-                not one finite number per axis.
-            UnknownLoopError: an actuator that has a delay of its own.
+            InputError: a period, delay or physics step that `gantrysim.simulate` rejects, or a position that is not one
+                finite number per axis.
+            UnknownLoopError: an actuator has a delay in the MJCF.
         """
         substeps = substeps_of(machine, positive("servo period", period, "s"), physics_step)
         if at_least("servo delay", delay, 0, "s") > period:
             raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
-        return cls(period, delay, linearised(machine, period, substeps, delay_steps(delay, period, substeps), position))
+        return cls(period, delay, linearise(machine, period, substeps, delay_steps(delay, period, substeps), position))
 
     def margins(self, servo: Servo) -> tuple[Margins, ...]:
-        """Return the margins of every axis' loop.
-
-        Args:
-            servo: of the plant's axes, period and delay.
-
-        Raises:
-            InputError: a servo of others.
-        """
-        self._check(servo)
-        found: dict[int, Margins] = {}
-        for grid in self._grids:
-            found |= zip(grid.system.axes, _margins(Loops(grid, servo)), strict=True)
-        return tuple(found[a] for a in range(self.axes))
+        """Return the margins of each axis."""
+        margins: dict[int, Margins] = {}
+        for loops in self._loops(servo):
+            margins |= zip(loops.system.axes, _margins(loops), strict=True)
+        return tuple(margins[a] for a in range(self.axes))
 
     def loop(self, servo: Servo, frequency: ArrayLike) -> Complexes:
-        """Return L, the open loop of every axis with all others closed, (n, axes).
+        """Return L, the open loop of each axis with all others closed, (n, axes).
 
-            L = C P of an axis by itself,        C(z) = kp + ki T/(1 - z^-1) + (kd - output_velocity) (1 - z^-1)/T
+            L = C P of a single axis,        C(z) = kp + ki T/(1 - z^-1) + (kd - output_velocity) (1 - z^-1)/T
 
         Args:
-            servo: of the plant's axes, period and delay.
-            frequency: above 0 and at most half the servo's, (n,) [Hz].
+            servo: the servo.
+            frequency: above 0 and at most the Nyquist frequency of the servo, (n,) [Hz].
         """
-        self._check(servo)
+        groups = self._loops(servo)
         theta = 2 * np.pi * self.period * np.atleast_1d(np.asarray(frequency, float))
         if not ((theta > 0) & (theta <= np.pi * (1 + 1e-9))).all():
             raise InputError(f"frequency: must be above 0 and at most {0.5 / self.period:g} Hz")
-        found = np.empty((len(theta), self.axes), complex)
-        for grid in self._grids:
-            found[:, grid.system.axes] = Loops(grid, servo).at(theta)
-        return found
+        L = np.empty((len(theta), self.axes), complex)
+        for loops in groups:
+            L[:, loops.system.axes] = loops.at(theta)
+        return L
 
     def poles(self, servo: Servo) -> Complexes:
-        """Return the poles of the machine with all loops closed, those outside the unit circle being unstable, (n,).
+        """Return the closed-loop poles, unstable outside the unit circle, (n,)."""
+        return np.concatenate([loops.poles() for loops in self._loops(servo)])
 
-        Args:
-            servo: of the plant's axes, period and delay.
-        """
-        self._check(servo)
-        return np.concatenate([Loops(grid, servo).poles() for grid in self._grids])
-
-    def _check(self, servo: Servo) -> None:
+    def _loops(self, servo: Servo) -> list[Loops]:
+        """Return the loops of each group of axes that move each other."""
         if servo.axes != self.axes:
             raise InputError(f"servo has {servo.axes} axes: the plant has {self.axes}")
         for name in ("period", "delay"):
             given, own = getattr(servo, name), getattr(self, name)
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
+        return [Loops(response, servo) for response in self._responses]
 
 
 def margins_of(machine: Machine, servo: Servo, physics_step: float | None = None) -> tuple[Margins, ...] | None:
-    """Return the margins of every axis' loop; None of a machine whose linear loop is not known.
-
-    Args:
-        machine: the machine.
-        servo: its servo.
-        physics_step: as of `gantrysim.simulate` [s].
-    """
+    """Return the margins of each axis, or None if the machine cannot be linearised; arguments as for `simulate`."""
     try:
         plant = Plant.of(machine, servo.period, servo.delay, physics_step=physics_step)
     except UnknownLoopError:
@@ -175,17 +157,16 @@ def margins_of(machine: Machine, servo: Servo, physics_step: float | None = None
 
 
 def _margins(loops: Loops) -> list[Margins]:
-    """Return the margins of each axis."""
-    L = loops.open(loops.grid.theta, loops.grid.P)
-    found, stable = loops.crossings(L), loops.stable()
+    L = loops.open(loops.plant.theta, loops.plant.P)
+    crossings, stable = loops.crossings(L), loops.stable()
     peaks = loops.peaks(L) if stable else np.full(len(loops.kp), np.inf)
     margins = []
     for a in range(len(loops.kp)):
-        real, unit = (found.of(a, unit=kind) for kind in (False, True))
-        ends = L[[0, -1], a]  # where the loop is real, or next to it
+        real, unit = (crossings.of(a, unit=kind) for kind in (False, True))
+        ends = L[[0, -1], a]  # here the loop is real, or nearly so
         crossed = np.append(real.L.real, ends.real[np.abs(ends.imag) < _REAL * np.abs(ends)])
         low, high = _factors(loops, a, -1 / crossed[crossed < 0], stable)
-        turn = np.angle(-unit.L)  # what the phase has above -180 degrees
+        turn = np.angle(-unit.L)  # phase above -180 degrees
         lag = turn % (2 * np.pi) / unit.theta * loops.T
         crossover = unit.theta[unit.falls].min(initial=math.inf) / (2 * math.pi * loops.T)
         margins.append(
@@ -203,7 +184,7 @@ def _margins(loops: Loops) -> list[Margins]:
 
 
 def _factors(loops: Loops, axis: int, critical: Floats, stable: bool) -> tuple[float, float]:
-    """Return the ends of the factors that keep an axis stable, given those at which a pole is on the circle."""
+    """Return the range of factors that keep an axis stable, given those at which a pole is on the unit circle."""
     critical = np.sort(critical[critical > _MIN_GAIN])
     bounds = [0.0, *critical[critical < 1].tolist()]
     if stable:

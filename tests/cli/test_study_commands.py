@@ -93,7 +93,7 @@ def test_repeat_by_command(gantrysim_command, tmp_path):
         (("circle", "--radius", -1), "radius = -1 mm: must be greater than 0 mm"),
         (("circle", "--machine", "xz"), "unknown model 'xz'"),
         (("speed", "--tolerance", 0), "tolerance = 0: must be greater than 0"),
-        (("machine", "--spread", "mass=1"), "unknown spread 'mass'"),
+        (("machine", "--spread", "mass=1"), "unknown tolerance 'mass'"),
         (("machine", "--samples", 3), "samples = 3: must be at least 12, for 9 factors"),
         (("speed", "an225", "--figure", "nofigure"), "unknown figure 'nofigure': known: contour_max, contour_p95, "),
         (

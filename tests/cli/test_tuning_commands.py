@@ -79,7 +79,7 @@ def test_settings_can_be_changed_and_another_search_takes_the_folder(gantrysim_c
     ("arguments", "said"),
     [
         (("--budget", 9), "budget = 9: must be at least 10, the start and one candidate on 5 machines each"),
-        (("--spread", "mass=1"), "unknown spread 'mass'"),
+        (("--spread", "mass=1"), "unknown tolerance 'mass'"),
         (("--law", "p"), "unknown law 'p': did you mean pd? known: pd, pid"),
         (("--budget", "many"), "Invalid value for '--budget'"),
     ],

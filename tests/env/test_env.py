@@ -1,4 +1,4 @@
-"""The environments against the engine and the analysis: what is run, what is seen, what is rewarded."""
+"""The environments against the engine and the analysis: runs, observations and rewards."""
 
 import copy
 import dataclasses
@@ -24,15 +24,15 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
-FAULTY = np.array([1, -1, 0, 0], np.float32)  # much stiffness without damping
+FAULTY = np.array([1, -1, 0, 0], np.float32)  # high stiffness, low damping
 
 ROUNDING = 1e-6  # of single precision
-CONTOUR = 5e-5  # [mm], that chords of 0.05 mm are off a curve of 8 mm radius
+CONTOUR = 5e-5  # [mm], deviation of 0.05 mm chords from a curve of 8 mm radius
 RIPPLE = 1e-12
 
 
 def whole_episode(env, action=None, seed=1):
-    """Run an episode with one action; the last step's return, and infos of all."""
+    """Run an episode with one action; return the result of the last step and all infos."""
     env.reset(seed=seed)
     infos, over = [], False
     while not over:
@@ -49,7 +49,7 @@ def env():
     made.close()
 
 
-def test_an_episode_with_constant_gains_is_the_very_run_of_the_engine():
+def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
     env = SpiralTuningEnv(**SHORT, gain_range=4.0)
     action = np.array([0.5, 0.25, -0.5, 1.0])
     (_, _, terminated, truncated, _), _ = whole_episode(env, action)
@@ -66,7 +66,7 @@ def test_an_episode_with_constant_gains_is_the_very_run_of_the_engine():
         assert np.array_equal(getattr(env.run, name), getattr(run, name)), name
 
 
-def test_gains_hold_from_their_decision_on(env):
+def test_gains_hold_until_the_next_decision(env):
     env.reset(seed=1)
     env.step(np.zeros(4))
     before = env.run
@@ -81,42 +81,42 @@ def test_gains_hold_from_their_decision_on(env):
     assert not np.array_equal(env.run.demand[100], after.demand[100])
 
 
-def test_what_is_seen_and_told_is_what_the_analysis_finds(env):
+def test_observation_and_info_agree_with_the_analysis(env):
     names = env.observation_names
     env.reset(seed=2)
     for _ in range(5):
         observation, *_, info = env.step(np.zeros(4))
     run, tolerance = env.run, env.settings.tolerance
     last = slice(400, 500)
-    seen = dict(zip(names, observation.tolist(), strict=True))
+    observed = dict(zip(names, observation.tolist(), strict=True))
     contour = Analysis(run).nozzle
     lateral, distance = contour.lateral[last], contour.distance[last]
     assert info["contour_rms"] == pytest.approx(math.sqrt(np.mean(distance**2)), abs=CONTOUR)
     assert info["contour_max"] == pytest.approx(distance.max(), abs=CONTOUR)
-    assert 10 ** seen["contour_rms"] * tolerance == pytest.approx(info["contour_rms"], rel=1e-5)
-    assert 10 ** seen["contour_max"] * tolerance == pytest.approx(info["contour_max"], rel=1e-5)
-    assert seen["contour_mean"] * tolerance == pytest.approx(lateral.mean(), abs=CONTOUR)
+    assert 10 ** observed["contour_rms"] * tolerance == pytest.approx(info["contour_rms"], rel=1e-5)
+    assert 10 ** observed["contour_max"] * tolerance == pytest.approx(info["contour_max"], rel=1e-5)
+    assert observed["contour_mean"] * tolerance == pytest.approx(lateral.mean(), abs=CONTOUR)
     peak = [axis.peak_torque for axis in env._episodes.source.machine.axes]
     shares = []
     for a, axis in enumerate("xy"):
         error = (run.commanded - run.encoder)[last, a]
-        assert 10 ** seen[f"tracking_rms_{axis}"] * tolerance == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
-        assert 10 ** seen[f"tracking_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
-        assert seen[f"tracking_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
-        assert seen[f"torque_{axis}"] == pytest.approx(np.abs(run.demand[last, a]).max() / peak[a], rel=1e-6)
+        assert 10 ** observed[f"tracking_rms_{axis}"] * tolerance == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
+        assert 10 ** observed[f"tracking_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
+        assert observed[f"tracking_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
+        assert observed[f"torque_{axis}"] == pytest.approx(np.abs(run.demand[last, a]).max() / peak[a], rel=1e-6)
         change = np.diff(run.demand[399:500, a])
         shares.append(np.sqrt(0.5 * np.mean(change**2)) / peak[a])
-        assert 10 ** seen[f"ripple_{axis}"] * env.settings.ripple_limit == pytest.approx(shares[-1], rel=1e-5)
+        assert 10 ** observed[f"ripple_{axis}"] * env.settings.ripple_limit == pytest.approx(shares[-1], rel=1e-5)
     assert info["ripple"] == pytest.approx(max(shares), rel=1e-12)
     local = run.requested.local(contour.s[[499]])
-    assert seen["curvature"] * 0.1 == pytest.approx(float(local.turning[0]), rel=0.02)
-    assert seen["cos_heading"] == pytest.approx(float(local.tangent[0, 0]), abs=0.01)
-    assert seen["sin_heading"] == pytest.approx(float(local.tangent[0, 1]), abs=0.01)
-    assert seen["speed"] * 100 == pytest.approx(path_speed(run)[last].mean(), rel=0.01)
-    assert seen["progress"] == pytest.approx(500 / len(env._episodes.episodes[0].simulation.position), rel=1e-6)
+    assert observed["curvature"] * 0.1 == pytest.approx(float(local.turning[0]), rel=0.02)
+    assert observed["cos_heading"] == pytest.approx(float(local.tangent[0, 0]), abs=0.01)
+    assert observed["sin_heading"] == pytest.approx(float(local.tangent[0, 1]), abs=0.01)
+    assert observed["speed"] * 100 == pytest.approx(path_speed(run)[last].mean(), rel=0.01)
+    assert observed["progress"] == pytest.approx(500 / len(env._episodes.episodes[0].simulation.position), rel=1e-6)
 
 
-def test_the_ripple_of_a_whole_episode_is_that_of_the_metrics():
+def test_the_ripple_of_an_episode_is_that_of_the_metrics():
     env = GainBanditEnv(**SHORT)
     env.reset(seed=3)
     *_, info = env.step(np.zeros(4))
@@ -127,7 +127,7 @@ def test_the_ripple_of_a_whole_episode_is_that_of_the_metrics():
 
 
 @pytest.mark.parametrize("name", ["softmc-arc", "fanuc-conical", "stage-outline"])
-def test_so_it_is_where_the_dispenser_is_off_in_between(name):
+def test_the_ripple_of_an_episode_with_pauses_is_that_of_the_metrics(name):
     env = GainBanditEnv(job=name, spread=None)
     env.reset(seed=1)
     *_, info = env.step(np.zeros(4))
@@ -136,11 +136,11 @@ def test_so_it_is_where_the_dispenser_is_off_in_between(name):
     assert info["ripple"] == pytest.approx((torque_ripple(env.run) / peak).max(), rel=RIPPLE)
 
 
-def test_an_episode_tells_its_contour_error_at_its_end(env):
+def test_the_last_info_holds_the_episodes_contour_error(env):
     (*_, info), infos = whole_episode(env)
-    figures = Analysis(env.run).values
-    assert info["episode_contour_rms"] == pytest.approx(figures.contour.rms, abs=CONTOUR)
-    assert info["episode_contour_max"] == pytest.approx(figures.contour.max, abs=CONTOUR)
+    values = Analysis(env.run).values
+    assert info["episode_contour_rms"] == pytest.approx(values.contour.rms, abs=CONTOUR)
+    assert info["episode_contour_max"] == pytest.approx(values.contour.max, abs=CONTOUR)
     assert all("episode_contour_rms" not in info for info in infos[:-1])
 
 
@@ -161,13 +161,13 @@ def test_the_reward_is_the_sum_of_its_terms_in_closed_form(env):
     assert terminated
 
 
-def test_no_fault_pays():
+def test_a_fault_costs_more_than_the_worst_episode_without_one():
     settings = dict(SHORT, spread=None)
     env = SpiralTuningEnv(**settings, detune=10.0, gain_range=100.0)
     env.reset(seed=1)
     worst = 0.0
     over = False
-    while not over:  # as bad as it gets without a fault
+    while not over:  # the worst without a fault
         _, reward, terminated, truncated, _ = env.step(np.zeros(4))
         over, worst = terminated or truncated, worst + reward
     assert truncated
@@ -195,7 +195,7 @@ def test_an_episode_that_is_over_must_be_reset(env):
     env.step(np.zeros(4))
 
 
-def test_episodes_go_on_from_the_seed_and_differ():
+def test_episodes_after_a_seed_are_repeatable_and_differ():
     env = SpiralTuningEnv()
     first = [env.reset(seed=5)[1], env.reset()[1], env.reset()[1]]
     second = [env.reset(seed=5)[1], env.reset()[1], env.reset()[1]]
@@ -219,7 +219,7 @@ def test_a_fixed_spiral_still_draws_its_machine(env):
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**31), thickness=st.floats(6, 12))
-def test_a_spiral_that_is_drawn_leaves_room_inside(seed, thickness):
+def test_a_random_spiral_leaves_room_inside(seed, thickness):
     env = _room(thickness)
     _, info = env.reset(seed=seed)
     path = env._episodes.episodes[0].simulation.setpoints.requested
@@ -263,7 +263,7 @@ def test_every_kind_of_machine_and_path_has_its_contour_error(name):
     assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
 
 
-def test_detuned_gains_are_where_the_agent_starts():
+def test_an_action_of_zero_gives_the_detuned_gains():
     plain, detuned = (SpiralTuningEnv(**SHORT, spread=None, detune=d, gain_range=10.0) for d in (1.0, 10.0))
     for env, action in ((plain, -np.ones(4)), (detuned, np.zeros(4))):
         env.reset(seed=1)
@@ -282,11 +282,13 @@ def test_every_axis_can_have_gains_of_its_own():
     observation, *_ = own.step(np.array([0.2, -0.3, 0.1, 0.1, 0, 0, 0, 0.4]))
     assert np.array_equal(own.run.demand[:, 0], shared.run.demand[:, 0])
     assert not np.array_equal(own.run.demand[:, 1], shared.run.demand[:, 1])
-    seen = dict(zip(own.observation_names, observation.tolist(), strict=True))
-    assert [seen[f"gain_{name}"] for name in ("kp_x", "kp_y", "acceleration_ff_y")] == pytest.approx([0.2, -0.3, 0.4])
+    observed = dict(zip(own.observation_names, observation.tolist(), strict=True))
+    assert [observed[f"gain_{name}"] for name in ("kp_x", "kp_y", "acceleration_ff_y")] == pytest.approx(
+        [0.2, -0.3, 0.4]
+    )
 
 
-def test_actions_beyond_the_space_count_as_its_edge(env):
+def test_actions_are_clipped_to_their_space(env):
     for action in (np.ones(4) * 0.5, np.array([0.5, 0.5, 0.5, 0.5])):
         env.reset(seed=1)
         env.step(action)
@@ -300,22 +302,22 @@ def test_actions_beyond_the_space_count_as_its_edge(env):
 
 
 @pytest.mark.parametrize(
-    ("action", "said"),
+    ("action", "text"),
     [
         (np.full(4, np.nan), "action [nan, nan, nan, nan]: must be finite"),
         (np.array([0, 0, np.inf, 0]), "action [0.0, 0.0, inf, 0.0]: must be finite"),
         (np.zeros(3), "1 actions of shape (3,): must be 1 of shape (4,)"),
     ],
 )
-def test_an_action_that_is_none_is_refused(env, action, said):
+def test_invalid_actions_are_rejected(env, action, text):
     env.reset(seed=1)
     with pytest.raises(InputError) as refused:
         env.step(action)
-    assert str(refused.value) == said
+    assert str(refused.value) == text
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "text"),
     [
         ({"gain_range": 1.0}, "gain_range = 1: must be greater than 1"),
         (
@@ -332,24 +334,24 @@ def test_an_action_that_is_none_is_refused(env, action, said):
         ({"job": "none-such"}, "unknown job 'none-such'"),
         ({"job": 3}, "job.str = 3: input should be a valid string"),
         ({"spread": 0.3}, "spread = 0.3: input should be a dictionary or an instance of Tolerances"),
-        ({"spread": "payload=a"}, "spread payload=a: must be payload= and a number"),
+        ({"spread": "payload=a"}, "tolerance payload=a: must be payload= and a number"),
         ({"servo": {"bandwidth": 30}}, "unknown key servo.bandwidth"),
         ({"speeed": 100.0}, "unknown setting 'speeed': did you mean speed? known: acceleration, "),
         ({"per_axis": "maybe"}, "per_axis = 'maybe': input should be a valid boolean"),
         ({"tolerance": math.nan}, "tolerance = nan mm: must be finite"),
         ({"size": (0, 480)}, "width of the picture = 0: must be at least 1"),
         ({"size": 3}, "size = 3: must be width and height [pixels]"),
-        ({"machine": "stage"}, "machine stage turns its work, and a spiral is drawn where the work stands still"),
+        ({"machine": "stage"}, "machine stage turns its work, but spirals need a work that does not turn"),
         ({"diameter": (80.0, 340.0)}, "x = -170 mm at t = 0 s: must lie in the travel -150 to 150 mm"),
         ({"speed": (50.0, 5000.0), "acceleration": 1e6}, "speed of "),
         ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
     ],
 )
 @pytest.mark.parametrize("kind", [SpiralTuningEnv, SpiralTuningVectorEnv])
-def test_settings_out_of_their_bounds_are_refused(kind, change, said):
+def test_settings_out_of_bounds_are_rejected(kind, change, text):
     with pytest.raises(InputError) as refused:
         kind(**change)
-    assert str(refused.value).startswith(said)
+    assert str(refused.value).startswith(text)
 
 
 def test_the_docstring_lists_the_observation():
@@ -372,7 +374,7 @@ def test_the_settings_are_those_that_the_docstring_lists():
     assert listed[: len(Settings.model_fields)] == list(Settings.model_fields)
 
 
-def test_a_spread_can_be_wider(env):
+def test_wider_tolerances_change_the_machine(env):
     wide = SpiralTuningEnv(**SHORT, spread=Tolerances(payload=3.0))
     for one in (env, wide):
         one.reset(seed=1)
@@ -380,7 +382,7 @@ def test_a_spread_can_be_wider(env):
     assert not np.array_equal(env.run.demand, wide.run.demand)
 
 
-def test_a_job_object_survives_what_gymnasium_does_with_settings():
+def test_a_job_object_can_be_pickled_and_copied_by_gymnasium():
     job = Job.load("softmc-arc")
     _ = job.built_machine, job.setpoints
     env = gymnasium.make("gantrysim/GainBandit-v0", job=job)
@@ -401,7 +403,7 @@ def test_seeds_are_one_or_one_for_each_environment(seed):
         assert alone.reset(seed=5 + place)[1]["diameter"] == drawn["diameter"][place]
 
 
-def test_seeds_and_masks_of_another_number_are_refused():
+def test_seeds_and_masks_of_wrong_size_are_rejected():
     vector = SpiralTuningVectorEnv(3)
     with pytest.raises(InputError, match="2 seeds: must be one, or 3, one for each environment"):
         vector.reset(seed=[1, 2])
@@ -412,7 +414,7 @@ def test_seeds_and_masks_of_another_number_are_refused():
         vector.step(np.zeros((3, 4)))
 
 
-def test_without_autoreset_an_episode_that_is_over_waits_for_its_reset():
+def test_without_autoreset_a_finished_episode_must_be_reset():
     vector = SpiralTuningVectorEnv(3, **SHORT, decision_interval=1.0, autoreset_mode="Disabled")
     vector.reset(seed=1)
     over = np.zeros(3, bool)
@@ -427,7 +429,7 @@ def test_without_autoreset_an_episode_that_is_over_waits_for_its_reset():
     vector.step(np.zeros((3, 4)))
 
 
-def test_settings_come_as_numbers_of_all_kinds_and_in_words():
+def test_settings_may_be_numpy_numbers_and_texts():
     plain = Settings.of(
         {"diameter": 100.0, "thickness": (6.0, 8.0), "spread": Tolerances(payload=1.0), "acceleration": 500.0}
     )
@@ -436,8 +438,8 @@ def test_settings_come_as_numbers_of_all_kinds_and_in_words():
     assert Settings.of({"job": Path("out") / "job.toml"}).job == str(Path("out") / "job.toml")
 
 
-def test_no_interval_costs_more_than_a_fault():
-    """As bad as it gets: an axis that stands still, without a limit of the following error, at a tiny tolerance."""
+def test_an_interval_costs_less_than_a_fault():
+    """The worst case: an axis at rest without a following error limit, at a tiny tolerance."""
     gains = {"kp": [0.0, 0.7], "kd": [0.0, 0.008], "velocity_ff": [0.0, 0.0], "acceleration_ff": [0.0, 0.0]}
     servo = {**gains, "following_error_limit": 1e9}
     env = SpiralTuningEnv(**SHORT, tolerance=1e-9, servo=servo, ripple_limit=1e-30)
@@ -449,7 +451,7 @@ def test_no_interval_costs_more_than_a_fault():
     assert reward > -12
 
 
-def test_a_fault_before_any_glue_is_no_perfect_path():
+def test_a_fault_before_dispensing_leaves_the_contour_error_undefined():
     env = GainBanditEnv(job="softmc-arc", gain_range=100.0, spread=None)
     env.reset(seed=1)
     *_, info = env.step(-np.ones(4))
@@ -475,8 +477,8 @@ def test_there_is_no_record_before_the_first_step(env):
         _ = env.run
 
 
-def test_options_that_reset_does_not_have_are_refused(env):
-    with pytest.raises(InputError, match="options diameter: reset takes none"):
+def test_unknown_options_of_reset_are_rejected(env):
+    with pytest.raises(InputError, match="options diameter: reset takes none; use the settings of the environment"):
         env.reset(options={"diameter": 100})
     with pytest.raises(InputError, match="unknown option 'mask'"):
         SpiralTuningVectorEnv(2).reset(options={"mask": np.ones(2, bool)})
@@ -492,7 +494,7 @@ def test_a_copy_is_a_new_environment_with_the_same_settings(again):
 
 
 @pytest.mark.parametrize("kind", [SpiralTuningEnv, SpiralTuningVectorEnv])
-def test_an_interrupt_in_a_reset_leaves_nothing_that_could_be_stepped(kind, monkeypatch):
+def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
     env = kind(**SHORT)
     env.reset(seed=1)
     start = Simulation.start

@@ -1,6 +1,6 @@
-"""Gymnasium's and stable-baselines3's checkers have nothing to say of the environments.
+"""The environments pass the checkers of Gymnasium and stable-baselines3.
 
-Every warning is an error in these tests, those of Gymnasium's logger too as long as it is not silenced.
+Every warning is an error in these tests, also those of Gymnasium's logger.
 """
 
 import gymnasium
@@ -30,21 +30,21 @@ def logger_speaks():
         (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
     ],
 )
-def test_gymnasiums_checker_has_nothing_to_say(name, settings):
+def test_gymnasiums_checker_passes(name, settings):
     env = gymnasium.make(name, **settings)
     check_env(env.unwrapped, skip_render_check=True)
     env.close()
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_gymnasiums_checker_has_nothing_to_say_of_the_pictures(name):
+def test_gymnasiums_checker_passes_with_pictures(name):
     env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
     check_env(env.unwrapped)
     env.close()
 
 
 @pytest.mark.parametrize("made", [gantrysim.env.SpiralTuningEnv, gantrysim.env.GainBanditEnv])
-def test_the_checkers_have_nothing_to_say_of_an_environment_that_is_not_made_by_its_id(made):
+def test_the_checkers_pass_for_an_environment_made_from_its_class(made):
     from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
 
     env = made(**SHORT)
@@ -54,7 +54,7 @@ def test_the_checkers_have_nothing_to_say_of_an_environment_that_is_not_made_by_
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_stable_baselines_checker_has_nothing_to_say(name):
+def test_stable_baselines_checker_passes(name):
     from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
 
     env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
@@ -63,7 +63,7 @@ def test_stable_baselines_checker_has_nothing_to_say(name):
     env.close()
 
 
-def test_a_warning_of_a_checker_would_be_seen():
+def test_a_checkers_warning_fails_the_test():
     class Boundless(gantrysim.env.SpiralTuningEnv):
         def __init__(self):
             super().__init__(**SHORT)
@@ -74,7 +74,7 @@ def test_a_warning_of_a_checker_would_be_seen():
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_the_passive_checker_has_nothing_to_say_of_whole_episodes(name):
+def test_the_passive_checker_passes_for_whole_episodes(name):
     env = gymnasium.make(name, **SHORT)
     assert "PassiveEnvChecker" in str(env)
     for seed, scale in enumerate((BOLD, MEEK)):

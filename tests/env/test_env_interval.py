@@ -6,7 +6,7 @@ import pytest
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
-from gantrysim.env.observation import Measured
+from gantrysim.env.observation import IntervalValues
 from gantrysim.native.row import log_width
 
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
@@ -69,7 +69,7 @@ def test_where_the_dispenser_is_off_there_is_no_contour_error_but_a_following_er
     rows, _ = measured(line, tips, on, log=log, cuts=(50, 60))
     assert value(rows, "ticks").tolist() == [50, 10, 41]
     assert value(rows, "dispensing").tolist() == [0, 10, 41]
-    seen = Measured.of(rows, 1e-3, np.array([1.0, 2.0]))
+    seen = IntervalValues.of(rows, 1e-3, np.array([1.0, 2.0]))
     assert seen.contour_rms == pytest.approx([0.0, 0.3, 0.3])
     assert seen.contour_max == pytest.approx([0.0, 0.3, 0.3])
     assert seen.lateral == pytest.approx([0.0, 0.3, 0.3])
@@ -83,7 +83,7 @@ def test_the_mean_contour_error_is_of_the_ticks_with_the_dispenser_on_alone():
     tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, -0.3, 0.0])
     on = np.arange(101) >= 75
     rows, _ = measured(line, tips, on)
-    seen = Measured.of(rows, 1e-3, np.ones(AXES))
+    seen = IntervalValues.of(rows, 1e-3, np.ones(AXES))
     assert seen.lateral == pytest.approx([-0.3])
     assert seen.contour_rms == pytest.approx([0.3])
 
@@ -103,7 +103,7 @@ def test_torque_use_and_ripple_of_given_demands():
     tips = line.position(np.linspace(0, 10.0, 101))
     demand = np.stack([0.1 * (-1.0) ** np.arange(101), np.linspace(0, -0.5, 101)], axis=1)
     rows, _ = measured(line, tips, log=log_of(tips, demand=demand), cuts=(40,))
-    seen = Measured.of(rows, 1e-3, np.array([1.0, 2.0]))
+    seen = IntervalValues.of(rows, 1e-3, np.array([1.0, 2.0]))
     assert seen.torque == pytest.approx(np.array([[0.1, 0.0975], [0.1, 0.25]]))
     assert value(rows, "pairs").tolist() == [39, 61]  # the very first tick has no change before it
     assert seen.ripple[:, 0] == pytest.approx(np.sqrt(0.5) * 0.2)
@@ -114,7 +114,7 @@ def test_speed_heading_and_turning_are_those_of_an_arc():
     arc = ArcChain((0.0, 0.0), 0.25 * np.pi, [-0.05], [15.0])
     s = np.linspace(0, 15.0, 151)
     rows, _ = measured(arc, arc.position(s), cuts=(76,))
-    seen = Measured.of(rows, 1e-3, np.ones(AXES))
+    seen = IntervalValues.of(rows, 1e-3, np.ones(AXES))
     assert seen.curvature == pytest.approx([-0.05, -0.05], rel=1e-3)
     assert seen.heading == pytest.approx(0.25 * np.pi - 0.05 * np.array([7.5, 14.6]), abs=2e-3)
     assert seen.speed == pytest.approx([75 / 76 * 100, 100.0], rel=1e-4)
@@ -124,6 +124,6 @@ def test_before_the_first_interval_nothing_is_measured():
     arc = ArcChain((0.0, 0.0), 0.0, [0.1], [15.0])
     rows, foot = measured(arc, arc.position(np.linspace(0, 15, 151)), cuts=(0,))
     assert foot > 0
-    seen = Measured.of(rows[:1], 1e-3, np.ones(AXES))
+    seen = IntervalValues.of(rows[:1], 1e-3, np.ones(AXES))
     assert all(np.all(np.asarray(v) == 0) for v in (seen.contour_rms, seen.tracking_rms, seen.ripple, seen.speed))
     assert seen.curvature == pytest.approx([0.1], rel=1e-3)  # but where the path begins is known

@@ -1,4 +1,4 @@
-"""Pictures of episodes: of the one that runs, with all of its bead and work piece."""
+"""Pictures of running episodes, with bead and work piece."""
 
 from functools import partial
 
@@ -39,12 +39,12 @@ def test_pictures_show_the_machine_and_the_bead_laid_so_far():
     assert glue[-1] > glue[0] + 50  # pixels, besides those of the syringe
     assert not np.array_equal(first, picture)
     env.reset(seed=1)
-    assert np.array_equal(env.render(), first)  # one renderer for all episodes, and no bead of the last one
+    assert np.array_equal(env.render(), first)  # one renderer for all episodes, without the last one's bead
     env.close()
     assert SpiralTuningEnv(**SHORT).render() is None
 
 
-def test_pictures_are_of_the_episode_that_runs():
+def test_pictures_show_the_running_episode():
     pictures = []
     one, other = (SpiralTuningEnv(diameter=(60.0, 140.0), render_mode="rgb_array") for _ in range(2))
     for env, seed in ((one, 1), (one, 2), (other, 2)):
@@ -58,7 +58,7 @@ def test_pictures_are_of_the_episode_that_runs():
     one.close(), other.close()
 
 
-def test_an_episode_with_many_stretches_of_glue_is_drawn_whole_whenever_its_first_picture_is(tmp_path):
+def test_all_beads_of_an_interrupted_path_are_drawn(tmp_path):
     moves = (f"Move G1 {{{10 * k}, 0}} Dispense={k % 2}" for k in range(1, 14))
     (tmp_path / "dashes.toml").write_text(DASHES.format(moves="\n".join(moves)))
     env = SpiralTuningEnv(job=str(tmp_path / "dashes.toml"), render_mode="rgb_array", size=(320, 240))
@@ -76,7 +76,7 @@ def test_an_episode_with_many_stretches_of_glue_is_drawn_whole_whenever_its_firs
     env.close()
 
 
-def test_the_work_piece_of_a_climbing_job_is_whole_from_the_first_picture_on():
+def test_the_first_picture_of_a_climbing_job_has_the_whole_work_piece():
     env = SpiralTuningEnv(job="an225-3d", render_mode="rgb_array", size=(320, 240))
     env.reset(seed=0)
     for _ in range(3):

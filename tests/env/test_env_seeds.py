@@ -1,4 +1,4 @@
-"""Seeds and places: the same numbers to the last bit, from the scalar and the vector environments."""
+"""Seeds: scalar and vector environments return the same values to the last bit."""
 
 import gymnasium
 import numpy as np
@@ -11,7 +11,7 @@ NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 
 
 def same(one, other):
-    """Whether two returns are the same to the last bit, infos with all their entries too."""
+    """Whether two results are the same to the last bit, with all entries of infos."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
     if isinstance(one, tuple | list):
@@ -25,7 +25,7 @@ def same(one, other):
 
 
 @pytest.mark.parametrize("name", [TUNING, BANDIT])
-def test_one_seed_gives_one_episode_and_another_seed_another(name):
+def test_the_seed_determines_the_episode(name):
     env, again = gymnasium.make(name, **SHORT), gymnasium.make(name, **SHORT)
     for seed in (0, 12345):
         first = episode(env, seed, np.random.default_rng(seed), MEEK)
@@ -36,7 +36,7 @@ def test_one_seed_gives_one_episode_and_another_seed_another(name):
     assert not same(zero[1][:2], one[1][:2])
 
 
-def test_one_seed_gives_one_series_of_episodes():
+def test_the_seed_determines_the_series_of_episodes():
     first, second = (gymnasium.make(TUNING, **SHORT) for _ in range(2))
     drawn = []
     for env in (first, second):
@@ -53,7 +53,7 @@ def test_without_a_seed_episodes_differ(name):
 
 
 def both(mode, count, threads, name=TUNING, **settings):
-    """The native vector environment, and its oracle: Gymnasium's own of as many scalar ones."""
+    """Gymnasium's vector environment of scalar ones as the oracle, and the native one."""
     settings = {**SHORT, **settings}
     scalar = SyncVectorEnv([lambda: gymnasium.make(name, **settings) for _ in range(count)], autoreset_mode=mode)
     native = gymnasium.make_vec(name, num_envs=count, threads=threads, autoreset_mode=mode, **settings)
@@ -61,7 +61,7 @@ def both(mode, count, threads, name=TUNING, **settings):
 
 
 @pytest.mark.parametrize(("mode", "threads"), [(NEXT, 1), (NEXT, 3), (SAME, None)])
-def test_the_native_vector_environment_is_gymnasiums_own_of_scalar_ones(mode, threads):
+def test_the_native_vector_environment_equals_gymnasiums(mode, threads):
     scalar, native = both(mode, 5, threads)
     random = np.random.default_rng(7)
     assert same(scalar.reset(seed=11), native.reset(seed=11))
@@ -75,7 +75,7 @@ def test_the_native_vector_environment_is_gymnasiums_own_of_scalar_ones(mode, th
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_without_autoreset_it_is_gymnasiums_own_too(threads):
+def test_without_autoreset_it_equals_gymnasiums(threads):
     scalar, native = both(AutoresetMode.DISABLED, 4, threads)
     random = np.random.default_rng(5)
     assert same(scalar.reset(seed=[4, 3, 2, 1]), native.reset(seed=[4, 3, 2, 1]))
@@ -93,7 +93,7 @@ def test_without_autoreset_it_is_gymnasiums_own_too(threads):
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME])
-def test_the_bandits_too_with_gains_for_each_axis(mode):
+def test_the_bandits_with_gains_per_axis_equal_gymnasiums(mode):
     scalar, native = both(mode, 3, 2, BANDIT, per_axis=True, detune=3.0)
     random = np.random.default_rng(5)
     assert same(scalar.reset(seed=0), native.reset(seed=0))
@@ -102,7 +102,7 @@ def test_the_bandits_too_with_gains_for_each_axis(mode):
         assert same(scalar.step(actions), native.step(actions))
 
 
-def test_a_place_is_the_same_whoever_stands_beside_it():
+def test_an_episode_does_not_depend_on_its_neighbours():
     alone, among = (gymnasium.make_vec(TUNING, num_envs=count, **SHORT) for count in (1, 4))
     first, fourth = alone.reset(seed=[9]), among.reset(seed=[1, 2, 3, 9])
     assert np.array_equal(first[0][0], fourth[0][3])

@@ -1,4 +1,4 @@
-"""Random actions, episode after episode: no exception, no number out of bounds, nothing left behind."""
+"""Many episodes of random actions: no exception, all values in bounds, no leaks."""
 
 import ctypes
 import gc
@@ -17,13 +17,13 @@ GROWTH = 16.0  # of the resident memory over 900 episodes [MB]
 
 
 class Holdings:
-    """What this process holds: memory [MB], threads, open files, and episodes of the environments."""
+    """Resources of this process: memory [MB], threads, open files, and episodes of the environments."""
 
     def __init__(self):
         gc.collect()
         library = ctypes.CDLL(None)
         if hasattr(library, "malloc_trim"):
-            library.malloc_trim(0)  # what is free but kept for later is not held
+            library.malloc_trim(0)  # do not count free memory kept for reuse
         status = Path("/proc/self/statm").read_text().split()
         self.memory = int(status[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
         self.threads = len(list(Path("/proc/self/task").iterdir()))
@@ -35,10 +35,10 @@ class Holdings:
 
 
 def soak_alone(env, count, when):
-    """Run episodes of random actions, every second one meek; every number must be in order.
+    """Run episodes of random actions, every second one meek, and check all values.
 
     Returns:
-        How many ended in a fault, and how many with their path.
+        Number of episodes that ended in a fault, and number that completed their path.
     """
     random, ends = np.random.default_rng(0), [0, 0]
     for k in range(count):
@@ -52,7 +52,7 @@ def soak_alone(env, count, when):
 
 
 def soak_vector(envs, count, when):
-    """The same side by side: a place that was bold in one episode is meek in the next."""
+    """The same in a vector environment: each place alternates between bold and meek episodes."""
     random, ends = np.random.default_rng(0), [0, 0]
     scale = np.where(np.arange(envs.num_envs) % 2, BOLD, MEEK)[:, None]
     envs.reset(seed=1)
@@ -72,7 +72,7 @@ def soak_vector(envs, count, when):
 
 
 def soak(env, count, early):
-    """What is held after `early` and after `count` episodes, and how these ended."""
+    """Resources after `early` and after `count` episodes, and how these ended."""
     held = {}
 
     def look(done):
@@ -95,7 +95,7 @@ def environment(kind, **settings):
 
 @linux
 @pytest.mark.parametrize("kind", ["scalar", "vector", "bandit"])
-def test_random_actions_break_nothing_and_leave_nothing_behind(kind):
+def test_random_actions_give_finite_values_and_leak_nothing(kind):
     early, late, ends = soak(environment(kind, **SHORT), 40, 20)
     assert (late.threads, late.files, late.episodes) == (early.threads, early.files, early.episodes)
     assert min(ends) > 3
@@ -104,7 +104,7 @@ def test_random_actions_break_nothing_and_leave_nothing_behind(kind):
 @linux
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["scalar", "vector", "bandit"])
-def test_a_thousand_episodes_break_nothing_and_leave_nothing_behind(kind, capsys):
+def test_a_thousand_episodes_give_finite_values_and_leak_nothing(kind, capsys):
     early, late, ends = soak(environment(kind), 1000, 100)
     with capsys.disabled():
         print(f"\n{kind}: after 100 episodes {early}; after 1000 {late}; {ends[0]} faults, {ends[1]} whole paths")

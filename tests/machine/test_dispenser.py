@@ -1,4 +1,4 @@
-"""What leaves the nozzle: lags, leads and needles against closed forms, and nothing lost on the way."""
+"""Flow out of the dispenser: lags, leads and needles against closed forms, and conservation of volume."""
 
 import math
 
@@ -34,15 +34,15 @@ def flows(dispenser, on, speed=SPEED):
     return dispenser.flows(on, np.broadcast_to(speed, on.shape), PERIOD)
 
 
-def test_nothing_is_laid_by_default_nor_without_a_command():
+def test_there_is_no_flow_by_default_or_without_a_command():
     assert not flows(Dispenser(), command()).any()
     assert not flows(Dispenser(flow=FLOW, opening=0.1), np.zeros(10, bool)).any()
     np.testing.assert_array_equal(flows(Dispenser(flow=FLOW), command()), FLOW * command())
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.005, 0.0123456])
-def test_a_step_is_answered_as_a_first_order_lag_does_with_a_time_constant_for_each_direction(dead_time):
-    """The integral of Q (1 - exp(-t / T)) from opening on, that of Q exp(-t / T) from closing on, at any time."""
+def test_a_step_has_a_first_order_response_with_one_time_constant_per_direction(dead_time):
+    """Volume: the integral of Q (1 - exp(-t / T)) from the opening, of Q exp(-t / T) from the closing."""
     opening, closing, on = 0.02, 0.05, command(after=1000)
     cumulated = np.concatenate(
         [[0.0], np.cumsum(flows(Dispenser(FLOW, dead_time=dead_time, opening=opening, closing=closing), on)) * PERIOD]
@@ -57,10 +57,8 @@ def test_a_step_is_answered_as_a_first_order_lag_does_with_a_time_constant_for_e
 
 @settings(deadline=None)
 @given(dead_time=durations, opening=durations, closing=durations, start_lead=st.floats(0.0, 0.02), stop_lead=durations)
-def test_the_start_and_the_stop_are_off_by_what_their_lags_and_leads_make(
-    dead_time, opening, closing, start_lead, stop_lead
-):
-    """Late by v (dead_time + opening - start_lead); too much by v (dead_time + closing - stop_lead)."""
+def test_start_and_stop_errors_follow_from_lags_and_leads(dead_time, opening, closing, start_lead, stop_lead):
+    """Late by v (dead_time + opening - start_lead), long by v (dead_time + closing - stop_lead)."""
     on = command(on=800, after=800)
     dispenser = Dispenser(
         FLOW, dead_time=dead_time, opening=opening, closing=closing, start_lead=start_lead, stop_lead=stop_lead
@@ -75,7 +73,7 @@ def test_the_start_and_the_stop_are_off_by_what_their_lags_and_leads_make(
 
 @settings(deadline=None)
 @given(st.floats(0.0, 0.05), durations, durations, st.floats(1e-4, 8e-3), st.integers(0, 2**32 - 1))
-def test_no_glue_is_lost_or_made_where_the_lag_is_the_same_both_ways(dead_time, constant, lead, period, seed):
+def test_equal_time_constants_conserve_volume(dead_time, constant, lead, period, seed):
     on = np.random.default_rng(seed).random(60) < 0.7
     on = np.concatenate([np.zeros(int(lead / period) + 1, bool), np.repeat(on, 5)])
     on = np.concatenate([on, np.zeros(int((dead_time + 40 * constant) / period) + 2, bool)])
@@ -84,7 +82,7 @@ def test_no_glue_is_lost_or_made_where_the_lag_is_the_same_both_ways(dead_time, 
         area=2.0, dead_time=dead_time, opening=constant, closing=constant, start_lead=lead, stop_lead=lead
     )
     laid = dispenser.flows(on, speed, period)
-    # the valve's times alone move with the lead: what it lets through is cut out of the speed anew
+    # the lead shifts the valve's times alone, not the speed that it passes
     fine = 200
     time = (np.arange(on.size * fine) + 0.5) / fine
     ahead = np.minimum(time + lead / period, on.size - 0.5).astype(int)
@@ -114,7 +112,7 @@ def test_leads_can_join_two_stretches_or_leave_nothing_of_a_short_one():
     np.testing.assert_allclose(left, FLOW * np.repeat([False, True, False], [55, 20, 30]))
 
 
-def test_a_flow_in_proportion_to_the_speed_lays_one_section():
+def test_a_flow_proportional_to_speed_gives_a_constant_section():
     speed = np.linspace(0.0, 150.0, 820)
     laid = flows(Dispenser(area=2.5, dead_time=0.004), command(), speed)
     np.testing.assert_allclose(laid[4:], (2.5 * speed * command())[:-4], rtol=EXACT, atol=EXACT)
@@ -122,19 +120,19 @@ def test_a_flow_in_proportion_to_the_speed_lays_one_section():
 
 
 def test_an_advance_of_the_time_constant_takes_the_lag_off_a_ramp():
-    """Of a ramp a first-order lag is late by its time constant: exactly, once its beginning has died away."""
+    """A first-order lag follows a ramp late by its time constant, once the transient has decayed."""
     speed, constant, ramp_ = np.arange(820) * 0.1, 0.02, slice(400, 820)
     on = np.ones(820, bool)
     lagging = flows(Dispenser(area=2.0, opening=constant, closing=constant), on, speed)
-    asked = 2.0 * speed
-    assert asked[ramp_] - lagging[ramp_] == pytest.approx(np.full(420, 2.0 * 100.0 * constant), rel=1e-6)
+    demand = 2.0 * speed
+    assert demand[ramp_] - lagging[ramp_] == pytest.approx(np.full(420, 2.0 * 100.0 * constant), rel=1e-6)
     advanced = flows(Dispenser(area=2.0, opening=constant, closing=constant, advance=constant), on, speed)
-    np.testing.assert_allclose(advanced[ramp_], asked[ramp_], rtol=1e-9)
+    np.testing.assert_allclose(advanced[ramp_], demand[ramp_], rtol=1e-9)
     half = flows(Dispenser(area=2.0, opening=constant, closing=constant, advance=0.5 * constant), on, speed)
-    assert asked[ramp_] - half[ramp_] == pytest.approx(np.full(420, 100.0 * constant), rel=1e-6)
+    assert demand[ramp_] - half[ramp_] == pytest.approx(np.full(420, 100.0 * constant), rel=1e-6)
 
 
-def test_an_advance_makes_good_what_an_opening_withheld_but_no_flow_is_below_zero():
+def test_an_advance_recovers_the_volume_of_an_opening_but_not_of_a_closing():
     constant, on = 0.02, command(after=1000)
     laid = flows(Dispenser(FLOW, opening=constant, closing=constant, advance=constant), on) * PERIOD
     assert laid[:420].sum() == pytest.approx(FLOW * 0.4, rel=1e-9)
@@ -144,7 +142,7 @@ def test_an_advance_makes_good_what_an_opening_withheld_but_no_flow_is_below_zer
     assert flows(at_once, np.ones(400, bool)).sum() == pytest.approx(FLOW * 400, rel=1e-9)
 
 
-def test_the_limit_holds_the_command_and_costs_what_it_cuts_off():
+def test_the_limit_clips_the_request_and_loses_the_clipped_volume():
     constant, on, peak = 0.02, command(after=0), 3 * FLOW
     free = Dispenser(FLOW, opening=constant, closing=constant, advance=constant)
     held = Dispenser(FLOW, opening=constant, closing=constant, advance=constant, limit=peak)
@@ -154,11 +152,11 @@ def test_the_limit_holds_the_command_and_costs_what_it_cuts_off():
     assert flows(Dispenser(FLOW, **instant, limit=peak), on).max() == pytest.approx(peak)
     missing = (flows(free, on) - flows(held, on)).sum() * PERIOD
     assert missing == pytest.approx((FLOW * (1 + constant / PERIOD) - peak) * PERIOD, rel=1e-3)
-    with pytest.raises(InputError, match=r"limit = 150 mm³/s: must be at least 200 mm³/s, what is asked for"):
+    with pytest.raises(InputError, match=r"limit = 150 mm³/s: must be at least the request, 200 mm³/s"):
         Dispenser(FLOW, limit=150.0)
     fast = flows(Dispenser(area=2.0, limit=150.0), on)
     assert fast.max() == 150.0
-    with pytest.raises(InputError, match=r"limit = 300 kPa: must be at least 400 kPa"):
+    with pytest.raises(InputError, match=r"limit = 300 kPa: must be at least the request, 400 kPa"):
         Dispenser(pressure=400.0, metering="time-pressure", needle=NEEDLE, limit=300.0)
 
 
@@ -175,7 +173,7 @@ def test_a_newtonian_glue_flows_by_hagen_and_poiseuille():
     assert flow == pytest.approx(math.pi * 0.2e-3**4 * 300e3 / (8 * 2.0 * 20e-3) * 1e9, rel=EXACT)
 
 
-def test_a_power_law_glue_flows_as_its_profile_of_velocities_integrates_to():
+def test_the_flow_of_a_power_law_glue_is_the_integral_of_its_velocity_profile():
     """tau(r) = dp r / 2 L, shear rate (tau / K)^(1/n), velocity by one quadrature, flow by another."""
     r = np.linspace(0.0, 0.42e-3, 4001)
     rate = (300e3 * r / (2 * 25e-3) / 50.0) ** (1 / 0.6)
@@ -203,8 +201,8 @@ def test_a_time_pressure_dispenser_follows_its_pressure_through_the_needle():
 
 
 @pytest.mark.parametrize("constant", [1e-5, 1e-3, 0.02])
-def test_what_a_pressure_withholds_and_lays_behind_is_known_in_closed_form(constant):
-    """At an opening T (digamma(1 + 1/n) + gamma), at a closing n T, of the flow."""
+def test_the_volumes_of_a_pressures_rise_and_fall_have_closed_forms(constant):
+    """Missing after an opening: flow times T (digamma(1 + 1/n) + gamma); excess after a closing: flow times n T."""
     n = NEEDLE.index
     dispenser = Dispenser(FLOW, metering="time-pressure", needle=NEEDLE, opening=constant, closing=constant)
     on = command(on=1000, after=1000)
@@ -216,13 +214,13 @@ def test_what_a_pressure_withholds_and_lays_behind_is_known_in_closed_form(const
     assert left_behind == pytest.approx(FLOW * constant * n, rel=1e-3)
 
 
-def test_a_pressure_is_asked_for_as_the_flow_it_drives():
+def test_a_pressure_and_the_flow_it_drives_are_equivalent():
     pressure = float(NEEDLE.pressure(FLOW))
     common = {"metering": "time-pressure", "needle": NEEDLE, "opening": 0.01, "closing": 0.03}
     by_flow, by_pressure = Dispenser(FLOW, **common), Dispenser(pressure=pressure, **common)
     np.testing.assert_allclose(flows(by_flow, command()), flows(by_pressure, command()), rtol=1e-9)
     assert by_pressure.flow_demand([True, False], [5.0, 5.0]) == pytest.approx([FLOW, 0.0])
-    # in proportion to the speed it is the flow that is, not the pressure
+    # with an area the flow is proportional to the speed, not the pressure
     steady = flows(Dispenser(area=2.0, **common), command(on=400), 50.0)[410]
     assert steady == pytest.approx(100.0, rel=1e-6)
     assert flows(Dispenser(area=2.0, metering="time-pressure", needle=NEEDLE), command(), 30.0).max() == pytest.approx(
@@ -230,7 +228,7 @@ def test_a_pressure_is_asked_for_as_the_flow_it_drives():
     )
 
 
-def test_a_start_lead_that_the_program_does_not_wait_for_holds_the_motion_back():
+def test_a_start_lead_longer_than_the_programs_wait_delays_the_motion():
     dispenser = Dispenser(FLOW, start_lead=0.0505)
     setpoints = Setpoints(
         PERIOD, ("x", "y"), np.ones((30, 2)), np.arange(30) >= 20, ramp(50.0).requested, gates=np.array([4, 9])
@@ -258,19 +256,19 @@ BAD = {
     "limit": ({"limit": 0.0}, "limit = 0 mm³/s: must be greater than 0"),
     "metering": ({"metering": "volumetrical"}, "unknown metering 'volumetrical': did you mean volumetric"),
     "needle": ({"metering": "time-pressure"}, "metering time-pressure: needs a needle"),
-    "needless": ({"flow": FLOW, "needle": NEEDLE}, "metering volumetric: meters the flow whatever the needle"),
+    "needless": ({"flow": FLOW, "needle": NEEDLE}, "metering volumetric: takes no needle"),
     "absurd": ({"flow": 1e300}, r"flow = 1e\+300 mm³/s: must be at most 1e\+09 mm³/s"),
     "absurd pressure": (
         {"metering": "time-pressure", "pressure": 1e9, "needle": Needle(index=0.01)},
         r"pressure = 1e\+09 kPa: drives inf mm³/s through the needle, must be at most 1e\+09 mm³/s",
     ),
-    "pressure": ({"pressure": 300.0}, r"pressure = 300 kPa: metering volumetric meters flow or area"),
+    "pressure": ({"pressure": 300.0}, r"pressure = 300 kPa: metering volumetric takes flow or area"),
 }
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(("arguments", "text"), BAD.values(), ids=BAD.keys())
-def test_a_dispenser_that_cannot_be_is_refused(arguments, text):
+def test_an_invalid_dispenser_is_rejected(arguments, text):
     with pytest.raises(InputError, match=text):
         Dispenser(**arguments)
 
@@ -291,12 +289,12 @@ def test_a_dispenser_that_cannot_be_is_refused(arguments, text):
         (command(), np.where(np.arange(820) == 7, -1.0, SPEED), PERIOD, "speed = -1 mm/s at tick 7: must be finite"),
     ],
 )
-def test_commands_that_cannot_be_are_refused(on, speed, period, text):
+def test_invalid_commands_are_rejected(on, speed, period, text):
     with pytest.raises(InputError, match=text):
         Dispenser(flow=FLOW).flows(on, speed, period)
 
 
-def test_a_needle_that_cannot_be_is_refused():
+def test_an_invalid_needle_is_rejected():
     with pytest.raises(InputError, match=r"bore of the needle = 0 mm: must be greater than 0 mm"):
         Needle(bore=0.0)
     with pytest.raises(InputError, match="its flow at 1 kPa is 0 mm³/s"):

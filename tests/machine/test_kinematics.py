@@ -1,4 +1,4 @@
-"""Where the nozzle is in the work frame, against MuJoCo and against plane geometry."""
+"""Forward kinematics against MuJoCo and plane geometry."""
 
 import math
 
@@ -13,8 +13,8 @@ from support.runs import turntable
 
 SAME = 1e-9  # [mm]
 
-# bodies turned every way, joints off their bodies' origins and with references, several in a body, some undriven;
-# nozzle and work each on a chain of hinges and slides above a common body that moves, too
+# bodies of any orientation; joints off their bodies' origins, with references, several per body, some not driven;
+# nozzle and work on chains of hinges and slides from a common body that also moves
 NASTY = """
 <mujoco>
   <compiler angle="degree" autolimits="true"/>
@@ -96,7 +96,7 @@ def test_tip_agrees_with_mujoco_on_a_chain_of_everything(nasty):
     np.testing.assert_allclose(tip, tip_by_mujoco(nasty, position), rtol=0, atol=SAME)
     assert np.ptp(tip, axis=0).min() > 100
     np.testing.assert_array_equal(nasty.tip(position[7]), tip[7])
-    # what moves both alike does not move the one in the other's frame
+    # a joint that moves nozzle and work alike does not change their relative position
     position[:, nasty.axis_names.index("u")] += 33.0
     np.testing.assert_allclose(nasty.tip(position), tip, rtol=0, atol=SAME)
 
@@ -110,7 +110,7 @@ def test_a_turning_work_moves_the_nozzle_in_its_frame_by_plane_geometry(tmp_path
     np.testing.assert_allclose(machine.tip(np.stack([th, x], axis=1)), expected, rtol=0, atol=SAME)
 
 
-def test_a_rotary_axis_speaks_degrees(tmp_path):
+def test_a_rotary_axis_is_in_degrees(tmp_path):
     th, x = turntable(tmp_path).axes
     assert (th.unit, x.unit) == ("deg", "mm")
     assert th.travel == pytest.approx((-400.0, 400.0))

@@ -1,4 +1,4 @@
-"""What the machines look like: framing, light and shadow, parts that are seen; and that looks are no part of them."""
+"""Appearance of the machines: framing, light, shadows and visible parts, none of which affect the digest."""
 
 import itertools
 import math
@@ -86,10 +86,10 @@ def studio(request):
 def seen_by(studio, camera, points):
     """Where points [m] appear, right and down from the middle, in halves of width and height at 4:3, (n, 2)."""
     k = studio.model.camera(camera).id
-    seen = (points - studio.data.cam_xpos[k]) @ studio.data.cam_xmat[k].reshape(3, 3)
-    assert (seen[:, 2] < 0).all()
+    local = (points - studio.data.cam_xpos[k]) @ studio.data.cam_xmat[k].reshape(3, 3)
+    assert (local[:, 2] < 0).all()
     tangent = math.tan(0.5 * math.radians(studio.model.cam_fovy[k]))
-    return np.stack([seen[:, 0] * 3 / 4, -seen[:, 1]], axis=1) / (-seen[:, 2:] * tangent)
+    return np.stack([local[:, 0] * 3 / 4, -local[:, 1]], axis=1) / (-local[:, 2:] * tangent)
 
 
 def corners(studio):
@@ -111,7 +111,7 @@ def everywhere(studio):
     studio.place(np.zeros(len(ends)))
 
 
-def test_the_overview_holds_the_machine_everywhere_and_is_filled_by_it(studio):
+def test_the_machine_fills_the_overview_and_stays_inside_it(studio):
     reach = np.zeros((2, 2))  # least and largest, right and down
     for _ in everywhere(studio):
         where = seen_by(studio, "overview", corners(studio))
@@ -129,7 +129,7 @@ def test_the_nozzle_is_near_the_middle_of_its_camera(studio):
         studio.place(position)
         ((right, down),) = seen_by(studio, "nozzle", studio.data.site_xpos[studio.machine.nozzle][None])
         assert abs(right) < 0.1
-        assert 0 < down < 0.45  # a little low, so that needle and hub are seen above it
+        assert 0 < down < 0.45  # a little low, so that needle and hub are visible above it
     studio.place(np.zeros(len(low)))
     assert studio.pixels("nozzle")["needle"] > 200
 
@@ -141,9 +141,9 @@ def test_the_key_lights_cone_just_holds_the_machine(studio):
     half = math.radians(model.light_cutoff[shadows[0]] * model.vis.map.shadowscale)
     widest = 0.0
     for _ in everywhere(studio):
-        ways = corners(studio) - studio.data.light_xpos[shadows[0]]
-        ways /= np.linalg.norm(ways, axis=1)[:, None]
-        widest = max(widest, float(np.arccos(ways @ studio.data.light_xdir[shadows[0]]).max()))
+        rays = corners(studio) - studio.data.light_xpos[shadows[0]]
+        rays /= np.linalg.norm(rays, axis=1)[:, None]
+        widest = max(widest, float(np.arccos(rays @ studio.data.light_xdir[shadows[0]]).max()))
     assert 0.9 * half < widest < half
 
 
@@ -159,7 +159,7 @@ def test_pictures_are_neither_black_nor_blown_out(studio, camera):
     assert ((red > 200) & (green > 100) & (green < 190) & (blue < 60)).mean() < 0.01
 
 
-def test_there_are_shadows(studio):
+def test_shadows_are_cast(studio):
     lit, flat = studio.picture("overview"), studio.picture("overview", SHADOW=0)
     darker = (flat - lit).max(axis=2) > 20
     assert 0.03 < darker.mean() < 0.4
@@ -171,7 +171,7 @@ def test_the_parts_of_a_dispenser_are_seen(studio):
     seen = [studio.pixels(camera) for camera in CAMERAS]
     for part in (*(f"{axis}_motor" for axis in DRIVES[name]), *PARTS[name], "needle", "hub", "syringe", "piece"):
         assert max(owned.get(part, 0) for owned in seen) >= SEEN, part
-    # most of what is drawn is seen from somewhere
+    # most geoms are visible in some camera
     drawn = sum(studio.model.geom_group < 3)
     assert drawn > 100
 
@@ -197,7 +197,7 @@ def test_the_threads_have_the_leads_of_the_screws(studio):
             )
 
 
-def test_a_machines_digest_is_free_of_its_looks(rigid):
+def test_a_machines_digest_does_not_depend_on_its_looks(rigid):
     machine = rigid()
     content = machine.source.read_text()
     looks = """
@@ -209,10 +209,10 @@ def test_a_machines_digest_is_free_of_its_looks(rigid):
       </worldbody>
     """
     machine.source.write_text(content.replace("<worldbody>", looks + "<worldbody>", 1))
-    seen = Machine(machine.source)
-    assert (seen.model.ncam, seen.model.nlight) == (1, 1)
-    assert (seen.physics.ncam, seen.physics.nlight) == (0, 0)
-    assert seen.digest == machine.digest
+    drawn = Machine(machine.source)
+    assert (drawn.model.ncam, drawn.model.nlight) == (1, 1)
+    assert (drawn.physics.ncam, drawn.physics.nlight) == (0, 0)
+    assert drawn.digest == machine.digest
     machine.source.write_text(content.replace('mass="3"', 'mass="3.001"'))
     assert Machine(machine.source).digest != machine.digest
     # a sensor that looks through a camera keeps it
@@ -226,12 +226,12 @@ def test_a_machines_digest_is_free_of_its_looks(rigid):
 
 
 @pytest.mark.parametrize("name", builtin_models())
-def test_from_near_the_shadows_are_sharp_and_follow_the_tip(name):
+def test_close_up_shadows_are_sharp_and_follow_the_tip(name):
     machine = Machine(name)
     low, high = np.array([axis.travel for axis in machine.axes]).T
     reach = np.minimum(0.25 * (high - low), [0.1 * axis.speed_limit for axis in machine.axes])
-    way = 0.5 * (low + high) + np.linspace(-1, 1, 400)[:, None] * reach
-    setpoints = Setpoints(1e-3, machine.axis_names, way, np.ones(len(way), bool), ArcChain((0, 0), 0, [0], [10]))
+    motion = 0.5 * (low + high) + np.linspace(-1, 1, 400)[:, None] * reach
+    setpoints = Setpoints(1e-3, machine.axis_names, motion, np.ones(len(motion), bool), ArcChain((0, 0), 0, [0], [10]))
     run = perfect_follower(machine, setpoints)
     for camera in ("overview", "nozzle"):
         with Renderer(machine, run, camera, (160, 120)) as renderer:

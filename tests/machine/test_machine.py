@@ -1,4 +1,4 @@
-"""What a machine reads from its MJCF, and what it refuses."""
+"""Machines read from MJCF, and the MJCF that is rejected."""
 
 import math
 
@@ -14,7 +14,7 @@ from gantrysim.machine.perturbation import Perturbation
 from support.runs import ideal_motors
 
 
-def test_axis_values_of_a_machine_whose_numbers_are_known(rigid):
+def test_axis_values_of_a_machine_with_known_parameters(rigid):
     machine = rigid()
     assert machine.axis_names == ("x", "y")
     x, y = machine.axes
@@ -33,7 +33,7 @@ def test_axis_values_of_a_machine_whose_numbers_are_known(rigid):
     assert x.viscous == pytest.approx(12.0 * lead * 1e-3, rel=1e-12)
 
 
-def test_builtin_machines_are_those_of_the_folder():
+def test_the_builtin_machines_are_the_files_of_the_folder():
     assert {"xy", "xyz"} <= set(builtin_models())
     for name in builtin_models():
         assert Machine(name).name == name
@@ -70,7 +70,7 @@ def test_stepping_changes_only_the_timestep_and_leaves_the_machine_alone(rigid):
 
 
 @pytest.mark.parametrize("name", builtin_models())
-def test_what_is_only_seen_is_left_out_of_the_physics_and_changes_no_bit_of_it(name):
+def test_the_physics_has_no_visual_geoms_and_the_same_dynamics(name):
     machine = Machine(name)
     machines = [machine, machine.perturbed(Perturbation(payload=0.2, friction=1.5, home_offset=0.01))]
     for each in machines:
@@ -87,19 +87,19 @@ def test_what_is_only_seen_is_left_out_of_the_physics_and_changes_no_bit_of_it(n
         assert each.stepping(each.physics.opt.timestep) is each.physics
 
 
-def test_what_can_touch_or_tells_an_inertia_stays_in_the_physics(rigid):
+def test_geoms_that_collide_or_define_an_inertia_stay_in_the_physics(rigid):
     machine = rigid()
     assert machine.model.ngeom == machine.physics.ngeom == 2
     content = machine.source.read_text()
-    seen = content.replace(
+    visual = content.replace(
         '<geom type="sphere" size="0.01" mass="3"/>', '<geom size="0.01" mass="3" contype="0" conaffinity="0"/>'
     )
-    assert seen != content
-    machine.source.write_text(seen)
+    assert visual != content
+    machine.source.write_text(visual)
     light = Machine(machine.source)
     assert (light.model.ngeom, light.physics.ngeom) == (2, 1)
     assert np.array_equal(light.physics.body_mass, light.model.body_mass)
-    machine.source.write_text(seen.replace("<option", '<compiler inertiafromgeom="true"/><option'))
+    machine.source.write_text(visual.replace("<option", '<compiler inertiafromgeom="true"/><option'))
     whole = Machine(machine.source)
     assert whole.physics is whole.model
     assert whole.model.ngeom == 2
@@ -111,7 +111,7 @@ def test_digest_tells_machines_apart(rigid):
     assert rigid(damping=13.0).digest != first.digest
 
 
-def test_mujoco_is_told_not_to_hide_divergence(rigid):
+def test_mujocos_automatic_reset_is_disabled(rigid):
     machine = rigid()
     for model in (machine.model, machine.physics, machine.stepping(1e-4), Machine("xy").physics):
         assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -194,7 +194,7 @@ REPLACEMENTS = {
 
 
 @pytest.mark.parametrize(("old", "new", "text"), REPLACEMENTS.values(), ids=REPLACEMENTS.keys())
-def test_mjcf_that_lacks_what_it_needs_is_refused_in_one_line(rigid, old, new, text):
+def test_an_incomplete_mjcf_is_rejected_with_one_line(rigid, old, new, text):
     source = rigid().source
     content = source.read_text()
     assert old in content
@@ -222,7 +222,7 @@ def test_a_plain_motor_is_an_ideal_torque_source(rigid):
         ("no/such.xml", r"model no/such.xml: no such file; built-in models: .*xy, xyz"),
     ],
 )
-def test_unknown_models_are_refused_with_the_alternatives(model, text):
+def test_unknown_models_are_rejected_with_the_alternatives(model, text):
     with pytest.raises(InputError, match=text):
         Machine(model)
 
@@ -237,7 +237,7 @@ def test_peak_torque_is_the_least_of_all_limits(rigid):
     assert Machine(source).axes[1].peak_torque == pytest.approx(2.4)
 
 
-def test_a_machine_that_stands_askew_in_the_world_has_the_same_work_frame(rigid):
+def test_the_work_frame_does_not_depend_on_the_machines_pose_in_the_world(rigid):
     source = rigid().source
     content = source.read_text()
     turned = content.replace("<worldbody>", '<worldbody><body name="bench" pos="0.3 -0.2 0.5" euler="20 -30 70">')
@@ -274,7 +274,7 @@ def test_a_hinge_through_the_tip_turns_the_nozzle_and_leaves_the_tip(rigid):
         Machine(source)
 
 
-def test_where_a_hinge_turns_the_work_its_frame_is_free(rigid):
+def test_a_hinge_that_turns_the_work_frees_the_work_frame(rigid):
     source = rigid().source
     turned = '<body name="work" pos="0.1 0 -0.05"><joint name="th" type="hinge"/><geom size="0.1" mass="1"/></body>'
     content = source.read_text().replace('<body name="work"/>', turned)

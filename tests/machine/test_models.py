@@ -1,4 +1,4 @@
-"""The machines that come with gantrysim, against the theory of their drives."""
+"""The built-in machines against the theory of their drives."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -13,6 +13,8 @@ from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine.machine import builtin_models
+
+from support.runs import smooth
 
 MACHINES = ("xy", "xyz", "xyzr", "stage")
 AXES = [
@@ -80,7 +82,7 @@ def test_stall_force_is_peak_torque_through_the_gear(name):
 
 
 def below(model, body):
-    """The bodies that a body carries, and itself."""
+    """A body and those that it carries."""
     carried = [body]
     for other in range(body + 1, model.nbody):
         if model.body_parentid[other] in carried:
@@ -174,18 +176,12 @@ def test_static_friction_holds_and_breaks_away(name):
         assert moves or (travelled < 10 * bristles).all()
 
 
-def smooth(duration):
-    """A way from 0 to 1 without a jump in acceleration, at every millisecond."""
-    u = np.arange(round(1e3 * duration) + 1) / round(1e3 * duration)
-    return u - np.sin(2 * np.pi * u) / (2 * np.pi)
-
-
 def to_and_fro(distances, duration):
     """All axes at once from zero to a distance and back [mm or deg]."""
     there = smooth(0.5 * duration)
-    way = np.concatenate([there, there[-2::-1]])
-    position = way[:, None] * np.array(list(distances.values()))
-    return Setpoints(1e-3, tuple(distances), position, np.ones(len(way), bool), MoveSpiral(60, 1, 10, 100).requested)
+    motion = np.concatenate([there, there[-2::-1]])
+    position = motion[:, None] * np.array(list(distances.values()))
+    return Setpoints(1e-3, tuple(distances), position, np.ones(len(motion), bool), MoveSpiral(60, 1, 10, 100).requested)
 
 
 def energies(machine, setpoints, step):

@@ -1,4 +1,4 @@
-"""Perturbed machines: every factor changes what it should and nothing else."""
+"""Perturbed machines: every deviation has its effect, and no other."""
 
 import math
 
@@ -35,10 +35,9 @@ def spiral_run(machine, servo):
     return simulate(machine, servo, program.setpoints(servo.period))
 
 
-def test_nothing_is_changed_by_nothing_to_the_last_bit(xy):
+def test_an_empty_perturbation_changes_no_bit(xy):
     servo = Servo.derive(xy.axes)
     same = xy.perturbed(Perturbation())
-    assert Perturbation().nothing
     assert same.digest == xy.digest
     assert (same.axes, same.addresses, same.name, same.source) == (xy.axes, xy.addresses, xy.name, xy.source)
     assert same is not xy
@@ -64,9 +63,8 @@ def test_nothing_is_changed_by_nothing_to_the_last_bit(xy):
         (Perturbation(motor_constant=1.2), {"actuator_gainprm", "actuator_forcerange", "actuator_ctrlrange"}),
     ],
 )
-def test_each_number_changes_its_arrays_and_no_others_and_leaves_the_nominal_machine_alone(perturbation, changed):
+def test_each_deviation_changes_its_arrays_of_the_copy_only(perturbation, changed):
     machine, untouched = Machine("xy"), Machine("xy")
-    assert not perturbation.nothing
     assert machine.digest == untouched.digest
     other = machine.perturbed(perturbation)
     assert fields_that_differ(machine.model, other.model) == changed
@@ -95,7 +93,7 @@ def test_a_payload_adds_to_the_reflected_inertia_of_the_axes_that_carry_it(name,
     assert loaded.tip(np.eye(len(machine.axes))) == pytest.approx(machine.tip(np.eye(len(machine.axes))))
 
 
-def test_a_payload_rides_on_the_work_where_the_nozzle_stands_still():
+def test_a_payload_is_on_the_work_if_the_nozzle_is_fixed():
     machine = Machine("stage")
     loaded = machine.perturbed(Perturbation(payload=0.5))
     gear = machine.model.actuator_gear[1:, 0]
@@ -114,7 +112,7 @@ def test_a_constant_force_spring_does_not_grow_with_the_payload(xyz):
     assert forces == pytest.approx([0, -0.5 * GRAVITY], abs=1e-9)
 
 
-def test_a_payload_counts_in_the_constants_that_mujoco_derives(xy):
+def test_a_payload_is_part_of_mujocos_derived_constants(xy):
     loaded = xy.perturbed(Perturbation(payload=0.5))
     assert loaded.model.body("bridge_nut").subtreemass - xy.model.body("bridge_nut").subtreemass == pytest.approx(0.5)
     assert loaded.model.dof_M0[0] - xy.model.dof_M0[0] == pytest.approx(0.5)
@@ -193,7 +191,7 @@ def test_static_deflection_is_force_over_stiffness(xy, stiffness):
         assert data.qpos[flex.qposadr[0]] == pytest.approx(8.0 / (factor * nominal), rel=DEFLECTION)
 
 
-def test_a_spring_that_no_axis_carries_takes_a_factor_for_all_only(rigid):
+def test_a_spring_above_all_axes_takes_one_common_factor(rigid):
     file = rigid().source
     text = file.read_text()
     springy = (
@@ -251,7 +249,7 @@ def test_an_ideal_torque_source_gives_the_demand_times_the_factor(rigid):
     assert np.diff(run.motor[1:, 0], 2) / run.period**2 == pytest.approx(0.125 / machine.axes[0].inertia, rel=1e-4)
 
 
-def test_a_home_offset_moves_the_nozzle_and_nothing_that_the_controller_sees(xyz):
+def test_a_home_offset_moves_the_nozzle_but_not_the_encoders(xyz):
     servo = Servo.derive(xyz.axes)
     offset = (2e-4, -3e-4, 5e-4)
     run, other = (spiral_run(m, servo) for m in (xyz, xyz.perturbed(Perturbation(home_offset=offset))))
@@ -301,7 +299,7 @@ def test_every_machine_takes_quasi_random_factors_and_runs(name):
         ({"motor_constant": "much"}, "factor of motor_constant = 'much': must be a number"),
     ],
 )
-def test_bad_values_are_refused_where_they_are_built(values, text):
+def test_invalid_perturbations_are_rejected(values, text):
     with pytest.raises(InputError, match=text):
         Perturbation(**values)
 
@@ -316,21 +314,10 @@ def test_bad_values_are_refused_where_they_are_built(values, text):
         ),
     ],
 )
-def test_what_does_not_fit_the_machine_is_refused(xy, perturbation, text):
+def test_a_perturbation_that_does_not_fit_the_machine_is_rejected(xy, perturbation, text):
     with pytest.raises(InputError, match=text):
         xy.perturbed(perturbation)
 
 
 def test_a_lighter_nozzle_is_a_negative_payload(xy):
     assert xy.perturbed(Perturbation(payload=-0.4)).model.body("carriage").mass[0] == pytest.approx(0.6)
-
-
-def test_numbers_are_plain():
-    assert Perturbation(payload=1, friction=(1, 2)).numbers() == {
-        "payload": 1.0,
-        "friction": [1.0, 2.0],
-        "viscous": 1.0,
-        "stiffness": 1.0,
-        "motor_constant": 1.0,
-        "home_offset": 0.0,
-    }

@@ -1,4 +1,4 @@
-"""The machines with rotary axes: their geometry, their drives' reserves, how well they track."""
+"""The machines with rotary axes: geometry, torque reserves and tracking."""
 
 import itertools
 import math
@@ -51,7 +51,7 @@ def test_the_stage_brings_the_outline_under_the_needle(stage, th, u, slides):
     np.testing.assert_allclose(stage.tip([[th, *slides]])[0], [*u, 0.0], atol=1e-5)
 
 
-def test_the_stage_is_the_one_of_the_formula(stage):
+def test_the_stages_tip_has_its_closed_form(stage):
     th, x, y = np.random.default_rng(0).uniform([-450, -220, -220], [450, 220, 220], (50, 3)).T
     a = np.radians(th)
     expected = np.stack([-200 * np.cos(a) + x, 200 * np.sin(a) + y, 0 * a], axis=1)
@@ -70,7 +70,7 @@ def test_the_stage_turns_its_work_counter_clockwise_and_its_needle_stands(stage)
         np.testing.assert_allclose(1e3 * moved, [-40.0, 70.0, 0.0], atol=EXACT)
 
 
-def test_the_nozzle_turns_about_its_tip_and_is_seen_to_turn(xyzr):
+def test_the_nozzle_turns_visibly_about_its_tip(xyzr):
     tips = xyzr.tip([[10.0, 20.0, 30.0, r] for r in (-3600.0, 0.0, 77.0, 3600.0)])
     np.testing.assert_allclose(tips, [[10.0, 20.0, 30.0]] * 4, atol=EXACT)
     head = xyzr.model.body("head").id
@@ -124,7 +124,7 @@ def rms(error):
     return 1e3 * np.sqrt(np.mean(error**2, axis=0))
 
 
-def test_tracking_of_the_stage_on_a_smooth_way_round_the_piece(stage):
+def test_tracking_of_the_stage_on_a_smooth_path_around_the_piece(stage):
     setpoints, u = round_the_piece(6.0)
     run = simulate(stage, Servo.derive(stage.axes), setpoints)
     assert run.fault is None
@@ -159,9 +159,9 @@ def test_derived_gains_have_a_margin_of_a_quarter_on_every_axis(name, position):
     frequency = 1.25 * natural_frequency(PERIOD + max(axis.lag for axis in machine.axes), 1.0)
     servo = Servo.derive(machine.axes, PERIOD, frequency=frequency)
     for a, axis in enumerate(machine.axes):
-        way = np.tile(np.array(position, float), (1001, 1))
-        way[:, a] += (90.0 if axis.unit == "deg" else 40.0) * smooth(1.0)
-        setpoints = Setpoints(PERIOD, machine.axis_names, way, np.ones(1001, bool), ramp(50.0).requested)
+        motion = np.tile(np.array(position, float), (1001, 1))
+        motion[:, a] += (90.0 if axis.unit == "deg" else 40.0) * smooth(1.0)
+        setpoints = Setpoints(PERIOD, machine.axis_names, motion, np.ones(1001, bool), ramp(50.0).requested)
         run = simulate(machine, servo, setpoints)
         assert run.fault is None
         # no ringing: the demand changes little from tick to tick
@@ -176,7 +176,7 @@ def moving(model, body):
     return False
 
 
-def test_nothing_of_the_stage_meets_what_stands_around_it(stage):
+def test_the_moving_parts_of_the_stage_clear_the_fixed_ones(stage):
     model = stage.model
     shapes = [g for g in range(model.ngeom) if model.geom_type[g] != mujoco.mjtGeom.mjGEOM_PLANE]
     turning = np.array([g for g in shapes if moving(model, model.geom_bodyid[g])])

@@ -1,4 +1,4 @@
-"""Machines that are built to one drawing and differ: drawn one by one, and many together."""
+"""Tolerances: machines drawn one by one, and from a Latin hypercube."""
 
 import numpy as np
 import pytest
@@ -27,11 +27,11 @@ def with_a_spring_above_all_axes(machine):
 
 
 def unit_of(value, spread):
-    """Where a factor lies in its range, from 0 to 1 on a logarithmic scale."""
+    """Position of a factor in its range, from 0 to 1 on a logarithmic scale."""
     return 0.5 * (np.log(value) / np.log1p(spread) + 1)
 
 
-def test_draws_fill_the_whole_of_every_range_evenly(xy):
+def test_draws_are_uniform_over_every_range(xy):
     spread = Tolerances()
     drawn = draws(spread, xy, DRAWS)
     columns = [np.array([one.payload for one in drawn]) / spread.payload]
@@ -42,7 +42,7 @@ def test_draws_fill_the_whole_of_every_range_evenly(xy):
     even = (np.arange(DRAWS) + 0.5) / DRAWS
     for column in columns:
         assert np.abs(np.sort(column) - even).max() < UNIFORM
-    assert np.abs(np.corrcoef(columns) - np.eye(9)).max() < 0.1  # each for itself
+    assert np.abs(np.corrcoef(columns) - np.eye(9)).max() < 0.1  # independent
 
 
 def test_the_same_seed_draws_the_same_machine(xyz):
@@ -51,8 +51,7 @@ def test_the_same_seed_draws_the_same_machine(xyz):
 
 
 @pytest.mark.parametrize("name", ["payload", *FACTORS])
-def test_a_factor_is_the_same_whichever_others_differ(xy, name):
-    """And so are those of the machines that follow."""
+def test_a_factor_does_not_depend_on_the_other_tolerances(xy, name):
     alone = Tolerances(**{**dict.fromkeys(("payload", *FACTORS), 0.0), name: getattr(Tolerances(), name)})
     for one, other in zip(draws(alone, xy, 3), draws(Tolerances(), xy, 3), strict=True):
         assert getattr(one, name) == getattr(other, name)
@@ -60,13 +59,13 @@ def test_a_factor_is_the_same_whichever_others_differ(xy, name):
         assert all(getattr(one, rest) == getattr(nominal, rest) for rest in ("payload", *FACTORS) if rest != name)
 
 
-def test_what_does_not_differ_is_the_nominal_machine(xy):
+def test_tolerances_of_zero_give_the_nominal_machine(xy):
     assert draws(NOTHING, xy, 2) == [Perturbation()] * 2
     assert NOTHING.machines(xy, 3, seed=1) == [Perturbation()] * 3
 
 
 @pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
-def test_every_machine_can_be_what_is_drawn_for_it(name):
+def test_every_machine_takes_its_drawn_perturbations(name):
     machine = Machine(name)
     for perturbation in (*draws(Tolerances(), machine, 2), *Tolerances().machines(machine, 2, seed=3)):
         assert len(perturbation.stiffness) == len(machine.axes)
@@ -87,7 +86,7 @@ def test_springs_above_all_axes_have_one_factor(rigid):
     assert (perturbation.friction, perturbation.motor_constant) == (other.friction, other.motor_constant)
 
 
-def test_machines_have_one_in_each_part_of_every_range(xyz):
+def test_a_hypercube_has_one_machine_in_each_part_of_every_range(xyz):
     machines = Tolerances().machines(xyz, 16, seed=4)
     assert np.sort([int(16 * one.payload / 0.3) for one in machines]).tolist() == list(range(16))
     for name in FACTORS:
@@ -106,6 +105,6 @@ def test_machines_have_one_in_each_part_of_every_range(xyz):
     ],
 )
 @pytest.mark.parametrize("spread", [Tolerances(), NOTHING])
-def test_what_are_no_machines_is_refused(xy, spread, count, seed, text):
+def test_invalid_counts_and_seeds_are_rejected(xy, spread, count, seed, text):
     with pytest.raises(InputError, match=text):
         spread.machines(xy, count, seed)

@@ -1,4 +1,4 @@
-"""Margins of sampled servo loops: closed forms, a tick written out by hand, and machines that do swing up."""
+"""Margins of sampled servo loops against closed forms, a tick written out by hand, and simulated instability."""
 
 # ruff: noqa: N803, N806 - the letters of the law
 
@@ -16,13 +16,12 @@ from scipy.optimize import brentq
 from gantrysim import Machine, Servo, simulate
 from gantrysim.cli import info
 from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.servo import law
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.stability.linear_model import Linear, linearised
+from gantrysim.stability.linear_model import LinearSystem, linearise
 from gantrysim.stability.margins import Margins, Plant, margins_of
 
 from support.runs import ideal_motors, plain, smooth, turntable
@@ -33,7 +32,7 @@ MARGIN = 1e-6  # of a gain margin, relative
 PHASE = 1e-5  # [deg]
 PEAK = 1e-4  # of the sensitivity's, relative
 FOLLOWS = 1e-7  # of the engine's motion against the linear machine's, of the largest
-NEAR = 0.02  # how far from the gain margin a simulated machine is seen to calm down or to swing up
+NEAR = 0.02  # distance from the gain margin at which a simulated machine is stable or unstable, relative
 SAME = 1e-9
 
 UNITS = "x [mm], y [mm]"
@@ -42,12 +41,12 @@ NO_FRICTION = Perturbation(friction=1e-15)
 
 
 def pd(machine, period=1e-3, **given):
-    """A servo without encoder and feed-forward; its limits are far."""
+    """A servo without encoder, feed-forward or effective limits."""
     return plain(machine, period, feedforward=0.0, **given)
 
 
 def scaled(servo, factor, axis=None):
-    """The servo with the gains of the loop scaled, of one axis or of all."""
+    """The servo with the loop gains of one axis, or of all, scaled."""
     changed = {}
     for name in ("kp", "ki", "kd", "output_velocity"):
         values = getattr(servo, name)
@@ -75,10 +74,10 @@ class Tick:
 
     def __call__(self, state, factor=1.0):
         q, v, total, last, *waiting = state
-        gains = [getattr(self.servo, name)[self.axis] for name in ("kp", "ki", "kd")]
+        kp, ki, kd, output = (getattr(self.servo, f)[self.axis] for f in ("kp", "ki", "kd", "output_velocity"))
         total = total - q * self.T  # E = 0 - MPOS
         change = (q - last) / self.T
-        u = factor * law(-q, total, -change, 0, 0, change, *gains, 0, 0, self.servo.output_velocity[self.axis])
+        u = factor * (-kp * q + ki * total - kd * change + output * change)
         queue = [u, *waiting]
         u_new, u_old, last, h = queue[self.waits], queue[self.waits + 1], q, self.T / self.substeps
         for step in range(self.substeps):
@@ -93,12 +92,12 @@ class Tick:
 
     def stable(self, factor):
         poles = self.poles(factor)
-        if not self.servo.ki[self.axis]:  # the sum that nobody looks at
+        if not self.servo.ki[self.axis]:  # the sum has no effect
             poles = np.delete(poles, np.abs(poles - 1).argmin())
         return np.abs(poles).max() < 1
 
     def edge(self, inside, outside):
-        """The factor between one that is stable and one that is not at which it ceases to be, by halving."""
+        """The factor at the limit of stability, by bisection between a stable and an unstable one."""
         for _ in range(60):
             middle = 0.5 * (inside + outside)
             inside, outside = (middle, outside) if self.stable(middle) else (inside, middle)
@@ -128,7 +127,7 @@ def test_the_loop_of_a_double_integrator_is_that_of_its_z_transform(double_integ
 
 @pytest.mark.parametrize("damping", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize("period", PERIODS)
-def test_the_gain_margin_of_a_double_integrator_is_jurys(double_integrators, period, damping):
+def test_the_gain_margin_of_a_double_integrator_is_that_of_jurys_test(double_integrators, period, damping):
     """Of z^3 + a2 z^2 + a1 z + a0 with all gains times k: the least k > 0 at which a condition of Jury's fails."""
     servo = pd(double_integrators, period, damping=damping)
     margins = Plant.of(double_integrators, period).margins(servo)
@@ -195,7 +194,7 @@ def test_gain_margins_are_where_a_tick_written_out_loses_stability(
         assert tick.edge(found.gain_lower * 1.001, found.gain_lower * 0.999) == pytest.approx(
             found.gain_lower, rel=MARGIN
         )
-    for share in (0.05, 0.5, 0.95):  # stable all the way between
+    for share in (0.05, 0.5, 0.95):  # stable everywhere between
         assert tick.stable(found.gain_lower + share * (found.gain - found.gain_lower))
     if found.stable:
         assert found.gain_lower < 1 < found.gain
@@ -250,7 +249,7 @@ def test_a_period_of_delay_turns_the_phase_by_what_it_lasts_at_the_crossover(nam
 
 @pytest.mark.parametrize("frequency", [9.0, 30.0])
 def test_the_delay_margin_is_the_lag_at_which_a_tick_written_out_loses_stability(double_integrators, frequency):
-    """To a period: of whole ones that a torque waits the loop bears those that are less than its delay margin."""
+    """The loop tolerates as many whole periods of delay as are less than its delay margin."""
     servo = pd(double_integrators, frequency=frequency)
     found = Plant.of(double_integrators, 1e-3).margins(servo)[0]
     borne = math.floor(found.delay / 1e-3)
@@ -261,9 +260,9 @@ def test_the_delay_margin_is_the_lag_at_which_a_tick_written_out_loses_stability
 
 
 def away(machine, servo, ticks, size=0.02):
-    """A run that moves all axes a little way in 20 ms and then waits."""
-    way = size * np.minimum(np.append(smooth(0.02), np.ones(ticks)), 1.0)[:ticks]
-    position = np.repeat(way[:, None], len(machine.axes), axis=1)
+    """A run with a small motion of all axes in 20 ms, then at rest."""
+    motion = size * np.minimum(np.append(smooth(0.02), np.ones(ticks)), 1.0)[:ticks]
+    position = np.repeat(motion[:, None], len(machine.axes), axis=1)
     requested = ArcChain((0.0, 0.0), 0.0, [0.0], [1.0])
     setpoints = Setpoints(servo.period, machine.axis_names, position, np.ones(ticks, bool), requested)
     return simulate(machine, servo, setpoints)
@@ -273,14 +272,14 @@ def away(machine, servo, ticks, size=0.02):
     ("name", "payload", "delay"), [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4)]
 )
 def test_the_linear_machine_moves_as_the_engine_moves_it(name, payload, delay):
-    """All axes at once and so little that nothing is not linear, from the torques that the engine's servo asked for."""
+    """A motion of all axes small enough to be linear, from the engine's torque demands."""
     machine = Machine(name).perturbed(dataclasses.replace(NO_FRICTION, motor_constant=0.9, payload=payload))
     servo = pd(machine, integral_time=0.1, delay=delay)
     run = away(machine, servo, 200, size=1e-6)
     assert run.fault is None
     substeps = substeps_of(machine, 1e-3)
     motor = np.zeros_like(run.motor)
-    for system in linearised(machine, 1e-3, substeps, delay_steps(delay, 1e-3, substeps)):
+    for system in linearise(machine, 1e-3, substeps, delay_steps(delay, 1e-3, substeps)):
         axes, state, before = list(system.axes), np.zeros(len(system.F)), np.zeros(len(system.axes))
         for k, demand in enumerate(run.demand[:, axes]):
             motor[k, axes] = system.H @ state
@@ -291,7 +290,7 @@ def test_the_linear_machine_moves_as_the_engine_moves_it(name, payload, delay):
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize(("build", "integral_time"), [("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)])
-def test_a_machine_calms_down_below_its_gain_margin_and_swings_up_above_it(rigid, build, integral_time, axis):
+def test_a_simulated_machine_is_stable_below_its_gain_margin_and_unstable_above_it(rigid, build, integral_time, axis):
     machine = rigid() if build == "rigid" else Machine(build).perturbed(NO_FRICTION)
     servo = pd(machine, integral_time=integral_time)
     margin = Plant.of(machine, servo.period).margins(servo)[axis].gain
@@ -305,7 +304,7 @@ def test_a_machine_calms_down_below_its_gain_margin_and_swings_up_above_it(rigid
     assert ratios[1] > 1.4
 
 
-def test_a_motor_that_is_stronger_than_the_drive_knows_takes_as_much_of_the_gain_margin(xy):
+def test_a_motor_constant_above_nominal_divides_the_gain_margin(xy):
     servo = pd(xy)
     nominal = plant_of("xy").margins(servo)
     strong = Plant.of(xy.perturbed(Perturbation(motor_constant=(1.25, 1.0))), 1e-3).margins(servo)
@@ -315,8 +314,8 @@ def test_a_motor_that_is_stronger_than_the_drive_knows_takes_as_much_of_the_gain
     assert same[0].gain == pytest.approx(nominal[0].gain, rel=MARGIN)
 
 
-def test_compliance_takes_from_the_gain_margin(xy):
-    """Of y, which bears the bridge; its stiffness is that of MuJoCo's own model up to ten times as much."""
+def test_compliance_reduces_the_gain_margin(xy):
+    """The y axis, which carries the bridge, with one to ten times its stiffness."""
     servo = pd(xy)
     machines = [xy.perturbed(Perturbation(stiffness=factor)) for factor in (1.0, 2.0, 3.0, 4.0, 10.0)]
     gains = [Plant.of(machine, 1e-3).margins(servo)[1].gain for machine in machines]
@@ -324,7 +323,7 @@ def test_compliance_takes_from_the_gain_margin(xy):
     assert gains[0] < 0.4 * gains[-1]
 
 
-def test_a_payload_takes_from_the_crossover(xy):
+def test_a_payload_lowers_the_crossover(xy):
     servo = pd(xy)
     loaded = Plant.of(xy.perturbed(Perturbation(payload=2.0)), 1e-3).margins(servo)
     for one, other in zip(loaded, plant_of("xy").margins(servo), strict=True):
@@ -351,8 +350,8 @@ def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_c
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 200.0])
 @pytest.mark.parametrize("stiffness", [5.0, 80.0, 3e4, 1e6])
-def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
-    """A load on a spring at the carriage: a peak and a zero of the loop that are narrower than any even grid."""
+def test_lightly_damped_modes_are_resolved(rigid, damping, stiffness):
+    """A load on a spring at the carriage: the loop has a peak and a zero narrower than an even grid."""
     file = ideal_motors(rigid(damping=0.0).source)
     load = (
         f'<body name="load"><joint name="flex" axis="1 0 0" range="-1 1" stiffness="{stiffness}" damping="{damping}"/>'
@@ -381,11 +380,11 @@ def test_modes_that_are_hardly_damped_are_seen(rigid, damping, stiffness):
 
 @settings(max_examples=25, deadline=None)
 @given(factor=st.floats(1e-3, 1e3), name=st.sampled_from(["xy", "stage"]))
-def test_a_machine_and_gains_that_are_scaled_alike_keep_their_margins(factor, name):
+def test_scaling_machine_and_gains_alike_keeps_the_margins(factor, name):
     machine = Machine(name)
-    servo, systems = pd(machine, integral_time=0.1), linearised(machine, 1e-3, 4, 0)
+    servo, systems = pd(machine, integral_time=0.1), linearise(machine, 1e-3, 4, 0)
     heavier = [dataclasses.replace(one, G0=one.G0 / factor, G1=one.G1 / factor) for one in systems]
-    assert all(isinstance(one, Linear) for one in heavier)
+    assert all(isinstance(one, LinearSystem) for one in heavier)
     for one, other in zip(
         Plant(1e-3, 0.0, heavier).margins(scaled(servo, factor)), plant_of(name).margins(servo), strict=True
     ):
@@ -400,8 +399,8 @@ def test_a_rotary_axis_has_the_loop_of_its_inertia_in_degrees(tmp_path):
         assert tick.edge(0.9 * found.gain, 1.1 * found.gain) == pytest.approx(found.gain, rel=MARGIN)
 
 
-def test_the_position_of_the_axes_matters_where_it_moves_the_inertia(tmp_path):
-    """With the slide far out the table is heavier, and its loop slower."""
+def test_margins_depend_on_a_position_that_changes_the_inertia(tmp_path):
+    """With the slide far out the table has more inertia and a slower loop."""
     machine = turntable(tmp_path)
     servo = pd(machine, frequency=20.0)
     home, out = (Plant.of(machine, 1e-3, position=(0.0, x)).margins(servo) for x in (0.0, 300.0))
@@ -437,14 +436,14 @@ def test_viscous_friction_is_part_of_the_loop(rigid_machines):
     )
 
 
-def test_an_unstable_axis_tells_how_far_its_gains_must_come_down(xy):
+def test_an_unstable_axis_gives_the_factor_that_stabilises_it(xy):
     servo = pd(xy)
     nominal = plant_of("xy").margins(servo)
     found = plant_of("xy").margins(scaled(servo, 2 * nominal[1].gain, 1))
-    assert found[0] == nominal[0]  # no axis of a gantry is the other's
+    assert found[0] == nominal[0]  # the axes of a gantry are not coupled
     assert found[1].gain == pytest.approx(0.5, rel=MARGIN)
     assert (found[1].stable, found[1].phase, found[1].delay, found[1].sensitivity) == (False, 0, 0, math.inf)
-    assert str(found[1]) == "unstable, stable with 0.5 of its gains"
+    assert str(found[1]) == "unstable, stable with its gains times 0.5"
 
 
 def test_axes_that_move_each_other_are_stable_or_not_together():
@@ -453,12 +452,12 @@ def test_axes_that_move_each_other_are_stable_or_not_together():
     found = plant_of("stage").margins(scaled(servo, 2 * nominal[0].gain, 0))
     assert [one.stable for one in found] == [False, False, True]  # table and first slide; the second is by itself
     assert found[0].gain == pytest.approx(0.5, rel=1e-4)
-    assert found[1].gain == 0  # whatever its gains, the table swings up
+    assert found[1].gain == 0  # the table is unstable whatever the gains of this axis
     assert found[2] == nominal[2]
 
 
-def test_the_factor_is_that_of_one_axis_where_others_move_with_it():
-    """The table too tight, and the first slide near the least that its integral term can do with."""
+def test_the_factor_of_a_coupled_axis_scales_that_axis_alone():
+    """The table's gains are too high, the first slide's near its lower gain margin."""
     servo, plant = pd(Machine("stage"), integral_time=0.02), plant_of("stage")
     nominal = plant.margins(servo)
     slack = scaled(servo, 1.3 * nominal[1].gain_lower, 1)
@@ -467,7 +466,7 @@ def test_the_factor_is_that_of_one_axis_where_others_move_with_it():
     assert found[0].gain == pytest.approx(0.5, rel=0.05)
 
 
-def test_what_hangs_at_no_axis_is_no_part_of_the_loops(rigid):
+def test_bodies_that_no_axis_moves_are_not_part_of_the_loops(rigid):
     machine = rigid()
     servo = pd(machine)
     expected = Plant.of(machine, 1e-3).margins(servo)
@@ -481,7 +480,7 @@ def test_what_hangs_at_no_axis_is_no_part_of_the_loops(rigid):
 
 
 @pytest.mark.parametrize("gains", [{"kp": 0.0, "kd": 0.0}, {"kp": 0.0}, {"kp": -0.1}])
-def test_a_loop_that_lets_the_axis_drift_or_drives_it_away_has_no_margin(xy, gains):
+def test_a_loop_that_does_not_hold_a_position_has_no_margin(xy, gains):
     found = plant_of("xy").margins(dataclasses.replace(pd(xy), **{name: (value,) * 2 for name, value in gains.items()}))
     for one in found:
         assert (one.stable, one.gain, one.gain_lower) == (False, 0, 0)
@@ -490,7 +489,7 @@ def test_a_loop_that_lets_the_axis_drift_or_drives_it_away_has_no_margin(xy, gai
 
 
 def test_the_crossover_is_where_the_loop_falls_below_one(rigid):
-    """A spring that draws the axis back: |L| begins below 1, rises above it to the resonance, and falls."""
+    """With a spring on the axis |L| starts below 1, rises above it at the resonance, and falls."""
     file = ideal_motors(rigid(damping=12.0).source)
     file.write_text(file.read_text().replace('<joint type="slide"', '<joint type="slide" stiffness="50000"'))
     machine = Machine(file)
@@ -506,8 +505,8 @@ def test_the_crossover_is_where_the_loop_falls_below_one(rigid):
     assert plant.margins(servo)[0].crossover == pytest.approx(frequency[falls], rel=1e-3)
 
 
-def test_a_sum_that_is_too_fast_has_a_lower_gain_margin(double_integrators):
-    """PID on a double integrator: with ki / kp / kd alone scaled down there is too little damping for the sum."""
+def test_a_short_integral_time_gives_a_lower_gain_margin(double_integrators):
+    """PID on a double integrator: with all gains scaled down the integral term lacks damping."""
     servo = pd(double_integrators, integral_time=0.03)
     found = Plant.of(double_integrators, 1e-3).margins(servo)[0]
     J, kp, ki, kd = double_integrators.axes[0].inertia, servo.kp[0], servo.ki[0], servo.kd[0]
@@ -519,7 +518,7 @@ def test_a_sum_that_is_too_fast_has_a_lower_gain_margin(double_integrators):
     assert slow.gain_lower == pytest.approx(1 / (2 * w * 0.1), rel=0.01)
 
 
-def test_words():
+def test_margins_as_text():
     found = Margins(2.345678, 0.1, 51.4, 0.002, 1.6, 31.23456, stable=True)
     assert str(found) == "gain 2.35, phase 51 deg, crossover 31.2 Hz"
 
@@ -538,9 +537,9 @@ def test_words():
         *(
             (
                 lambda xy, at=at: Plant.of(xy, 1e-3, position=at),
-                f"position = {said}: must be 2 finite numbers, one per axis: {UNITS}",
+                f"position = {shown}: must be 2 finite numbers, one per axis: {UNITS}",
             )
-            for at, said in (
+            for at, shown in (
                 ([1.0], "[1.0]"),
                 (5.0, "5.0"),
                 ([1.0, 2.0, 3.0], "[1.0, 2.0, 3.0]"),
@@ -556,7 +555,7 @@ def test_words():
         (lambda xy: Plant.of(xy, 1e-3).loop(pd(xy), [0.0]), "frequency: must be above 0 and at most 500 Hz"),
     ],
 )
-def test_what_is_no_loop_is_refused(xy, build, text):
+def test_invalid_arguments_of_a_plant_are_rejected(xy, build, text):
     with pytest.raises(InputError, match=f"^{re.escape(text)}"):
         build(xy)
 
@@ -567,10 +566,10 @@ def test_a_position_of_any_sequence_of_numbers_is_taken(xy, at):
     assert Plant.of(xy, 1e-3, position=at).margins(servo) == Plant.of(xy, 1e-3, position=[10.0, -20.0]).margins(servo)
 
 
-def test_an_actuator_with_a_delay_of_its_own_is_refused(rigid):
+def test_an_actuator_with_a_delay_is_rejected(rigid):
     file = rigid().source
     file.write_text(file.read_text().replace('<dcmotor name="x"', '<dcmotor name="x" delay="0.001" nsample="4"'))
-    with pytest.raises(InputError, match="actuator 'x' has a delay in its MJCF: its linear loop is not known"):
+    with pytest.raises(InputError, match="actuator 'x' has a delay in its MJCF: it cannot be linearised"):
         Plant.of(Machine(file), 1e-3)
     machine = Machine(file)
     assert margins_of(machine, pd(machine)) is None
@@ -582,8 +581,8 @@ def test_margins_of_a_machine_and_its_servo_are_those_of_their_plant(xy):
     assert margins_of(xy, servo, 1e-4) == plant.margins(servo)
 
 
-def test_with_finer_physics_margins_come_to_those_of_the_machine(xy):
-    """The engine's step is part of the plant, as it is of a run: what it leaves out of a period's lag is less."""
+def test_margins_converge_with_the_physics_step(xy):
+    """The physics step is part of the plant: a shorter one leaves out less of a period's lag."""
     servo = pd(xy)
     gains = [Plant.of(xy, 1e-3, physics_step=step).margins(servo)[0].gain for step in (2e-4, 1e-4, 5e-5, 2.5e-5)]
     changes = np.diff(gains)
@@ -599,7 +598,7 @@ def test_the_servos_of_the_jobs_are_stable():
         assert all(one.stable and one.gain > 1 and one.phase > 0 and one.sensitivity > 1 for one in found)
 
 
-def test_info_tells_the_margins_of_the_derived_gains():
+def test_info_lists_the_margins_of_the_derived_gains():
     table = info.margins_table()
     cells = list(zip(*(column.cells for column in table.columns), strict=True))
     machines = [Machine(name) for name in ("stage", "xy", "xyz", "xyzr")]

@@ -226,11 +226,11 @@ def test_machines_with_more_friction_are_worse_in_real_runs():
 @pytest.mark.parametrize(
     ("build", "text"),
     [
-        (lambda: Tolerances(friction=-0.1), "spread of friction = -0.1: must be at least 0"),
-        (lambda: Tolerances(payload=-1), "spread of payload = -1 kg: must be at least 0 kg"),
-        (lambda: Tolerances.parse("frictoin=1"), r"unknown spread 'frictoin': did you mean friction\?"),
-        (lambda: Tolerances.parse("friction"), "spread friction: must be friction= and a number"),
-        (lambda: Tolerances.parse("friction=much"), "spread friction=much: must be friction= and a number"),
+        (lambda: Tolerances(friction=-0.1), "tolerance of friction = -0.1: must be at least 0"),
+        (lambda: Tolerances(payload=-1), "tolerance of payload = -1 kg: must be at least 0 kg"),
+        (lambda: Tolerances.parse("frictoin=1"), r"unknown tolerance 'frictoin': did you mean friction\?"),
+        (lambda: Tolerances.parse("friction"), "tolerance friction: must be friction= and a number"),
+        (lambda: Tolerances.parse("friction=much"), "tolerance friction=much: must be friction= and a number"),
         (
             lambda: MachineStudy(Job.load("an225"), 50.0, spread=Tolerances(0, 0, 0, 0, 0)),
             "spread: must be above 0 for at least one factor",

@@ -1,0 +1,47 @@
+"""Registration of the environments with Gymnasium, and the packages that an import loads, in fresh interpreters."""
+
+import subprocess
+import sys
+
+import pytest
+
+MAKE = "env = gymnasium.make('gantrysim/SpiralTuning-v0')"
+MAKE_VECTOR = "env = gymnasium.make_vec('gantrysim/SpiralTuning-v0', num_envs=2, {})"
+HEAVY = ("gymnasium", "pydantic", "matplotlib", "typer")
+
+
+def printed(*lines):
+    """Run code in a fresh interpreter in which warnings are errors; return what it prints."""
+    code = "\n".join(["if __name__ == '__main__':", *(f"    {line}" for line in lines)])
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("import gantrysim", "import gymnasium", MAKE),
+        ("import gymnasium", "import gantrysim", MAKE),
+        ("import gymnasium", MAKE.replace("gantrysim/", "gantrysim:gantrysim/")),
+        ("import gantrysim", "import gymnasium", MAKE.replace("SpiralTuning", "GainBandit")),
+        ("import gantrysim", "import gymnasium", MAKE_VECTOR.format("threads=1")),
+        ("import gantrysim", "import gymnasium", MAKE_VECTOR.format("vectorization_mode='sync'")),
+        ("import gantrysim", "import gymnasium", MAKE_VECTOR.format("vectorization_mode='async'")),
+    ],
+    ids=["gantrysim first", "gymnasium first", "module in the id", "bandit", "native vector", "sync", "async"],
+)
+def test_an_environment_is_made_by_its_id(lines):
+    assert printed(*lines, "print(env.reset(seed=1)[0].shape)", "env.close()") in ("(22,)\n", "(2, 22)\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "unloaded"),
+    [
+        ("__version__", (*HEAVY, "mujoco", "gantrysim.env")),
+        *((name, (*HEAVY, "gantrysim.env")) for name in ("Machine", "Servo", "simulate", "Budget", "Run")),
+    ],
+)
+def test_a_public_name_loads_only_what_it_needs(name, unloaded):
+    found = f"print([name for name in {unloaded} if name in sys.modules])"
+    assert printed("import sys, gantrysim", f"gantrysim.{name}", found) == "[]\n"
