@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.bead import BeadValues
-from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
@@ -144,8 +143,7 @@ def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: Be
     run.save(folder / RUN)
     content = json.dumps(summary(job, machine, budget, bead), indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
-    if isinstance(job.controller, softmc.Program) and job.controller.record is not None:
-        job.controller.record.write(run, folder / RECORD, job.controller.group.position_error_delay)
+    job.controller.write_record(run, folder / RECORD)
 
 
 def summary(job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None) -> dict[str, Any]:

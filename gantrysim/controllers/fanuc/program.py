@@ -7,17 +7,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import Leg, legs_of
-from gantrysim.controllers.fanuc.speed import Planner
-from gantrysim.controllers.fanuc.text import SourceLine, read
+from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
+from gantrysim.controllers.fanuc.text import SPEEDS, SourceLine, read
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Vector
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
@@ -41,7 +43,7 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class Program:
+class Program(Controller):
     """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
 
     In text a program is a file of blocks, as in `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; the words taken are G00
@@ -81,6 +83,8 @@ class Program:
         Alarm: a block that the controller refuses, with number, title, block and line. Nothing moves then.
         InputError: a parameter out of its bounds.
     """
+
+    speed_scaling: ClassVar[str] = "the feeds F of the program, changed in one proportion; rapid moves and clamps stay"
 
     program: str | tuple[Block, ...]
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -161,11 +165,6 @@ class Program:
         turns = any(leg.rotary[0] != leg.rotary[1] for leg in self.legs)
         return ("x", "y", *(() if flat else ("z",)), *((self.rotary_axis,) if turns else ()))
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Nothing: what the controller would say of a program is an alarm."""
-        return ()
-
     @cached_property
     def _parts(self) -> tuple[_Part, ...]:
         feeding = Feeding(
@@ -202,6 +201,15 @@ class Program:
     def duration(self) -> float:
         """Time of the motion [s]."""
         return sum(part.duration for part in self._parts) + self.blend_time
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """As the feed override on the operator's panel does: every F, and the feed of the dry run."""
+
+        def feed(programmed: float) -> float:
+            return PER_MINUTE * change(programmed / PER_MINUTE)
+
+        changed = {"program": SPEEDS.changed(self.arguments()["program"], feed)}
+        return changed if self.dry_run is None else {**changed, "dry_run": feed(self.dry_run)}
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes at every servo period [s]."""

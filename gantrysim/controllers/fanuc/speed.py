@@ -27,7 +27,7 @@ _IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
 _STRAIGHT = 1e-12  # [1/mm], of a bend that is none
 _APART = 1e-9  # [mm], of nodes that are two
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
-_PER_MINUTE = 60.0
+PER_MINUTE = 60.0
 
 
 class Planner:
@@ -90,7 +90,7 @@ class Planner:
     def _with_ramps(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
         """The nodes, and those at which ramps from rest or to rest at the ends of the pieces are over."""
         edges = np.concatenate([[0.0], self._chain.ends])
-        fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / _PER_MINUTE) for leg in self._legs])
+        fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / PER_MINUTE) for leg in self._legs])
         k = np.arange(len(self._legs))
         added, of = [s], [piece]
         for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
@@ -131,12 +131,12 @@ class Planner:
         at_feed = np.array([not leg.rapid for leg in legs])
         asked = np.array([leg.feed for leg in legs])
         if dry and feeding.dry_run is not None:
-            asked = np.where(at_feed, feeding.dry_run / _PER_MINUTE, asked)
+            asked = np.where(at_feed, feeding.dry_run / PER_MINUTE, asked)
         feed: Floats = asked[piece]
         coil = np.array([isinstance(leg.piece, Coil) for leg in legs])[piece]
         inner = self._within(s, piece)[coil]
         if feeding.clamp is not None and coil.any():
-            limit = feeding.clamp.limit(self._radius(inner, piece[coil])) / _PER_MINUTE
+            limit = feeding.clamp.limit(self._radius(inner, piece[coil])) / PER_MINUTE
             feed[coil] = np.minimum(feed[coil], limit)
         if not feeding.in_space and coil.any():
             feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))

@@ -13,8 +13,10 @@ from typing import Any
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, Plane, Rapid, Spiral
 from gantrysim.controllers.paths.pieces import Vector
+from gantrysim.controllers.speeds import SpeedWords
 
-_COMMENT = re.compile(r"\([^)]*\)?")
+_COMMENT = r"\([^)]*\)?"
+SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=_COMMENT, key="feed")
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LETTERS = "ABCDFGIJKLMNOPQRSTXYZ"
 _DIGITS = 8
@@ -97,7 +99,7 @@ def _to_the_end(blocks: Iterator[_Words]) -> list[_Words]:
 def _blocks(text: str, skip: bool) -> Iterator[_Words]:
     count = 0
     for line, written in enumerate(text.splitlines(), 1):
-        for part in _COMMENT.sub(" ", written).split(";"):
+        for part in re.sub(_COMMENT, " ", written).split(";"):
             plain = part.strip().upper()
             if not plain or plain.startswith("%"):
                 continue

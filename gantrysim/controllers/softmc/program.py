@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.profile import Profile
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
@@ -17,7 +21,7 @@ from gantrysim.controllers.softmc.geometry import AXES, Way, way
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.law import along, in_place
 from gantrysim.controllers.softmc.record import Record
-from gantrysim.controllers.softmc.text import SourceLine, read
+from gantrysim.controllers.softmc.text import SPEEDS, SourceLine, read
 from gantrysim.errors import InputError, finite
 
 
@@ -49,7 +53,7 @@ class Leg:
 
 
 @dataclass(frozen=True)
-class Program:
+class Program(Controller):
     """A program of CIRCLE and MOVE commands for one group of axes x, y[, z[, r]].
 
     Every command runs from rest to rest, as its final velocity is 0; the next one starts at the first servo tick
@@ -77,6 +81,8 @@ class Program:
         SoftMCError: a command that cannot be run, with its line and text. Nothing moves then.
     """
 
+    speed_scaling: ClassVar[str] = "the group's velocity and every command's own Vtran, changed in one proportion"
+
     program: str | tuple[Circle | Move, ...]
     group: Group = field(default_factory=Group)
     start: tuple[float, ...] = (0.0, 0.0)
@@ -96,11 +102,6 @@ class Program:
     def axes(self) -> tuple[str, ...]:
         """Names of the axes."""
         return tuple(AXES[: len(self.start)])
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Nothing: the controller caps and slows without a word."""
-        return ()
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
@@ -141,6 +142,17 @@ class Program:
     def duration(self) -> float:
         """Time of all motion, without the waits for the next servo tick and for settling [s]."""
         return sum(leg.law.duration for leg in self.legs)
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """As VelocityOverride on the controller does; ramps and limits stay."""
+        program = SPEEDS.changed(self.arguments()["program"], change)
+        return {"group.velocity": change(self.group.velocity), "program": program}
+
+    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+        if self.record is None:
+            return False
+        self.record.write(run, file, self.group.position_error_delay)
+        return True
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes at every servo period [s]."""

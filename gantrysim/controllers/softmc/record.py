@@ -6,46 +6,14 @@ import csv
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Recorded
 from gantrysim.errors import unknown, whole
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
-
-
-class Recorded(Protocol):
-    """What a record must know of a run; the arrays have one row per servo tick."""
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the axes."""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their units, "mm" or "deg"; u below."""
-
-    @property
-    def period(self) -> float:
-        """Servo period [s]."""
-
-    @property
-    def time(self) -> Floats:
-        """(n,) [s]."""
-
-    @property
-    def commanded(self) -> Floats:
-        """Positions sent, (n, axes) [u]."""
-
-    @property
-    def commanded_tip(self) -> Floats:
-        """Where they would put the nozzle, (n, 3) [mm]."""
-
-    @property
-    def encoder(self) -> Floats:
-        """Positions measured, (n, axes) [u]."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 from gantrysim.controllers.softmc.commands import Circle, Command, Move
 from gantrysim.controllers.softmc.errors import SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES
+from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.errors import InputError, unknown
 
 _TOKEN = re.compile(r"\s*(?:(?P<word>[A-Za-z_]\w*)|(?P<point>\{[^{}]*\})|(?P<equals>=)|(?P<number>[^\s={}]+))")
@@ -34,6 +35,9 @@ _CIRCLE = {
 _WORDS = {"Circle": {**_CIRCLE, **_NODAL}, "Move": _NODAL}
 _POINTS = ("CircleCenter", "CirclePoint", "TargetPoint")
 _SWITCHES = ("Abs", "Dispense")
+
+
+SPEEDS = SpeedWords(word=r"\b(?:Vtran|VCruise)\s*=", comment=r"'[^\n]*", key="velocity")
 
 
 @dataclass(frozen=True)

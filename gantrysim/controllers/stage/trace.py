@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.profile import Constant
@@ -30,7 +33,7 @@ _JUMP = 1e-5  # of an axis' rate, that is none
 
 
 @dataclass(frozen=True)
-class OutlineTrace:
+class OutlineTrace(Controller):
     """Traces the outline of a work piece on an XY stage that rides on a rotary table.
 
     The work piece is a polygon with rounded corners. Along an edge the table stands and the stage moves at the path
@@ -233,6 +236,9 @@ class OutlineTrace:
             sag = (reach * (1 - np.cos(0.5 * step / self.corner_pieces))).max()
             said.append(f"corners: {self.corner_pieces} linear pieces each are off the arc by up to {sag:.4g} mm")
         return tuple(said)
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        return {"speed": change(self.speed)}
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes th, x and y at every servo period [s]."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.setpoints import Setpoints
@@ -21,7 +24,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class MoveSpiral:
+class MoveSpiral(Controller):
     """An inward spiral by the loop method of AN-225.
 
     Two virtual axes run circles of the outer diameter. CONNECT(x, virtual axis) links each real axis to the
@@ -264,6 +267,13 @@ class MoveSpiral:
     def notes(self) -> tuple[str, ...]:
         """What the published listing does otherwise, where it is asked for."""
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
+
+    @property
+    def free_running(self) -> bool:
+        return self.servo_period == 0
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        return {"speed": change(self.speed)}
 
     def setpoints(self, period: float) -> Setpoints:
         """Return the commanded positions of the axes x, y and, with a height, z at every servo period [s].
