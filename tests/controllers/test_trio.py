@@ -330,7 +330,7 @@ def test_inner_diameter_zero_is_reached_in_the_continuous_limit_alone():
 
 def test_ratio_that_would_fall_to_zero_names_the_pass_and_the_remedies():
     said = (
-        r"ratio x = -[\d.]+ on pass 14 of 14: must be at least 2\^-16, the least that CONNECT can hold; "
+        r"ratio x = -[\d.]+ on pass 14 of 14: must be at least 2\^-16, the resolution of CONNECT; "
         r"inner_diameter 4 mm is too small for loop_period 1 s, "
         r"use fewer turns, a smaller thickness or a shorter loop_period"
     )
