@@ -24,7 +24,7 @@ def spiral():
 
 
 def end_of(program):
-    return program.legs[-1].way.end
+    return program.legs[-1].path.end
 
 
 coordinate = st.floats(-100, 100)
@@ -62,7 +62,7 @@ def test_eight_half_circles_make_a_spiral_of_two_centres(k, centre, radius, mid,
     middle, last = program.requested.position([ends[k - 1 : k + 1].mean(), ends[k]])
     assert middle == pytest.approx(mid, abs=POSITION)
     assert last == pytest.approx(end, abs=POSITION)
-    assert program.legs[k - 1].way.end[:3] == pytest.approx(end, abs=POSITION)
+    assert program.legs[k - 1].path.end[:3] == pytest.approx(end, abs=POSITION)
 
 
 def test_length_and_time_of_the_eight_half_circles():
@@ -223,7 +223,7 @@ def test_a_program_moved_and_turned_moves_and_turns_the_setpoints(targets, start
 def test_incremental_coordinates_count_from_where_the_command_begins(start, data):
     circle = data.draw(arcs(start))
     first = Program([circle, Move((5, 6, 7))], GROUP, start)
-    here = first.legs[0].way.end[:3]
+    here = first.legs[0].path.end[:3]
     steps = [Circle(circle.angle, tuple(np.subtract(circle.centre, start))), Move(tuple(np.subtract((5, 6, 7), here)))]
     second = Program(steps, Group(acceleration=30000, absolute=False), start)
     assert end_of(second) == pytest.approx(end_of(first), abs=POSITION)

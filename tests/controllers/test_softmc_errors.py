@@ -14,18 +14,18 @@ from gantrysim.errors import InputError
     [
         (
             "Circle G1 CirclePoint={1, 0} TargetPoint={2, 0}",
-            "the three points (0, 0, 0), (1, 0, 0) and (2, 0, 0) lie on one line: must not be collinear; "
-            "a straight line is a Move",
+            "the three points (0, 0, 0), (1, 0, 0) and (2, 0, 0) are collinear: must not be; "
+            "use Move for a straight line",
         ),
         (
             "Circle G1 CirclePoint={1, 0} TargetPoint={0, 0}",
             "the three points (0, 0, 0), (1, 0, 0) and (0, 0, 0) coincide: must be distinct; "
-            "a full circle goes by Angle and CircleCenter",
+            "use Angle and CircleCenter for a full circle",
         ),
         (
             "Circle G1 CirclePoint={1, 3} TargetPoint={1, 3}",
             "the three points (0, 0, 0), (1, 3, 0) and (1, 3, 0) coincide: must be distinct; "
-            "a full circle goes by Angle and CircleCenter",
+            "use Angle and CircleCenter for a full circle",
         ),
         (
             "Circle Angle=90 CircleCenter={0, 0}",
@@ -43,7 +43,7 @@ from gantrysim.errors import InputError
         ("Circle Angle=90 CircleCenter={1, 0} CirclePlane=nan", "plane = nan: must be 0 (XY), 1 (XZ) or 2 (YZ)"),
         (
             "Circle CirclePoint={1, 1} TargetPoint={2, 0} CirclePlane=1",
-            "plane = 1 (XZ) with a circle through points: must be left out; the three points make the plane",
+            "plane = 1 (XZ) with a circle through points: must be omitted; the three points define the plane",
         ),
         (
             "Circle G1 Angle=90",
@@ -103,7 +103,7 @@ from gantrysim.errors import InputError
         ),
         (
             "Move {1, 2} PrfType=-1 Smooth=101",
-            "smooth = 101: must be a whole number, 0 to 100, or -1 for the jerk's",
+            "smooth = 101: must be a whole number, 0 to 100, or -1 to use the jerk",
         ),
         (
             "Move {1, 2} Smooth=5",
@@ -170,8 +170,8 @@ def test_a_command_that_cannot_be_run_is_told_with_its_number(commands, start, s
         (lambda: Group(deceleration=0), "deceleration = 0 mm/s²: must be greater than 0 mm/s²"),
         (lambda: Group(jerk=math.inf), "jerk = inf mm/s³: must be finite"),
         (lambda: Group(vrot=0), "vrot = 0 deg/s: must be greater than 0 deg/s"),
-        (lambda: Group(smooth=0.5), "smooth = 0.5: must be a whole number, 0 to 100, or -1 for the jerk's"),
-        (lambda: Group(smooth=-2), "smooth = -2: must be a whole number, 0 to 100, or -1 for the jerk's"),
+        (lambda: Group(smooth=0.5), "smooth = 0.5: must be a whole number, 0 to 100, or -1 to use the jerk"),
+        (lambda: Group(smooth=-2), "smooth = -2: must be a whole number, 0 to 100, or -1 to use the jerk"),
         (lambda: Group(position_error=0), "position_error = 0 mm: must be greater than 0 mm"),
         (lambda: Group(position_error_delay=-1), "position_error_delay = -1: must be at least 0"),
         (lambda: Group(position_error_delay=1.5), "position_error_delay = 1.5: must be a whole number"),

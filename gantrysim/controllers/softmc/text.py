@@ -1,4 +1,4 @@
-"""MC-Basic lines into commands."""
+"""Parser of MC-Basic lines."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from gantrysim.controllers.softmc.commands import Circle, Command, Move
-from gantrysim.controllers.softmc.errors import SoftMCError
+from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.errors import InputError, unknown
@@ -42,7 +41,7 @@ SPEEDS = SpeedWords(word=r"\b(?:Vtran|VCruise)\s*=", comment=r"'[^\n]*", key="ve
 
 @dataclass(frozen=True)
 class SourceLine:
-    """A command, and how an error is to call it."""
+    """A command, and its name in error messages."""
 
     where: str
     command: Command
@@ -51,10 +50,10 @@ class SourceLine:
 def read(program: str) -> tuple[SourceLine, ...]:
     """Return the commands of a text of MC-Basic lines.
 
-    Every line is a command, the group's name if any, and words with their values; what follows a ' is comment.
+    A line is a command, optionally the group's name, and words with values; a comment begins with an apostrophe.
 
     Raises:
-        SoftMCError: a line that is none of this.
+        SoftMCError: a line that is not a command.
     """
     commands, group = [], None
     for number, line in enumerate(program.splitlines(), 1):
