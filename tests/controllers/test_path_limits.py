@@ -70,7 +70,7 @@ def axes_of(path, s, piece=None):
     if piece is not None:
         edges = np.concatenate([[0.0], path.ends])
         at = np.clip(s, edges[piece] + 1e-9, edges[piece + 1] - 1e-9)
-    return path.tangent(at), path.local(at).bend
+    return path.tangent(at), path.local(at).curvature
 
 
 def moved(law, position, velocity, acceleration):

@@ -140,7 +140,7 @@ def test_helix_in_closed_form(plane, sense):
     assert path.curvature(s) == pytest.approx(np.full(50, sense / speed), rel=1e-12)
     # the whole curvature vector of a helix points to its axis and is r / (r^2 + h^2)
     inward = -(np.cos(psi) * u + np.sin(psi) * v)
-    assert path.local(s).bend == pytest.approx(radius / speed**2 * inward, abs=UNIT)
+    assert path.local(s).curvature == pytest.approx(radius / speed**2 * inward, abs=UNIT)
 
 
 def test_archimedes_cone_in_closed_form():
@@ -294,7 +294,7 @@ def test_pieces_of_no_length_are_left_out():
     assert path.pieces == tuple(kept)
     assert path.ends == pytest.approx([5, 8], abs=POSITION)
     for empty in ([], nothing):
-        with pytest.raises(InputError, match=r"^chain: has no piece of any length$"):
+        with pytest.raises(InputError, match=r"^chain: must have a piece of positive length$"):
             Chain(empty)
 
 
@@ -331,9 +331,9 @@ def test_pieces_of_unknown_kind_or_arguments_are_named():
         ({"angle": -math.inf}, r"^coil: angle = -inf: must be finite$"),
         ({"rise": math.nan}, r"^coil: rise = nan: must be finite$"),
         ({"radius": (5.0, -1.0)}, r"^coil: radius = -1 mm: must be at least 0 mm$"),
-        ({"angle": 0.0, "rise": 1.0}, r"^coil: angle = 0 rad: must turn where the radius or the height changes$"),
+        ({"angle": 0.0, "rise": 1.0}, r"^coil: angle = 0 rad: must not be 0 where the radius or the height changes$"),
         ({"angle": 0.0, "radius": (5.0, 6.0)}, r"^coil: angle = 0 rad"),
-        ({"frame": ((1, 0, 0), (1, 1, 0))}, r"^coil: frame = .*: must be two unit vectors at a right angle$"),
+        ({"frame": ((1, 0, 0), (1, 1, 0))}, r"^coil: frame = .*: must be two orthogonal unit vectors$"),
         ({"frame": ((1, 0, 0), (0, 2, 0))}, r"^coil: frame = "),
         ({"frame": ((1, 0, 0), (0, math.nan, 0))}, r"^coil: frame = "),
     ],
@@ -401,7 +401,7 @@ def test_point_off_a_coil_projects_onto_its_nearest_point(coil, fraction, across
     assert np.linalg.norm(foot.offset[0]) == pytest.approx(foot.distance[0], abs=POSITION)
     assert point - foot.offset[0] == pytest.approx(path.position(foot.s)[0], abs=POSITION)
     inside = 1e-6 < foot.s[0] < path.length - 1e-6
-    curved = np.linalg.norm(path.local(foot.s).bend[0]) * foot.distance[0] > 0.9
+    curved = np.linalg.norm(path.local(foot.s).curvature[0]) * foot.distance[0] > 0.9
     if inside and not curved:  # the offset is square to the path
         assert foot.offset[0] @ path.tangent(foot.s)[0] == pytest.approx(0, abs=1e-6)
 
