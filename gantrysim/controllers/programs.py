@@ -1,4 +1,4 @@
-"""The motion controllers' programs, by the names that jobs give them."""
+"""The registry of motion controllers, by the names in job files."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
     """Return a controller with its program.
 
     Raises:
-        InputError: no such controller, or a program that it refuses.
-        pydantic.ValidationError: an argument that is missing, unknown or of another type.
+        InputError: an unknown controller, or a program that it refuses.
+        pydantic.ValidationError: a missing or unknown argument, or one of the wrong type.
     """
     if name not in PROGRAMS:
         raise unknown("controller", name, PROGRAMS)
@@ -42,13 +42,13 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
 
 
 def keys(name: str) -> list[str]:
-    """Return the dotted names of a program's arguments, those of its parts included; none where there is no such."""
+    """Return the dotted names of a program's arguments, including nested ones; none of an unknown program."""
     return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []
 
 
 @cache
 def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
-    """Return the dotted names of a dataclass' fields, those of its parts included."""
+    """Return the dotted names of a dataclass' fields, including nested ones."""
     hints, names = get_type_hints(table), []
     for field in fields(table):
         names.append(prefix + field.name)
@@ -59,7 +59,7 @@ def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
 
 
 def described(kind: type[Any]) -> dict[str, str]:
-    """Return what the docstring of a dataclass says of each of its fields."""
+    """Return the description of every field in a dataclass' docstring."""
     listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(kind) or "")[-1].split("\n\n")[0]
     entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
     return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}

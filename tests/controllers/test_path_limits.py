@@ -350,7 +350,7 @@ def test_limits_that_leave_no_way_on_are_refused():
         (20.0, math.inf, 0.0, "0"),
     ):
         with pytest.raises(
-            InputError, match=rf"^speed = 0 mm/s at {place} mm of the path: the limits leave no way on$"
+            InputError, match=rf"^speed = 0 mm/s at {place} mm of the path: the limits allow no motion$"
         ):
             fastest(s, speed, rate, 0 * rate, [velocity], [acceleration])
 
@@ -411,7 +411,7 @@ def test_nodes_hold_both_ends_of_every_piece_and_lie_no_farther_apart_than_asked
 
 
 def test_a_path_too_long_to_be_looked_at_is_refused():
-    with pytest.raises(InputError, match=r"path of 1e\+09 mm in 1 pieces: needs 5e\+08 places .* at most 2e\+06"):
+    with pytest.raises(InputError, match=r"path of 1e\+09 mm in 1 pieces: needs 5e\+08 nodes .* at most 2e\+06"):
         nodes([1e9], 2.0)
 
 

@@ -158,7 +158,7 @@ def test_acceleration_of_a_ramp_is_a_trapezoid_whose_sides_take_their_share(rise
     # a difference over 1/2000 of the ramp cuts a corner of the trapezoid by an eighth of the side's step
     assert np.diff(v) / (time / 2000) == pytest.approx(expected, abs=acceleration / 8 / 2000 / rise * 1.01)
     assert shape.velocity(np.array([0, 0.5, 1]), speed, acceleration) == pytest.approx([0, 0.5, 1], abs=1e-15)
-    assert shape.way(np.array([0, 1.0]), speed, acceleration) == pytest.approx([0, 0.5], abs=1e-15)
+    assert shape.distance(np.array([0, 1.0]), speed, acceleration) == pytest.approx([0, 0.5], abs=1e-15)
 
 
 def test_a_share_of_the_acceleration_stretches_the_ramp():

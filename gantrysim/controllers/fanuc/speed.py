@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
 from gantrysim.controllers.fanuc.legs import Leg
-from gantrysim.controllers.limits import Limited, fastest, nodes
+from gantrysim.controllers.limits import MARGIN, Limited, fastest, nodes
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Coil, Line
 from gantrysim.errors import InputError
@@ -23,7 +23,6 @@ _TANGENT = 1e-4  # corner that is none [rad]
 _REACH = 1e-3  # of the differences that stand for a second derivative [mm]
 _CONICAL = 5e-7  # error of a cone's squared speed between two nodes, where F counts in the plane
 _RAMP = (1.0, 0.25, 0.0625)  # of the way of a ramp, looked at as well
-_IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
 _STRAIGHT = 1e-12  # [1/mm], of a bend that is none
 _APART = 1e-9  # [mm], of nodes that are two
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
@@ -95,7 +94,7 @@ class Planner:
         added, of = [s], [piece]
         for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
             steepest = np.abs(self._chain.tangent(self._within(edge, k))).max(axis=1)
-            way = fastest_feed**2 * steepest / (2 * self._limit * (1 - _IN_HAND))
+            way = fastest_feed**2 * steepest / (2 * self._limit * (1 - MARGIN))
             for share in _RAMP:
                 inside = share * way < np.diff(edges)
                 added.append((edge + inward * share * way)[inside])
