@@ -155,14 +155,14 @@ def fastest(
         return Limited(s, np.sqrt(top))
     finite = np.isfinite(limit)
     top[-1] = min(top[-1], end**2)
-    rows = s, first[:, finite], second[:, finite]
-    square = _backward(*map(np.ascontiguousarray, rows), top, limit[finite])
+    forward = s, first[:, finite], second[:, finite], top, limit[finite]
+    square = _backward(*map(np.ascontiguousarray, forward))
     if begin**2 > square[0] * (1 + 1e-9) + 1e-12:
         raise InputError(f"speed at the start = {begin:g} mm/s: must be at most {np.sqrt(square[0]):g} mm/s")
     square[0] = min(square[0], begin**2)
     # the forward pass is the backward one of the reversed path, along which s and q' change their signs
-    mirrored = -s[::-1], -first[::-1, finite], second[::-1, finite]
-    square = _backward(*map(np.ascontiguousarray, mirrored), np.ascontiguousarray(square[::-1]), limit[finite])
+    reverse = -s[::-1], -first[::-1, finite], second[::-1, finite], square[::-1], limit[finite]
+    square = _backward(*map(np.ascontiguousarray, reverse))
     return Limited(s, np.sqrt(square[::-1]))
 
 
