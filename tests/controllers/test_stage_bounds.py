@@ -51,40 +51,40 @@ def test_travel_that_is_met_exactly_is_enough():
         (
             {"travel_x": (-100, 100)},
             "outline piece 1 of 8, at 0 mm: needle (-200, 0) mm needs stage x = 150 mm at th = 0 deg: "
-            "must lie in -100 to 100 mm; move the needle, the work centre or the centre of rotation",
+            "must be from -100 to 100 mm; move the needle, the work centre or the centre of rotation",
         ),
         (
             {"travel_y": (-170, 169)},
             "outline piece 6 of 8, at 207.1 mm: needle (-200, 0) mm needs stage y = 170 mm at th = 270 deg: "
-            "must lie in -170 to 169 mm; move the needle, the work centre or the centre of rotation",
+            "must be from -170 to 169 mm; move the needle, the work centre or the centre of rotation",
         ),
         (
             {"travel_y": (-100, math.inf)},
             "outline piece 2 of 8, at 55.71 mm: needle (-200, 0) mm needs stage y = -170 mm at th = 90 deg: "
-            "must lie in -100 to inf mm; move the needle, the work centre or the centre of rotation",
+            "must be from -100 to inf mm; move the needle, the work centre or the centre of rotation",
         ),
-        ({"travel_x": (3, 1)}, "travel_x = (3, 1) mm: must be a lower and a higher limit"),
-        ({"travel_y": (1, 1)}, "travel_y = (1, 1) mm: must be a lower and a higher limit"),
-        ({"travel_y": (1, 2, 3)}, "travel_y = (1, 2, 3) mm: must be a lower and a higher limit"),
-        ({"travel_x": (math.nan, 1)}, "travel_x = (nan, 1) mm: must be a lower and a higher limit"),
+        ({"travel_x": (3, 1)}, "travel_x = (3, 1) mm: must be a lower and an upper limit"),
+        ({"travel_y": (1, 1)}, "travel_y = (1, 1) mm: must be a lower and an upper limit"),
+        ({"travel_y": (1, 2, 3)}, "travel_y = (1, 2, 3) mm: must be a lower and an upper limit"),
+        ({"travel_x": (math.nan, 1)}, "travel_x = (nan, 1) mm: must be a lower and an upper limit"),
         (
             {"corner_radius": 31},
-            "corner_radius = 31 mm: must be at most 30 mm, for which edge 1 of 60 mm has room",
+            "corner_radius = 31 mm: must be at most 30 mm for edge 1 of 60 mm",
         ),
         (
             {"corners": ((0, 0), (100, 0), (100, 2), (50, 60), (0, 80)), "corner_radius": 20},
-            "corner_radius = 20 mm: must be at most 1.45822 mm, for which edge 2 of 2 mm has room",
+            "corner_radius = 20 mm: must be at most 1.45822 mm for edge 2 of 2 mm",
         ),
         (  # edge 1 lacks most, and edge 4 has room for less
             {"corners": ((-28, -71), (3, 94), (-27, 77), (-24, 64)), "corner_radius": 20},
-            "corner_radius = 20 mm: must be at most 10.4569 mm, for which edge 4 of 135.059 mm has room",
+            "corner_radius = 20 mm: must be at most 10.4569 mm for edge 4 of 135.059 mm",
         ),
         ({"corners": ((0, 0), (100, 0))}, "outline of 2 corners: must have at least 3"),
-        ({"corners": ((0, 0), (9, 0), (9, 0), (0, 5))}, "outline: corners 2 and 3 are one point"),
-        ({"corners": ((0, 0), (9, 0), (9, 9), (0, 0))}, "outline: corners 4 and 1 are one point"),
+        ({"corners": ((0, 0), (9, 0), (9, 0), (0, 5))}, "outline: corners 2 and 3 coincide"),
+        ({"corners": ((0, 0), (9, 0), (9, 9), (0, 0))}, "outline: corners 4 and 1 coincide"),
         (
             {"corners": ((0, 0), (100, 0), (50, 0))},
-            "outline: encloses no area; its corners must not lie on one line, nor its edges cross",
+            "outline: has no area: its corners must not be collinear, nor its edges cross",
         ),
         ({"corners": ((0, 0), (100, 0), (50, 0), (50, 50))}, "outline: doubles back at corner 2"),
         ({"corners": ((50, 50), (0, 0), (100, 0), (50, 0))}, "outline: doubles back at corner 3"),
@@ -97,11 +97,11 @@ def test_travel_that_is_met_exactly_is_enough():
             "outline: edges 1 and 3 cross: must not",
         ),
         ({"corners": ((0, 0), (1, math.inf), (5, 5))}, "outline corner 2 y = inf mm: must be finite"),
-        ({"blend": 1e4}, "blend = 10000 mm: must be at most the outline, 302.832 mm"),
+        ({"blend": 1e4}, "blend = 10000 mm: must be at most the length of the outline, 302.832 mm"),
         ({"blend": -1}, "blend = -1 mm: must be at least 0 mm"),
         (
             {"blend": 1, "corner_pieces": 2},
-            "blend = 1 mm: must be 0 mm where corner_pieces is 2; linear pieces are not eased",
+            "blend = 1 mm: must be 0 mm where corner_pieces is 2; linear pieces are not blended",
         ),
         ({"velocity": (1, 2)}, "velocity of 2 values: must be three, of th, x and y"),
         ({"velocity": (1, -2, 3)}, "velocity of x = -2 mm/s: must be greater than 0 mm/s"),
@@ -169,5 +169,5 @@ def test_an_outline_whose_edges_cross_is_refused(corners, said):
 
 def test_an_outline_that_touches_itself_and_winds_twice_is_refused():
     corners = ((0, 0), (60, 0), (60, 60), (0, 60), (0, 0), (30, 0), (30, 30), (0, 30))  # two squares by one corner
-    with pytest.raises(InputError, match=r"^outline: (turns by 720 deg in all: must not cross itself|.* one point)"):
+    with pytest.raises(InputError, match=r"^outline: (turns by 720 deg in total: must not cross itself|.* coincide)"):
         OutlineTrace(corners=corners, corner_radius=2)

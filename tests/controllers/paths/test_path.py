@@ -277,9 +277,7 @@ def test_points_of_a_wrong_shape_or_not_finite_are_named(points, shape):
     ],
 )
 def test_chain_of_wrong_pieces_is_named(curvature, lengths, counts):
-    with pytest.raises(
-        InputError, match=f"arc chain: {counts}: must be as many, at least one, and no length negative"
-    ):
+    with pytest.raises(InputError, match=f"arc chain: {counts}: must be as many, at least one, and no length negative"):
         ArcChain([0, 0], 0, curvature, lengths)
 
 
