@@ -119,7 +119,7 @@ def test_the_rotary_axis_stands_while_a_corner_is_rounded():
         ),
         (
             "G41 D1 G01 X0 Y0 F600\nX40\nN5 Y3\nX0\nG40 Y20",
-            "alarm 041 INTERFERENCE IN CUTTER COMPENSATION in block N5 (line 3): straight move is too short for the "
+            "alarm 041 INTERFERENCE IN CUTTER COMPENSATION in block N5 (line 3): straight move too short for the "
             "offset of 5 mm at its corners",
         ),
         (
@@ -129,12 +129,12 @@ def test_the_rotary_axis_stands_while_a_corner_is_rounded():
         ),
         (
             "G41 D1 G01 X0 Y0 F600\nX40\nN5 G40 G02 X60 Y0 I10",
-            "alarm 034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block N5 (line 3): cutter compensation begins and ends in "
+            "alarm 034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block N5 (line 3): cutter compensation begins or ends in "
             "an arc: must be in a straight move",
         ),
         (
             "G41 D7 G01 X0 Y0 F600",
-            "alarm 009 ILLEGAL ADDRESS INPUT in block 1 (line 1): D7: has no offset; the program's offsets are 1",
+            "alarm 009 ILLEGAL ADDRESS INPUT in block 1 (line 1): D7: must be one of the program's offsets, 1",
         ),
     ],
 )

@@ -123,7 +123,7 @@ def test_the_rotary_axis_never_passes_its_limits(blocks, fastest, steepest, blen
         ({"rotary_acceleration": -1}, "rotary_acceleration = -1 deg/s²: must be greater than 0 deg/s²"),
         (
             {"rotary_acceleration": 100},
-            "rotary_acceleration = 100 deg/s²: must come with a finite acceleration, at which the path slows for it",
+            "rotary_acceleration = 100 deg/s²: must have a finite acceleration, with which the path slows for it",
         ),
     ],
 )

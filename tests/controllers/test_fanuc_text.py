@@ -58,20 +58,19 @@ def test_nothing_after_the_end_moves(end):
         ("X123456789", "003 TOO MANY DIGITS in block 1 (line 1): X123456789: must have 8 digits at most"),
         (
             "N7 5 X3",
-            "004 ADDRESS NOT FOUND in block N7 (line 1): '5 X3' does not begin with a letter: every number must "
-            "have its address",
+            "004 ADDRESS NOT FOUND in block N7 (line 1): '5 X3' has no address: must begin with a letter",
         ),
         ("X", "005 NO DATA AFTER ADDRESS in block 1 (line 1): address X has no number"),
         (
             "X--1",
-            "006 ILLEGAL USE OF NEGATIVE SIGN in block 1 (line 1): X--: a sign must stand once, before the number",
+            "006 ILLEGAL USE OF NEGATIVE SIGN in block 1 (line 1): X--: must be one sign at most, before the number",
         ),
         (
             "X1.2.3",
-            "007 ILLEGAL USE OF DECIMAL POINT in block 1 (line 1): X1.2.: a number must have one decimal point at most",
+            "007 ILLEGAL USE OF DECIMAL POINT in block 1 (line 1): X1.2.: must have one decimal point at most",
         ),
-        ("G01 X5 F60 Q3", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address Q has no use in G01"),
-        ("X5 X6", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address X stands twice in the block"),
+        ("G01 X5 F60 Q3", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address Q is not used in G01"),
+        ("X5 X6", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address X is given twice in the block"),
         (
             "\nN3 E5",
             "009 ILLEGAL ADDRESS INPUT in block N3 (line 2): address 'E': must be one of A, B, C, D, F, G, "
@@ -84,7 +83,7 @@ def test_nothing_after_the_end_moves(end):
         ),
         (
             "G01 X10",
-            "011 NO FEEDRATE COMMANDED in block 1 (line 1): a motion at feed must come with F, in it or before it",
+            "011 NO FEEDRATE COMMANDED in block 1 (line 1): a motion at feed must have an F, in its block or before",
         ),
         ("G01 X10 F0", "011 NO FEEDRATE COMMANDED in block 1 (line 1): F = 0: must be greater than 0"),
         (
@@ -98,7 +97,8 @@ def test_nothing_after_the_end_moves(end):
         ),
         (
             "G02 X0 Y0 I5 K2 F10",
-            "021 ILLEGAL PLANE AXIS COMMANDED in block 1 (line 1): address K in G17: the centre is given by I and J",
+            "021 ILLEGAL PLANE AXIS COMMANDED in block 1 (line 1): address K in G17: the centre must be given by I "
+            "and J",
         ),
         (
             "G02 X10 F10",
@@ -107,7 +107,7 @@ def test_nothing_after_the_end_moves(end):
         ),
         (
             "G41 D1 G02 X10 I5 F10",
-            "034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block 1 (line 1): cutter compensation begins and ends in an arc: "
+            "034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block 1 (line 1): cutter compensation begins or ends in an arc: "
             "must be in a straight move",
         ),
         (
@@ -127,7 +127,7 @@ def test_nothing_after_the_end_moves(end):
         (
             "G41 D1 G01 Y10 F100\nN20 G02 X10 Y10 I10 Q-10",
             "5124 CAN NOT COMMAND SPIRAL in block N20 (line 2): end at the centre under cutter compensation: "
-            "must be off it",
+            "must be away from it",
         ),
     ],
 )
@@ -180,11 +180,11 @@ def test_what_rounding_leaves_of_incremental_coordinates_is_no_motion(before):
 
 def test_the_rotary_axis_has_a_word_and_a_name_of_its_own():
     assert Program("G01 X5 A90 F60", rotary_word="A", rotary_axis="th").axes == ("x", "y", "th")
-    with pytest.raises(ValueError, match=r"alarm 009 .* address C has no use in G01"):
+    with pytest.raises(ValueError, match=r"alarm 009 .* address C is not used in G01"):
         Program("G01 X5 C90 F60", rotary_word="A")
     with pytest.raises(ValueError, match="rotary_word = 'X': must be one of A, B, C"):
         Program("G01 X5 F60", rotary_word="X")
-    with pytest.raises(ValueError, match="rotary_axis = 'x': must be none of x, y, z"):
+    with pytest.raises(ValueError, match="rotary_axis = 'x': must not be one of x, y, z"):
         Program("G01 X5 C90 F60", rotary_axis="x")
 
 

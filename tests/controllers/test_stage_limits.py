@@ -143,8 +143,8 @@ def test_the_time_where_the_tables_velocity_is_limited():
     slow = math.radians(100) * 10
     assert trace.duration == pytest.approx(240 / 50 + 20 * math.pi / slow, rel=1e-9)
     assert trace.notes == (
-        "speed: the axes' limits make it 8.400 s instead of 6.057 s, 28 % of the mean speed lost, "
-        "down to 17.5 mm/s at 40.0 mm of the outline",
+        "speed: the axes' limits increase the duration from 6.057 s to 8.400 s and reduce the mean speed by 28 %; "
+        "lowest speed 17.5 mm/s at 40.0 mm of the outline",
     )
     t = np.linspace(0, trace.duration, 1001)
     speed = trace.profile.velocity(t)
