@@ -15,17 +15,7 @@ from gantrysim.errors import InputError, positive
 
 
 class Recorded(Protocol):
-    """What a controller reads of a run for its own record; arrays have one row per servo tick.
-
-    Attributes:
-        axes: names of the axes.
-        units: their units u, "mm" or "deg".
-        period: servo period [s].
-        time: (n,) [s].
-        commanded: commanded positions, (n, axes) [u].
-        commanded_tip: nozzle position that they command, (n, 3) [mm].
-        encoder: measured positions, (n, axes) [u].
-    """
+    """The attributes of a `Run` that a controller can record."""
 
     @property
     def axes(self) -> tuple[str, ...]: ...

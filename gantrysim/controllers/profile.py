@@ -66,20 +66,9 @@ class Constant:
         return np.where((at >= 0) & (at <= self.duration), self.speed, 0.0)
 
 
-class Shape(Protocol):
-    """Shape of a ramp from 0 to the speed V with an acceleration of at most A.
-
-    Every shape is odd about its middle, so that a ramp of the time T covers the distance V T / 2.
-    """
-
-    def time(self, speed: float, acceleration: float) -> float:
-        """Time T of the ramp [s]."""
-
-    def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
-        """Speed as a share of V after the share x of T."""
-
-    def distance(self, x: Floats, speed: float, acceleration: float) -> Floats:
-        """Distance as a share of V T after the share x of T."""
+# Shapes of a ramp from 0 to the speed V with an acceleration of at most A. With the time T of the ramp, `velocity` is
+# the share of V and `distance` the share of V T after the share x of T. Every shape is odd about its middle, so that a
+# ramp covers the distance V T / 2.
 
 
 @dataclass(frozen=True)
@@ -157,6 +146,9 @@ class Jerk:
 
     def distance(self, x: Floats, speed: float, acceleration: float) -> Floats:
         return self._ramp(speed, acceleration).distance(x, speed, acceleration)
+
+
+Shape = Ramp | Sine | Jerk
 
 
 @dataclass(frozen=True)

@@ -101,21 +101,19 @@ class Setpoints:
 
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
-        count = ticks(at_least("hold", duration, 0, "s"), self.period)
-        if not count:
-            return self
-        position = np.concatenate([self.position, np.repeat(self.position[-1:], count, axis=0)])
-        dispense = np.concatenate([self.dispense, np.zeros(count, bool)])
-        return replace(self, position=position, dispense=dispense)
+        return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
 
     def wait(self, duration: float) -> Setpoints:
         """Return these setpoints after a hold of the first position for `duration` [s], the dispenser off."""
-        count = ticks(at_least("wait", duration, 0, "s"), self.period)
-        if not count:
+        return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
+
+    def _padded(self, before: int, after: int) -> Setpoints:
+        if not before and not after:
             return self
-        position = np.concatenate([np.repeat(self.position[:1], count, axis=0), self.position])
-        dispense = np.concatenate([np.zeros(count, bool), self.dispense])
-        return replace(self, position=position, dispense=dispense, gates=self.gates + count)
+        position = np.pad(self.position, ((before, after), (0, 0)), "edge")
+        return replace(
+            self, position=position, dispense=np.pad(self.dispense, (before, after)), gates=self.gates + before
+        )
 
     @classmethod
     def along(

@@ -71,7 +71,6 @@ def test_length_and_time_of_the_eight_half_circles():
     assert flat == pytest.approx(1727.876, abs=5e-4)
     assert program.requested.length == pytest.approx(1728.458, abs=5e-4)
     assert program.duration == pytest.approx(3.590, abs=5e-4)
-    assert program.generated is program.requested
 
 
 def test_circle_by_points():

@@ -54,7 +54,8 @@ class Circle(Nodal):
                 f"plane = {self.plane} ({PLANES[self.plane]}) with a circle through points: must be omitted; "
                 "the three points define the plane"
             )
-        _check_coordinates(self, "centre", "via", "target")
+        for name in ("centre", "via", "target"):
+            object.__setattr__(self, name, _coordinates(name, getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -69,17 +70,15 @@ class Move(Nodal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_coordinates(self, "target")
+        object.__setattr__(self, "target", _coordinates("target", self.target))
 
 
 Command = Circle | Move
 
 
-def _check_coordinates(command: Command, *names: str) -> None:
-    for name in names:
-        values = getattr(command, name)
-        if values is None:
-            continue
-        if isinstance(values, str) or not hasattr(values, "__iter__"):
-            raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
-        object.__setattr__(command, name, tuple(finite(f"coordinate of {name}", value) for value in values))
+def _coordinates(name: str, values: Coordinates | None) -> Coordinates | None:
+    if values is None:
+        return None
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
+        raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
+    return tuple(finite(f"coordinate of {name}", value) for value in values)

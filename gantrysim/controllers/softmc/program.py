@@ -130,11 +130,6 @@ class Program(Controller):
         return Chain(leg.path.piece for leg in self.legs if leg.path.piece is not None)
 
     @property
-    def generated(self) -> Chain:
-        """The commanded path: exactly the requested one."""
-        return self.requested
-
-    @property
     def duration(self) -> float:
         """Duration of the motion, without waits for the next servo tick and for settling [s]."""
         return sum(leg.profile.duration for leg in self.legs)
