@@ -10,7 +10,7 @@ from gantrysim.errors import InputError
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         (
             "Circle G1 CirclePoint={1, 0} TargetPoint={2, 0}",
@@ -112,20 +112,20 @@ from gantrysim.errors import InputError
         ("Move G2 {1, 2}", "group G2: must be G1, as in the lines before; a program moves one group"),
     ],
 )
-def test_a_line_that_cannot_be_run_is_told_with_its_number_and_text(line, said):
+def test_an_invalid_line_is_reported_with_its_number_and_text(line, message):
     with pytest.raises(SoftMCError) as caught:
         Program(f"Move G1 {{0, 0}}\n\n  {line}  ' as the operator typed it\nMove {{5, 5}}")
-    assert str(caught.value) == f'line 3 "{line}": {said}'
+    assert str(caught.value) == f'line 3 "{line}": {message}'
 
 
-def test_a_line_without_a_group_does_not_make_it_another():
+def test_a_line_without_a_group_uses_the_one_before():
     assert len(Program("Move G1 {1, 1}\nMove {2, 2}\nmove g1 {3, 3}\nMOVE {4, 4}").legs) == 4
     with pytest.raises(SoftMCError, match=r'^line 3 "Move G2 \{3, 3\}": group G2: must be G1, as in the lines before'):
         Program("Move G1 {1, 1}\nMove {2, 2}\nMove G2 {3, 3}")
 
 
 @pytest.mark.parametrize(
-    ("commands", "start", "said"),
+    ("commands", "start", "message"),
     [
         (
             [Move((1, 1)), Circle(angle=90, centre=(1, 1), velocity=5)],
@@ -152,14 +152,14 @@ def test_a_line_without_a_group_does_not_make_it_another():
         ),
     ],
 )  # fmt: skip
-def test_a_command_that_cannot_be_run_is_told_with_its_number(commands, start, said):
+def test_an_invalid_command_is_reported_with_its_number(commands, start, message):
     with pytest.raises(SoftMCError) as caught:
         Program(commands, start=start)
-    assert str(caught.value) == said
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda: Program("Move {1, 1}", start=(0,)), "start = (0,): must be 2 to 4 numbers, x, y[, z[, r]]"),
         (lambda: Program("Move {1, 1}", start=3), "start = 3: must be 2 to 4 numbers, x, y[, z[, r]]"),
@@ -192,8 +192,8 @@ def test_a_command_that_cannot_be_run_is_told_with_its_number(commands, start, s
         (lambda: Circle(90, (1, None)), "coordinate of centre = None: must be a number"),
     ],
 )
-def test_a_value_out_of_its_bound_is_named(make, said):
-    with pytest.raises(InputError, match=f"^{re.escape(said)}$"):
+def test_a_value_out_of_its_bound_is_named(make, message):
+    with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
         make()
 
 

@@ -94,7 +94,7 @@ def test_deceleration_is_the_acceleration_unless_it_is_given():
     assert line(velocity=200, acceleration=1000, deceleration=2000).duration == pytest.approx(0.65)
 
 
-def test_a_short_way_does_not_reach_the_speed():
+def test_a_short_distance_does_not_reach_the_speed():
     program = line(4.0, velocity=200, acceleration=1000)
     assert program.duration == pytest.approx(2 * math.sqrt(4 / 1000))
     assert np.diff(ways(program)).max() / PERIOD < math.sqrt(4 * 1000)
@@ -164,7 +164,7 @@ def test_velocity_acceleration_and_jerk_stay_within_their_limits(program):
 
 @given(programs())
 @settings(max_examples=60, deadline=None)
-def test_the_path_speed_in_the_cruise_is_the_one_commanded(program):
+def test_the_cruise_speed_is_the_commanded_one(program):
     way = np.diff(ways(program)) / PERIOD
     first = 0
     for leg in program.legs:
@@ -184,7 +184,7 @@ def test_the_spiral_of_half_circles_cruises_at_its_speed():
     assert speed.max() < 500 * (1 + CRUISE)
 
 
-def test_vmax_caps_the_speed_without_a_word():
+def test_vmax_caps_the_speed_silently():
     def fastest(**group):
         return np.diff(ways(line(velocity=300, acceleration=10000, **group))).max() / PERIOD
 
@@ -231,7 +231,7 @@ def test_every_command_starts_at_the_tick_at_which_the_one_before_has_ended():
     assert setpoints.requested is program.requested
 
 
-def test_orientation_turns_with_the_angle_and_along_the_way():
+def test_orientation_turns_in_proportion_to_the_path_length():
     program = Program([Circle(270, (0, 50, 20, 135)), Move((0, 0, 0, 45))], start=(0, 0, 0, 0))
     setpoints = program.setpoints(PERIOD)
     n = math.ceil(program.legs[0].profile.duration / PERIOD)
@@ -269,7 +269,7 @@ def test_the_orientation_alone_turns_in_place():
     assert len(program.requested.pieces) == 1
 
 
-def test_glue_is_laid_from_first_to_last_but_where_a_command_says_not():
+def test_glue_is_laid_throughout_unless_a_command_switches_it_off():
     everywhere = Program([Move((10, 0)), Move((10, 10)), Move((0, 10))])
     assert everywhere.setpoints(PERIOD).dispense.all()
     program = Program("Move {10, 0} Dispense=0\nMove {10, 10}\nMove {0, 10} Dispense=0")

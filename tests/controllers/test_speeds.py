@@ -87,7 +87,7 @@ def test_velocities_of_a_list_of_commands_change_too():
     assert faster.programmed_speed == 60
 
 
-def test_a_program_without_a_speed_has_no_other():
+def test_a_program_without_a_speed_cannot_be_scaled():
     rapid = fanuc.Program("G00 X10 Y10")
     with pytest.raises(InputError, match="program: states no path speed"):
         rapid.arguments_at(10.0)

@@ -12,7 +12,7 @@ from gantrysim.errors import InputError
 from support.outlines import POSITION, RECTANGLE, Rounded, on_the_work, traces
 
 
-def test_limits_of_the_travel_are_the_furthest_places_within_corners():
+def test_the_extremes_of_the_travel_are_within_corners():
     """With n_K at 45 deg the arc of radius 190 about its centre has its furthest place in the middle of a corner."""
     n = (-math.sqrt(0.5), math.sqrt(0.5))
     set_up = {"needle": (-200 * math.sqrt(0.5), 200 * math.sqrt(0.5)), "normal": n}
@@ -29,7 +29,7 @@ def test_limits_of_the_travel_are_the_furthest_places_within_corners():
 
 @given(traces())
 @settings(max_examples=40, deadline=None)
-def test_travel_is_held_to_the_furthest_place_of_any_outline(job):
+def test_travel_limits_hold_for_the_extremes_of_any_outline(job):
     trace = OutlineTrace(**job)
     s = np.concatenate(
         [np.linspace(a, b, 3001) for a, b in zip(trace.turning.s[:-1], trace.turning.s[1:], strict=True)]
@@ -41,12 +41,12 @@ def test_travel_is_held_to_the_furthest_place_of_any_outline(job):
             OutlineTrace(**job, travel_x=bad)
 
 
-def test_travel_that_is_met_exactly_is_enough():
+def test_travel_that_is_exactly_sufficient_is_accepted():
     OutlineTrace(travel_x=(-150, 150), travel_y=(-170, 170))
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         (
             {"travel_x": (-100, 100)},
@@ -123,13 +123,13 @@ def test_travel_that_is_met_exactly_is_enough():
         ({"speed": -1}, "speed = -1 mm/s: must be greater than 0 mm/s"),
     ],
 )
-def test_a_value_out_of_its_bound_is_named_in_full(changed, said):
+def test_a_value_out_of_its_bound_is_named_in_full(changed, text):
     with pytest.raises(InputError) as error:
         OutlineTrace(**changed)
-    assert str(error.value) == said
+    assert str(error.value) == text
 
 
-def test_the_largest_radius_that_is_offered_does_run():
+def test_the_suggested_largest_radius_is_accepted():
     corners = ((0, 0), (100, 0), (100, 2), (50, 60), (0, 80))
     assert OutlineTrace(corners=corners, corner_radius=1.4582).corner_radius == 1.4582
     corners = ((-28, -71), (3, 94), (-27, 77), (-24, 64))
@@ -137,7 +137,7 @@ def test_the_largest_radius_that_is_offered_does_run():
     assert OutlineTrace(corner_radius=30).requested.length == pytest.approx(2 * 40 + 60 * math.pi)
 
 
-def test_edges_of_no_length_between_their_arcs_are_none():
+def test_edges_of_zero_length_between_arcs_are_accepted():
     """A radius of half the height: the short edges are gone, and the long ones join half circles."""
     trace = OutlineTrace(corner_radius=30, acceleration=(3000.0, 3000.0, 3000.0))
     s = np.linspace(0, trace.requested.length, 2001)
@@ -145,7 +145,7 @@ def test_edges_of_no_length_between_their_arcs_are_none():
     assert np.all(np.diff(trace.turning.s) > 1)
 
 
-def test_a_corner_of_no_turn_is_none():
+def test_a_corner_without_a_turn_is_accepted():
     corners = ((-50, -30), (-50, 0), (-50, 30), (50, 30), (50, -30))
     trace = OutlineTrace(corners=corners)
     s = np.linspace(0, trace.requested.length, 2001)
@@ -156,14 +156,14 @@ def test_a_corner_of_no_turn_is_none():
 
 
 @pytest.mark.parametrize(
-    ("corners", "said"),
+    ("corners", "text"),
     [
         (((0, 0), (60, 0), (60, 60), (30, -30), (0, 60)), "edges 1 and 3 cross"),
         (((0, 0), (0, 60), (60, 0), (60, 90)), "edges 2 and 4 cross"),
     ],
 )
-def test_an_outline_whose_edges_cross_is_refused(corners, said):
-    with pytest.raises(InputError, match=f"^outline: {said}: must not$"):
+def test_an_outline_whose_edges_cross_is_refused(corners, text):
+    with pytest.raises(InputError, match=f"^outline: {text}: must not$"):
         OutlineTrace(corners=corners, corner_radius=2)
 
 

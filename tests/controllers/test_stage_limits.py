@@ -165,7 +165,7 @@ def test_the_time_where_an_axis_of_the_stage_has_a_velocity_limit(axis):
     assert 0 <= trace.duration - (240 / 50 + 4 * corner) <= 0.005 * 4 * corner
 
 
-def test_limits_that_do_not_bite_cost_nothing():
+def test_limits_above_the_demand_have_no_effect():
     trace = OutlineTrace(velocity=(300.0, 1000.0, 1000.0))
     assert trace.duration == pytest.approx(6.05664, abs=5e-6)
     assert trace.notes == ()
@@ -195,14 +195,14 @@ def test_blending_is_faster_than_stopping_and_leaves_the_needle_on_the_outline()
         f"blend: the normal at the needle deviates by up to {bound:.2f} deg",
     )
     assert trace.profile.slowest[0] > 10
-    # the slowest that is said is between the first rise and the last fall
+    # the slowest that is text is between the first rise and the last fall
     t = np.linspace(0.5, trace.duration - 0.5, 20_001)
     assert trace.profile.velocity(t).min() == pytest.approx(trace.profile.slowest[0], rel=1e-2)
 
 
 @given(traces(), st.floats(0.05, 3))
 @settings(max_examples=60, deadline=None)
-def test_a_blended_normal_is_off_by_no_more_than_its_bound(job, share):
+def test_a_blended_normal_deviates_by_no_more_than_its_bound(job, share):
     """By w / 8 r where all corners turn one way, and by twice that where some turn the other.
 
     The mean over a window w is off by the integral of half the second difference, (TH' after - TH' before) t, and

@@ -89,7 +89,7 @@ def test_the_generated_path_is_that_of_three_virtual_axes(job):
 
 @given(jobs(), st.floats(50, 300))
 @settings(max_examples=60, deadline=None)
-def test_setpoints_pass_the_joints_in_time_and_between_them_run_evenly(job, ticks):
+def test_setpoints_pass_the_joints_in_time_at_constant_speed_in_between(job, ticks):
     spiral = MoveSpiral(**job)
     place, z, time = pass_by_pass(spiral)
     setpoints = spiral.setpoints(time[-1] / ticks)
@@ -236,7 +236,7 @@ def test_the_requested_path_climbs_evenly_with_the_angle():
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_a_path_in_space_may_be_published_and_then_climbs_its_literal_four_circles(mode):
+def test_a_published_path_in_space_climbs_over_four_circles(mode):
     spiral = note(turns=2, thickness=10, as_published=True, mhelical_mode=mode)
     path = spiral.generated
     assert path.position(path.length)[0, 2] == pytest.approx(80)  # 40 mm in two turns, and four are run
@@ -258,7 +258,7 @@ def test_negative_ratios_still_climb():
     assert step == pytest.approx(-60 * x * turned, abs=1e-7)
 
 
-def test_a_mode_that_there_is_not_is_refused():
+def test_an_unknown_mode_is_refused():
     with pytest.raises(InputError) as error:
         note(mhelical_mode=3)
     assert str(error.value) == "mhelical_mode = 3: must be 0 (SPEED in space) or 1 (of the circle)"

@@ -51,7 +51,7 @@ def built(job):
 
 @given(jobs(accelerated=False))
 @settings(max_examples=60, deadline=None)
-def test_setpoints_are_the_stepped_controllers_without_accel(job):
+def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
     spiral, stepped = built(job), Controller(**job).run()
     commanded = places(spiral.setpoints(job["servo_period"]))
     assert np.abs(len(commanded) - len(stepped.places)) <= 1  # the end may round either way
@@ -63,7 +63,7 @@ def test_setpoints_are_the_stepped_controllers_without_accel(job):
 
 @given(jobs())
 @settings(max_examples=80, deadline=None)
-def test_setpoints_are_the_stepped_controllers_with_the_exact_law_within_a_tick(job):
+def test_setpoints_agree_with_the_stepped_controller_with_an_exact_profile_within_a_tick(job):
     spiral, stepped = built(job), Controller(**job).run()
     assume(stepped.ratios[-1] > 1e-3)
     commanded = places(spiral.setpoints(job["servo_period"]))
@@ -79,7 +79,7 @@ def test_setpoints_are_the_stepped_controllers_with_the_exact_law_within_a_tick(
 
 @pytest.mark.parametrize("servo_period", [0.0005, 0.001, 0.002])
 @pytest.mark.parametrize(("acceleration", "deceleration"), [(1000, None), (120, None), (1000, 300), (300, 1000)])
-def test_a_controller_of_whole_ticks_is_met_to_half_a_ticks_way(servo_period, acceleration, deceleration):
+def test_a_controller_of_whole_ticks_agrees_to_half_a_ticks_distance(servo_period, acceleration, deceleration):
     """Its virtual speed is changed at ticks alone, so that it agrees to the first order in the servo period."""
     job = {"diameter": 120, "turns": 4, "thickness": 10, "speed": 100, "servo_period": servo_period}
     job |= {"acceleration": acceleration, "deceleration": deceleration}
@@ -94,7 +94,7 @@ def test_a_controller_of_whole_ticks_is_met_to_half_a_ticks_way(servo_period, ac
 
 
 @pytest.mark.parametrize(("acceleration", "end", "places"), [(1000, 40.02 - 0.14j, 0.005), (120, 43.8 - 4.7j, 0.05)])
-def test_the_notes_ends_at_finite_accel(acceleration, end, places):
+def test_the_application_notes_end_points_at_finite_accel(acceleration, end, places):
     found = end_of(note(acceleration=acceleration))
     assert found.real == pytest.approx(end.real, abs=places)
     assert found.imag == pytest.approx(end.imag, abs=places)
@@ -157,7 +157,7 @@ def test_virtual_speed_is_continuous_within_accel_and_decel_and_ends_at_rest_at_
 
 
 @pytest.mark.parametrize("limit", ["acceleration", "deceleration"])
-def test_a_limit_alone_bites_and_the_other_end_is_free(limit):
+def test_a_single_limit_applies_at_its_own_end_only(limit):
     law = note(**{"acceleration": math.inf, "deceleration": math.inf, limit: 400.0}).passes.profile
     assert law.velocity(0.0) == (0.0 if limit == "acceleration" else pytest.approx(100 / note().ratios[0]))
     last = law.velocity(law.duration)
@@ -171,7 +171,7 @@ def test_a_limit_alone_bites_and_the_other_end_is_free(limit):
         assert law.velocity(law.duration - 0.1) == pytest.approx(40, rel=1e-6)
 
 
-def test_decel_other_than_accel_is_what_brakes():
+def test_braking_uses_decel():
     for deceleration in (200.0, 1000.0, 5000.0):
         law = note(acceleration=1000, deceleration=deceleration).passes.profile
         slope, _ = accelerations(law)
@@ -183,7 +183,7 @@ def test_decel_other_than_accel_is_what_brakes():
 
 
 @pytest.mark.parametrize("deceleration", np.geomspace(100, 3000, 60))
-def test_a_speed_that_could_not_be_braked_any_more_is_not_taken_up(deceleration):
+def test_a_speed_too_high_to_brake_is_not_reached(deceleration):
     """Without ACCEL a command jumps the speed, but for the last one to no more than DECEL can stop."""
     law = note(loop_period=1.0, deceleration=deceleration).passes.profile
     t = np.linspace(0, law.duration, 4001)
@@ -220,7 +220,7 @@ LEAST = r"must be at least 2\^-16, the resolution of CONNECT; "
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         (
             {"thickness": 14.9, "loop_period": 1.0},
@@ -250,8 +250,8 @@ LEAST = r"must be at least 2\^-16, the resolution of CONNECT; "
         ),
     ],
 )
-def test_a_ratio_that_falls_below_before_braking_names_the_remedies_that_help(changed, said):
-    with pytest.raises(InputError, match=f"^{said}$"):
+def test_a_ratio_that_falls_below_before_braking_names_the_remedies_that_help(changed, text):
+    with pytest.raises(InputError, match=f"^{text}$"):
         note(**changed)
 
 
@@ -268,7 +268,7 @@ def test_the_remedies_help(changed, remedy):
     assert note(**{**changed, **remedy}).ratios[-1] > 0
 
 
-def test_wa_waits_whole_milliseconds_cut_off():
+def test_wa_truncates_to_whole_milliseconds():
     free, cut = note(), note(wait_resolution=WHOLE_MS)
     waits = np.diff(cut.passes.time)
     assert np.round(waits / WHOLE_MS) * WHOLE_MS == pytest.approx(waits, abs=1e-9)
@@ -309,7 +309,7 @@ def test_ratio_bits_cost_at_most_half_a_bit_of_every_radius(job, bits):
     assert held.duration == exact.duration
 
 
-def test_ratio_bits_show():
+def test_the_error_of_ratio_bits_is_measurable():
     assert abs(end_of(note(ratio_bits=8)) - end_of(note())) > 1e-3
     assert 0 < abs(end_of(note(ratio_bits=16)) - end_of(note())) < 60 * 2**-16
 
@@ -345,7 +345,7 @@ def test_a_wait_cut_to_nothing_takes_a_servo_tick():
     assert places(spiral.setpoints(5e-4))[:-1] == pytest.approx(np.array(stepped.places)[:-1], abs=POSITION)
 
 
-def test_interpreter_time_adds_to_the_wait_that_is_left():
+def test_interpreter_time_adds_to_the_truncated_wait():
     """With WA cut to whole ms a pass lasts floor(100 x) ms + d."""
     d = 0.0004
     spiral = note(wait_resolution=WHOLE_MS, interpreter_time=d)
@@ -399,11 +399,11 @@ def test_real_speed_is_the_ratio_times_the_virtual_speed(job):
 
 
 def test_setpoints_of_another_period_than_the_servo_period_are_refused():
-    said = (
+    text = (
         r"^servo_period = 0\.001 s of the controller: must be that of the servo, 0\.0005 s, "
         r"or 0 s for a program that acts between ticks$"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=text):
         note(servo_period=1e-3).setpoints(5e-4)
     assert note(servo_period=1e-3).setpoints(1e-3).period == 1e-3
     assert note().setpoints(5e-4).period == 5e-4
@@ -413,7 +413,7 @@ NO_LOOP = "where loop_period is 0 s, the continuous limit"
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"acceleration": 100}, f"acceleration = 100 mm/s²: must be inf mm/s² {NO_LOOP}"),
         ({"deceleration": 50}, f"deceleration = 50 mm/s²: must be inf mm/s² {NO_LOOP}"),
@@ -425,17 +425,17 @@ NO_LOOP = "where loop_period is 0 s, the continuous limit"
         ({"height": 10, "mhelical_mode": 0}, "mhelical_mode = 0: must have a loop_period greater than 0 s"),
     ],
 )
-def test_the_continuous_limit_has_no_limits(changed, said):
+def test_the_continuous_limit_has_no_limits(changed, text):
     with pytest.raises(InputError) as error:
         note(loop_period=0, **changed)
-    assert str(error.value) == said
+    assert str(error.value) == text
     assert note(loop_period=0, acceleration=math.inf, deceleration=math.inf).duration == pytest.approx(
         10.0531, abs=5e-5
     )
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"acceleration": 0}, "acceleration = 0 mm/s²: must be greater than 0 mm/s²"),
         ({"acceleration": math.nan}, "acceleration = nan mm/s²: must be finite"),
@@ -450,10 +450,10 @@ def test_the_continuous_limit_has_no_limits(changed, said):
         ({"mhelical_mode": 2}, "mhelical_mode = 2: must be 0 (SPEED in space) or 1 (of the circle)"),
     ],
 )
-def test_a_limit_out_of_its_bound_is_named(changed, said):
+def test_a_limit_out_of_its_bound_is_named(changed, text):
     with pytest.raises(InputError) as error:
         note(**changed)
-    assert str(error.value) == said
+    assert str(error.value) == text
 
 
 def test_defaults_are_the_method_without_limits():
@@ -475,7 +475,7 @@ def test_defaults_are_the_method_without_limits():
     assert note().passes.time == pytest.approx(np.concatenate([[0], ends[:-1]]), abs=1e-9)
 
 
-def test_an_accel_so_small_that_the_loop_would_never_end_is_refused(monkeypatch):
+def test_an_accel_too_small_for_the_loop_to_end_is_refused(monkeypatch):
     for module in ("loop", "spiral"):
         monkeypatch.setattr(f"gantrysim.controllers.trio.{module}.MAX_PASSES", 2000)
     with pytest.raises(InputError, match=r"^ratio x = 0\.99\d+ at .* s: the circles must end within 2000 passes; use "):

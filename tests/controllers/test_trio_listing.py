@@ -140,7 +140,7 @@ HELIX = "listing: MHELIX is not a command of the controller; MHELICAL is used in
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         (
             {},
@@ -178,8 +178,8 @@ HELIX = "listing: MHELIX is not a command of the controller; MHELICAL is used in
         ),
     ],
 )
-def test_the_differences_of_the_listing_are_said_in_full(changed, said):
-    assert published(**changed).notes == said
+def test_the_differences_of_the_listing_are_said_in_full(changed, text):
+    assert published(**changed).notes == text
 
 
 def test_a_first_ratio_of_zero_is_refused_even_as_published():

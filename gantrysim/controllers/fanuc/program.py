@@ -60,7 +60,7 @@ class Program(Controller):
 
     Args:
         program: text, or blocks.
-        start: position at which it begins [mm].
+        start: initial position [mm].
         rapid: feed of G00 [mm/min].
         acceleration: of x, y and z each [mm/s²].
         end_point_tolerance: of a spiral's radius and height at its end, parameter 3471 [mm].
