@@ -15,7 +15,7 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import FRAMES
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Frame, Line, Vector
+from gantrysim.controllers.paths.pieces import Coil, Frame, Line, Vector, vector
 
 _GAP = 1e-6  # between two ends taken as one [mm]
 _SHARP = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off
@@ -71,7 +71,7 @@ def _level(place: Vector, height: Vector, leg: Leg) -> Vector:
     """A place in the plane of a motion, at another height."""
     u, v = np.array(getattr(leg.piece, "frame", FRAMES["xy"]))
     w = np.cross(u, v)
-    return _vector(np.array(place) + ((np.array(height) - place) @ w) * w)
+    return vector(np.array(place) + ((np.array(height) - place) @ w) * w)
 
 
 def _beside(leg: Leg) -> Line | Coil | None:
@@ -86,7 +86,7 @@ def _beside(leg: Leg) -> Line | Coil | None:
             raise leg.source.fail(41, f"radius = {smallest:.6g} mm: must be greater than the offset, {abs(d):g} mm")
         return replace(piece, radius=radius)
     shift = d * _normal(piece)
-    return replace(piece, start=_vector(np.add(piece.start, shift)), end=_vector(np.add(piece.end, shift)))
+    return replace(piece, start=vector(np.add(piece.start, shift)), end=vector(np.add(piece.end, shift)))
 
 
 def _normal(line: Line) -> Floats:
@@ -123,7 +123,7 @@ def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
     same = abs(before.compensation - leg.compensation) <= _GAP
     lines = isinstance(before.piece, Line) and isinstance(leg.piece, Line)
     if lines and same and (inside or abs(corner) <= _SHARP):
-        meeting = _vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
+        meeting = vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
         return _cut(before, _start(before), meeting), [_cut(leg, meeting, _end(leg))]
     if inside and abs(corner) > _SLIGHT:
         raise leg.source.fail(
@@ -139,8 +139,8 @@ def _bridge(before: Leg, leg: Leg, here: Vector, there: Vector, corner: float) -
     between those ends is no nearer to the corner than d.
     """
     extension = abs(leg.compensation) * min(math.tan(0.5 * min(corner, math.pi / 2)), 1.0)
-    out = _vector(here + extension * _direction(before, 1))
-    back = _vector(there - extension * _direction(leg, 0))
+    out = vector(here + extension * _direction(before, 1))
+    back = vector(there - extension * _direction(leg, 0))
     bridge = []
     for place in (out, back, there):
         if math.dist(here, place) > _GAP:
@@ -171,11 +171,11 @@ def _direction(leg: Leg, end: int) -> Floats:
     """Unit vector in the plane along a motion at its start, 0, or its end, 1."""
     u, v = np.array(_frame(leg))
     if isinstance(leg.piece, Line):
-        way = np.subtract(leg.piece.end, leg.piece.start)
+        tangent = np.subtract(leg.piece.end, leg.piece.start)
     else:
         chain = _chain(leg)
-        way = chain.tangent(end * chain.length)[0]
-    flat: Floats = (way @ u) * u + (way @ v) * v
+        tangent = chain.tangent(end * chain.length)[0]
+    flat = (tangent @ u) * u + (tangent @ v) * v
     return flat / np.linalg.norm(flat)
 
 
@@ -190,16 +190,11 @@ def _chain(leg: Leg) -> Chain:
 
 
 def _start(leg: Leg) -> Vector:
-    return leg.piece.start if isinstance(leg.piece, Line) else _vector(_chain(leg).position(0.0)[0])
+    return leg.piece.start if isinstance(leg.piece, Line) else vector(_chain(leg).position(0.0)[0])
 
 
 def _end(leg: Leg) -> Vector:
     if isinstance(leg.piece, Line):
         return leg.piece.end
     chain = _chain(leg)
-    return _vector(chain.position(chain.length)[0])
-
-
-def _vector(point: Floats) -> Vector:
-    x, y, z = np.asarray(point).tolist()
-    return x, y, z
+    return vector(chain.position(chain.length)[0])

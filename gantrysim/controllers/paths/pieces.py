@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gantrysim.controllers.paths.lengths import arc_length
 from gantrysim.errors import InputError
@@ -86,6 +87,12 @@ class Coil:
             raise InputError(f"coil: radius = {min(self.radius):g} mm: must be at least 0 mm")
         if not self.angle and (self.rise or self.radius[0] != self.radius[1]):
             raise InputError("coil: angle = 0 rad: must not be 0 where the radius or the height changes")
+
+
+def vector(point: ArrayLike) -> Vector:
+    """Return the first three numbers of an array as a vector."""
+    x, y, z = np.asarray(point)[:3].tolist()
+    return x, y, z
 
 
 def piece_from(arguments: Mapping[str, Any]) -> Line | Coil:

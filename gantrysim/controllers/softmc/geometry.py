@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, Vector
+from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, vector
 from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates, SoftMCError
 
 AXES = "xyzr"
@@ -78,7 +77,7 @@ def segment(command: Command, here: Floats, axes: int, absolute: bool) -> Segmen
 def _line(here: Floats, end: Floats) -> Segment:
     if np.linalg.norm(end[:3] - here[:3]) <= _NEAR:
         return Segment(None, np.array([*here[:3], end[3]]))
-    return Segment(Line(_vector(here), _vector(end)), end)
+    return Segment(Line(vector(here), vector(end)), end)
 
 
 def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int, int], frame: Frame) -> Segment:
@@ -98,7 +97,7 @@ def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int,
     middle[k] = here[k]
     up = float(np.cross(*frame)[k])  # the plane's normal is parallel or antiparallel to the axis outside it
     begin = math.atan2(out[1], out[0])
-    piece = Coil(_vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
+    piece = Coil(vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
     return Segment(piece, end)
 
 
@@ -123,14 +122,10 @@ def _through(here: Floats, via: Floats, end: Floats) -> Segment:
     angle = math.atan2(to_end @ np.cross(normal, first), to_end @ first) % (2 * math.pi)
     if normal[2] < -_UPRIGHT:
         normal, angle = -normal, -angle
-    frame, begin = (_vector(first), _vector(np.cross(normal, first))), 0.0
+    frame, begin = (vector(first), vector(np.cross(normal, first))), 0.0
     if np.hypot(*normal[:2]) <= _UPRIGHT:
         frame, begin = XY, math.atan2(out[1], out[0])
-    return Segment(Coil(_vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
-
-
-def _vector(point: Floats) -> Vector:
-    return cast(Vector, tuple(point[:3].tolist()))
+    return Segment(Coil(vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
 
 
 def _point_text(point: Floats) -> str:

@@ -77,7 +77,8 @@ def _command(text: str) -> tuple[Command, str | None]:
     verb = _known("command", tokens.pop(0)[1], _WORDS)
     words = _WORDS[verb]
     named = None
-    if tokens and tokens[0][0] == "word" and not _is_word(tokens[0][1], words) and tokens[1:2] != [("equals", "=")]:
+    is_name = tokens and tokens[0][0] == "word" and tokens[1:2] != [("equals", "=")]
+    if is_name and tokens[0][1].lower() not in map(str.lower, words):
         named = tokens.pop(0)[1]
     arguments: dict[str, Any] = {}
     if verb == "Move":
@@ -107,10 +108,6 @@ def _tokens(text: str) -> list[tuple[str, str]]:
         tokens.append((str(match.lastgroup), match[str(match.lastgroup)]))
         at = match.end()
     return tokens
-
-
-def _is_word(found: str, words: dict[str, str]) -> bool:
-    return found.lower() in map(str.lower, words)
 
 
 def _known(kind: str, found: str, words: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.paths.pieces import Coil, Line, Vector
+from gantrysim.controllers.paths.pieces import Coil, Line, Vector, vector
 from gantrysim.controllers.trio.virtual import Phases, VirtualAxis
 
 MAX_PASSES = 2_000_000
@@ -92,9 +92,9 @@ def _with_cusps(start: Vector, radius: Floats, angle: Floats, rise: Floats) -> C
         psi += swept
         end = centre + np.array([r * math.cos(psi), r * math.sin(psi), up])
         if r:
-            pieces.append(Coil(tuple(centre.tolist()), (abs(r), abs(r)), begin, swept, up))
+            pieces.append(Coil(vector(centre), (abs(r), abs(r)), begin, swept, up))
         else:
-            pieces.append(Line(tuple(at.tolist()), tuple(end.tolist())))
+            pieces.append(Line(vector(at), vector(end)))
         at = end
     return Chain(pieces)
 
