@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Servo, simulate
+from gantrysim.controllers import fanuc
 from gantrysim.controllers.softmc import Group, Move, Program, Record
 from gantrysim.errors import InputError
 
@@ -49,6 +50,14 @@ def test_the_delayed_position_error_compares_an_older_command(run):
 
 def test_columns_are_in_the_requested_order(run):
     assert list(Record(3, what=("pfb", "PCMD")).of(run)) == ["time", "PFB x", "PFB y", "PCMD x", "PCMD y"]
+
+
+def test_a_program_writes_a_record_only_if_it_keeps_one(run, tmp_path):
+    for record in (None, Record(5)):
+        file = tmp_path / "record.csv"
+        assert Program("Move {20, 0}", record=record).write_record(run, file) is (record is not None)
+        assert file.exists() is (record is not None)
+    assert not fanuc.Program("G00 X10").write_record(run, tmp_path / "none.csv")
 
 
 def test_written_and_read_again_the_record_is_the_same(run, tmp_path):
