@@ -1,1 +1,1 @@
-"""Motion controllers and the servo: programs in, setpoints and torques out. Nothing here knows MuJoCo."""
+"""Motion controllers and the servo: programs in, setpoints and torques out. This package is independent of MuJoCo."""

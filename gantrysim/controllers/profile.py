@@ -1,6 +1,6 @@
-"""Speed along a path in closed form: constant, and from rest to rest with ramps of several shapes.
+"""Speed profiles in closed form: constant speed, and from rest to rest with ramps of several shapes.
 
-A profile is a law s(t) [mm] with 0 <= t <= duration [s]; before and after it s stands still.
+A profile is a distance s(t) [mm] with 0 <= t <= duration [s], constant before and after.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ _HALVINGS = 200
 
 @runtime_checkable
 class Profile(Protocol):
-    """A law s(t) that never goes back."""
+    """A distance s(t) that never decreases."""
 
     @property
     def length(self) -> float:
-        """Way in all [mm]."""
+        """Total distance [mm]."""
 
     @property
     def duration(self) -> float:
-        """Time in all [s]."""
+        """Total time [s]."""
 
     def position(self, t: ArrayLike) -> Floats:
-        """Way at the times t, (n,) [mm]."""
+        """Distance at the times t, (n,) [mm]."""
 
     def velocity(self, t: ArrayLike) -> Floats:
         """Speed at the times t, (n,) [mm/s]."""
@@ -40,10 +40,10 @@ class Profile(Protocol):
 
 @dataclass(frozen=True)
 class Constant:
-    """Constant speed from the first moment to the last.
+    """Constant speed from start to end.
 
     Args:
-        length: way [mm].
+        length: distance [mm].
         speed: [mm/s].
     """
 
@@ -66,28 +66,17 @@ class Constant:
         return np.where((at >= 0) & (at <= self.duration), self.speed, 0.0)
 
 
-class Shape(Protocol):
-    """How the speed rises from 0 to V with an acceleration of at most A.
-
-    Every shape is odd about its middle, so that a ramp of the time T takes the way V T / 2.
-    """
-
-    def time(self, speed: float, acceleration: float) -> float:
-        """Time T of the ramp [s]."""
-
-    def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
-        """Share of V reached after the share x of T."""
-
-    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
-        """Way as a share of V T after the share x of T."""
+# Shapes of a ramp from 0 to the speed V with an acceleration of at most A. With the time T of the ramp, `velocity` is
+# the share of V and `distance` the share of V T after the share x of T. Every shape is odd about its middle, so that a
+# ramp covers the distance V T / 2.
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """Trapezoidal acceleration whose rise and fall each take a share of the ramp; none is a trapezoid of speed.
+    """Trapezoidal acceleration; without rise, a trapezoidal speed profile.
 
     Args:
-        rise: share of the ramp's time, 0 to 1/2.
+        rise: share of the ramp's time in which the acceleration rises, and falls, 0 to 1/2.
         peak: of the acceleration, as a share of A.
     """
 
@@ -109,7 +98,7 @@ class Ramp:
         half = np.where(y < r, low, (y - 0.5 * r) / (1 - r))
         return np.where(x <= 0.5, half, 1 - half)
 
-    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
+    def distance(self, x: Floats, speed: float, acceleration: float) -> Floats:
         r = self.rise
         y = np.minimum(x, 1 - x)
         low = np.minimum(y, r) ** 3 / (6 * r * (1 - r)) if r > 0 else y
@@ -119,7 +108,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Sine:
-    """Acceleration of a half sine: v = V (1 - cos(pi x)) / 2."""
+    """Half-sine acceleration: v = V (1 - cos(pi x)) / 2."""
 
     def time(self, speed: float, acceleration: float) -> float:
         return 0.5 * math.pi * speed / acceleration
@@ -127,13 +116,13 @@ class Sine:
     def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
         return 0.5 * (1 - np.cos(np.pi * x))
 
-    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
+    def distance(self, x: Floats, speed: float, acceleration: float) -> Floats:
         return 0.5 * x - np.sin(np.pi * x) / (2 * np.pi)
 
 
 @dataclass(frozen=True)
 class Jerk:
-    """Trapezoidal acceleration of a given jerk, triangular where A is not reached.
+    """Trapezoidal acceleration of a given jerk, triangular if A is not reached.
 
     Args:
         jerk: [mm/s³].
@@ -155,19 +144,22 @@ class Jerk:
     def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
         return self._ramp(speed, acceleration).velocity(x, speed, acceleration)
 
-    def way(self, x: Floats, speed: float, acceleration: float) -> Floats:
-        return self._ramp(speed, acceleration).way(x, speed, acceleration)
+    def distance(self, x: Floats, speed: float, acceleration: float) -> Floats:
+        return self._ramp(speed, acceleration).distance(x, speed, acceleration)
+
+
+Shape = Ramp | Sine | Jerk
 
 
 @dataclass(frozen=True)
 class PointToPoint:
-    """From rest to rest: up to a speed, along at it, and down again; a short way does not reach the speed.
+    """From rest to rest: acceleration, constant speed, deceleration; a short distance does not reach the speed.
 
     Args:
-        length: way [mm].
-        speed: largest speed [mm/s].
-        acceleration: largest acceleration [mm/s²].
-        deceleration: largest deceleration; the acceleration by default [mm/s²].
+        length: distance [mm].
+        speed: maximum speed [mm/s].
+        acceleration: maximum acceleration [mm/s²].
+        deceleration: maximum deceleration; the acceleration by default [mm/s²].
         shape: of both ramps.
     """
 
@@ -184,13 +176,16 @@ class PointToPoint:
         if self.deceleration is not None:
             positive("deceleration", self.deceleration, "mm/s²")
 
+    @property
+    def _down(self) -> float:
+        return self.acceleration if self.deceleration is None else self.deceleration
+
     def _ramps(self, peak: float) -> tuple[float, float]:
-        down = self.acceleration if self.deceleration is None else self.deceleration
-        return self.shape.time(peak, self.acceleration), self.shape.time(peak, down)
+        return self.shape.time(peak, self.acceleration), self.shape.time(peak, self._down)
 
     @cached_property
     def peak(self) -> float:
-        """Largest speed that is reached [mm/s]."""
+        """Highest speed reached [mm/s]."""
         if self.speed * sum(self._ramps(self.speed)) <= 2 * self.length:
             return self.speed
         low, high = 0.0, self.speed
@@ -208,7 +203,7 @@ class PointToPoint:
 
     @cached_property
     def _times(self) -> tuple[float, float, float]:
-        """Up, along, down."""
+        """Times of acceleration, constant speed and deceleration."""
         if self.peak <= 0:
             return 0.0, 0.0, 0.0
         up, down = self._ramps(self.peak)
@@ -219,7 +214,7 @@ class PointToPoint:
         return sum(self._times)
 
     def _shares(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Share of the ramp up, time along at the full speed, share of the ramp down."""
+        """Completed share of the acceleration, time at constant speed, remaining share of the deceleration."""
         up, along, down = self._times
         at = np.asarray(t, float)
         rising = np.clip(at / up, 0.0, 1.0) if up > 0 else np.ones(at.shape)
@@ -231,16 +226,14 @@ class PointToPoint:
             return np.where(np.asarray(t, float) > 0, self.length, 0.0)
         up, _, down = self._times
         rising, along, falling = self._shares(t)
-        down_limit = self.acceleration if self.deceleration is None else self.deceleration
-        climbed = up * self.shape.way(rising, self.peak, self.acceleration)
-        braked = down * (0.5 - self.shape.way(falling, self.peak, down_limit))
+        climbed = up * self.shape.distance(rising, self.peak, self.acceleration)
+        braked = down * (0.5 - self.shape.distance(falling, self.peak, self._down))
         return np.clip(self.peak * (climbed + along + braked), 0.0, self.length)
 
     def velocity(self, t: ArrayLike) -> Floats:
         if self.peak <= 0:
             return np.zeros(np.shape(t))
         rising, _, falling = self._shares(t)
-        down_limit = self.acceleration if self.deceleration is None else self.deceleration
         first = self.shape.velocity(rising, self.peak, self.acceleration)
-        last = self.shape.velocity(falling, self.peak, down_limit)
+        last = self.shape.velocity(falling, self.peak, self._down)
         return self.peak * np.minimum(first, last)

@@ -1,47 +1,22 @@
-"""The motion controllers' programs, by the names that jobs give them."""
+"""The registry of motion controllers, by the names in job files."""
 
 from __future__ import annotations
 
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any, Protocol, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
 from gantrysim.controllers import fanuc, softmc, stage, trio
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.controller import Controller
 from gantrysim.errors import unknown
 
-
-class Controller(Protocol):
-    """A motion controller with its program: a frozen dataclass that is checked where it is built."""
-
-    @property
-    def requested(self) -> Path:
-        """The path asked for, in the work frame."""
-
-    @property
-    def duration(self) -> float:
-        """Time of the motion [s]."""
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the axes that move."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the controller has to say of the program before it runs, in words."""
-
-    def setpoints(self, period: float) -> Setpoints:
-        """Return the commanded positions at every servo period [s]."""
-
-
-PROGRAMS: dict[str, type[Any]] = {
+PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
     "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
@@ -58,35 +33,22 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
     """Return a controller with its program.
 
     Raises:
-        InputError: no such controller, or a program that it refuses.
-        pydantic.ValidationError: an argument that is missing, unknown or of another type.
+        InputError: an unknown controller, or a program that it refuses.
+        pydantic.ValidationError: a missing or unknown argument, or one of the wrong type.
     """
     if name not in PROGRAMS:
         raise unknown("controller", name, PROGRAMS)
     return _validated[name](**values)
 
 
-def arguments(controller: Controller) -> dict[str, Any]:
-    """Return the arguments of a controller's program as plain values, those that are None left out."""
-    return _without_none(asdict(controller))  # type: ignore[call-overload]
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value
-
-
 def keys(name: str) -> list[str]:
-    """Return the dotted names of a program's arguments, those of its parts included; none where there is no such."""
-    return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []  # type: ignore[arg-type]
+    """Return the dotted names of a program's arguments, including nested ones; none of an unknown program."""
+    return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []
 
 
 @cache
 def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
-    """Return the dotted names of a dataclass' fields, those of its parts included."""
+    """Return the dotted names of a dataclass' fields, including nested ones."""
     hints, names = get_type_hints(table), []
     for field in fields(table):
         names.append(prefix + field.name)
@@ -97,7 +59,7 @@ def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
 
 
 def described(kind: type[Any]) -> dict[str, str]:
-    """Return what the docstring of a dataclass says of each of its fields."""
+    """Return the description of every field in a dataclass' docstring."""
     listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(kind) or "")[-1].split("\n\n")[0]
     entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
     return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}

@@ -1,4 +1,4 @@
-"""The stream a motion controller hands to its servo: one position per axis and servo tick."""
+"""The stream from a motion controller to its servo: one position per axis and servo tick."""
 
 from __future__ import annotations
 
@@ -15,24 +15,23 @@ from gantrysim.controllers.profile import Constant, Profile
 from gantrysim.errors import InputError, at_least, positive, whole
 
 MAX_TICKS = 50_000_000
-_ROUNDING = 1e-9  # of lengths
+_ROUNDING = 1e-9  # relative, of lengths
 
 
 @dataclass(frozen=True)
 class Supervision:
-    """What the controller watches while it sends setpoints; a limit of inf is none.
+    """Limits that the controller monitors during motion; inf for none.
 
-    The position error is the root of the sum of the squares of the linear axes' errors, each between the measured
-    position and the command that was sent `position_error_delay` ticks before, which allows for the time that
-    commands and measurements take on their way.
+    The position error is the root sum of squares of the linear axes' errors, each between the measured position and
+    the command sent `position_error_delay` ticks before, which allows for transmission times.
 
     Attributes:
-        position_error: largest position error of the group [mm].
+        position_error: limit of the group's position error [mm].
         position_error_delay: in servo periods.
-        settle_error: largest error of every axis that has settled [mm or deg].
-        settle_time: for which the error must stay so [s].
-        settle_timeout: time after which a wait for settling is a fault [s].
-        velocity_limit: largest speed of a linear axis [mm/s].
+        settle_error: largest error of a settled axis [mm or deg].
+        settle_time: time for which the error must stay below that [s].
+        settle_timeout: wait for settling after which a fault is raised [s].
+        velocity_limit: speed limit of a linear axis [mm/s].
     """
 
     position_error: float = math.inf
@@ -52,17 +51,16 @@ class Supervision:
 
 @dataclass(frozen=True)
 class Setpoints:
-    """Commanded positions at the servo period, the dispenser command, and the path asked for.
+    """Commanded positions at every servo period, the dispenser command, and the requested path.
 
     Attributes:
         period: time from one setpoint to the next [s].
         axes: names of the axes, one per column of `position`.
         position: commanded positions at the times k * period, (n, axes) [mm or deg]; read-only.
-        dispense: dispenser command, True while glue is asked for, (n,); read-only.
+        dispense: dispenser command, (n,); read-only.
         requested: the requested path as exact geometry.
-        supervision: what is watched besides the servo.
-        gates: indices of setpoints, ascending, at which the stream stands still until all axes have settled there,
-            (m,); read-only.
+        supervision: limits that the controller monitors.
+        gates: ascending indices of setpoints at which the stream waits until all axes have settled, (m,); read-only.
     """
 
     period: float
@@ -93,31 +91,29 @@ class Setpoints:
 
     @property
     def time(self) -> Floats:
-        """Times of the setpoints, without the waits at gates, (n,) [s]."""
+        """Times of the setpoints, without waits at gates, (n,) [s]."""
         return np.arange(len(self.position), dtype=np.float64) * self.period
 
     @property
     def duration(self) -> float:
-        """Time of the last setpoint, without the waits at gates [s]."""
+        """Time of the last setpoint, without waits at gates [s]."""
         return (len(self.position) - 1) * self.period
 
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
-        count = ticks(at_least("hold", duration, 0, "s"), self.period)
-        if not count:
-            return self
-        position = np.concatenate([self.position, np.repeat(self.position[-1:], count, axis=0)])
-        dispense = np.concatenate([self.dispense, np.zeros(count, bool)])
-        return replace(self, position=position, dispense=dispense)
+        return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
 
     def wait(self, duration: float) -> Setpoints:
-        """Return these setpoints `duration` [s] later, the first position held before them, the dispenser off."""
-        count = ticks(at_least("wait", duration, 0, "s"), self.period)
-        if not count:
+        """Return these setpoints after a hold of the first position for `duration` [s], the dispenser off."""
+        return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
+
+    def _padded(self, before: int, after: int) -> Setpoints:
+        if not before and not after:
             return self
-        position = np.concatenate([np.repeat(self.position[:1], count, axis=0), self.position])
-        dispense = np.concatenate([np.zeros(count, bool), self.dispense])
-        return replace(self, position=position, dispense=dispense, gates=self.gates + count)
+        position = np.pad(self.position, ((before, after), (0, 0)), "edge")
+        return replace(
+            self, position=position, dispense=np.pad(self.dispense, (before, after)), gates=self.gates + before
+        )
 
     @classmethod
     def along(
@@ -130,16 +126,16 @@ class Setpoints:
         axes: tuple[str, ...] = ("x", "y"),
         coordinates: Callable[[Floats], Floats] | None = None,
     ) -> Setpoints:
-        """Return setpoints that run along `path`, dispensing all the way.
+        """Return setpoints along the whole of `path`, with the dispenser on.
 
-        The last setpoint is the end of the path; the way to it may be shorter than that of a whole period.
+        The last setpoint is the end of the path, and may be nearer to the one before than a whole period.
 
         Args:
-            path: the path to command.
-            speed: law of the way over time, or a constant path speed [mm/s].
+            path: the commanded path.
+            speed: profile along the path, or a constant path speed [mm/s].
             period: servo period [s].
-            requested: the path that was asked for, where it is not `path` itself.
-            axes: names of the axes, by default the first of x, y, z.
+            requested: the requested path, by default `path` itself.
+            axes: names of the axes, the first of x, y, z.
             coordinates: positions of the axes at arc lengths, (n,) to (n, axes); by default those of the path.
         """
         positive("period", period, "s")
@@ -154,7 +150,7 @@ class Setpoints:
 
 
 def ticks(duration: float, period: float) -> int:
-    """Return the number of whole periods that cover `duration`, forgiving rounding [s].
+    """Return the number of whole periods that cover `duration` [s], with a tolerance for rounding.
 
     Raises:
         InputError: more than MAX_TICKS.

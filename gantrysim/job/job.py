@@ -15,7 +15,8 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from gantrysim.bead import BeadSettings
-from gantrysim.controllers.programs import Controller, arguments, build, dotted, keys
+from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.programs import build, dotted, keys
 from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
@@ -96,7 +97,7 @@ class Job(BaseModel):
     def _check_program(cls, value: dict[str, Any]) -> dict[str, Any]:
         values = dict(value)
         name = str(values.pop("controller", None))
-        return {"controller": name, **arguments(build(name, values))}
+        return {"controller": name, **build(name, values).arguments()}
 
     @classmethod
     def load(

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gantrysim.bead import BeadValues
-from gantrysim.controllers import softmc
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
@@ -133,5 +132,4 @@ def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: Be
     run.save(folder / RUN)
     content = json.dumps(summary(job, machine, budget, bead), indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
-    if isinstance(job.controller, softmc.Program) and job.controller.record is not None:
-        job.controller.record.write(run, folder / RECORD, job.controller.group.position_error_delay)
+    job.controller.write_record(run, folder / RECORD)

@@ -107,7 +107,7 @@ def test_setpoints_of_trio_and_fanuc_at_the_servo_period():
 
 
 @pytest.mark.parametrize("loop_period", [0.1, 0.01, 0.001])
-def test_a_small_loop_period_is_off_the_continuous_limit_by_a_radius_step(loop_period):
+def test_a_small_loop_period_deviates_from_the_continuous_limit_by_a_radius_step(loop_period):
     """The places differ by as much as a step of the radius and a little more.
 
     At the angle phi the loop's radius is below the involute's by e(phi), a saw from R change at the start of a pass

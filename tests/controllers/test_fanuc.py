@@ -79,13 +79,13 @@ def test_an225_as_one_block():
 
 
 def test_end_point_beyond_its_tolerance_is_an_alarm_and_within_it_is_spread_over_the_angle():
-    said = (
+    message = (
         "alarm 5123 OVER TOLERANCE OF END POINT in block N10 (line 1): radius at the end = 30 mm by Q, 31 mm by the "
         "end point: difference 1 mm must be at most 0.999 mm"
     )
     with pytest.raises(Alarm) as raised:
         block("X0 Y-31 Q-20", end_point_tolerance=0.999)
-    assert str(raised.value) == said
+    assert str(raised.value) == message
     piece = only(block("X0 Y-31 Q-20", end_point_tolerance=1.0))
     assert piece.radius == pytest.approx((100, 31), abs=POSITION)
     assert -piece.angle / (2 * math.pi) == pytest.approx(3.5, abs=TURNS)
@@ -106,7 +106,7 @@ def test_height_beyond_its_tolerance_is_an_alarm():
         ("X0 Y-37.5 Z62.5 L7", 6.5),
     ],
 )
-def test_of_words_that_disagree_the_first_in_rank_wins(words, turns):
+def test_the_first_in_rank_of_contradicting_words_applies(words, turns):
     assert -only(block(words)).angle / (2 * math.pi) == pytest.approx(turns, abs=TURNS)
 
 
@@ -264,6 +264,6 @@ def test_a_job_of_fanuc_keeps_its_program_through_toml(tmp_path):
     assert again.controller.requested.length == pytest.approx(1431.339, abs=TABLE)
 
 
-def test_objects_of_another_kind_are_refused():
+def test_objects_that_are_not_blocks_are_refused():
     with pytest.raises(ValueError, match="must be a Rapid, Line, Arc, Spiral or Dwell"):
         Program(("G01 X5",))

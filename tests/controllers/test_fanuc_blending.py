@@ -122,7 +122,7 @@ def contours(draw):
 
 @given(contours(), st.floats(200, 5000), st.integers(2, 60))
 @settings(max_examples=80, deadline=None)
-def test_no_axis_passes_its_limits_over_random_contours(blocks, acceleration, window):
+def test_axes_keep_to_their_limits_over_random_contours(blocks, acceleration, window):
     made = Program(blocks, acceleration=acceleration, blend_time=window * PERIOD)
     if made.duration > 60:
         return
@@ -133,7 +133,7 @@ def test_no_axis_passes_its_limits_over_random_contours(blocks, acceleration, wi
 
 
 @pytest.mark.parametrize("sides", [12, 200, 2000])
-def test_a_circle_of_chords_is_no_slower_than_its_many_small_corners_ask(sides):
+def test_a_circle_of_chords_is_no_slower_than_its_corners_require(sides):
     """However fine the chords, their corners within one window turn by no more than the circle does."""
     angle = np.linspace(0, 2 * math.pi, sides + 1)[1:]
     blocks = tuple(Line(end=(20 * math.cos(a) - 20, 20 * math.sin(a)), feed=1200) for a in angle)

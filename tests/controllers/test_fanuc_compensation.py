@@ -70,7 +70,7 @@ def test_a_square_is_offset_to_its_intersections(side, d):
     assert points == pytest.approx(np.array(expected), abs=1e-6)
 
 
-def test_a_tangent_joint_stays_one():
+def test_a_tangent_joint_stays_tangent():
     text = "G41 D1 G01 X0 Y0 F600\nX40\nG03 X50 Y10 J10\nG01 Y40\nG40 X60"
     program = made(text, start=(-10, 0, 0))
     pieces = program.requested.pieces
@@ -110,7 +110,7 @@ def test_the_rotary_axis_stands_while_a_corner_is_rounded():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (
             "G41 D1 G01 X0 Y0 F600\nX40\nN5 G03 X43 Y3 J3\nG40 G01 Y20",
@@ -119,7 +119,7 @@ def test_the_rotary_axis_stands_while_a_corner_is_rounded():
         ),
         (
             "G41 D1 G01 X0 Y0 F600\nX40\nN5 Y3\nX0\nG40 Y20",
-            "alarm 041 INTERFERENCE IN CUTTER COMPENSATION in block N5 (line 3): straight move is too short for the "
+            "alarm 041 INTERFERENCE IN CUTTER COMPENSATION in block N5 (line 3): straight move too short for the "
             "offset of 5 mm at its corners",
         ),
         (
@@ -129,19 +129,19 @@ def test_the_rotary_axis_stands_while_a_corner_is_rounded():
         ),
         (
             "G41 D1 G01 X0 Y0 F600\nX40\nN5 G40 G02 X60 Y0 I10",
-            "alarm 034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block N5 (line 3): cutter compensation begins and ends in "
+            "alarm 034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block N5 (line 3): cutter compensation begins or ends in "
             "an arc: must be in a straight move",
         ),
         (
             "G41 D7 G01 X0 Y0 F600",
-            "alarm 009 ILLEGAL ADDRESS INPUT in block 1 (line 1): D7: has no offset; the program's offsets are 1",
+            "alarm 009 ILLEGAL ADDRESS INPUT in block 1 (line 1): D7: must be one of the program's offsets, 1",
         ),
     ],
 )
-def test_what_cannot_be_offset_is_an_alarm(text, said):
+def test_an_impossible_offset_is_an_alarm(text, message):
     with pytest.raises(Alarm) as raised:
         made(text, 5.0, start=(-10, 0, 0))
-    assert str(raised.value) == said
+    assert str(raised.value) == message
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_an_outer_corner_is_extended_up_to_a_right_angle_and_cut_off_beyond(degr
         assert points[2:5] == pytest.approx(np.array([[40, 2], [42, 2], [back.real, back.imag]]), abs=1e-4)
 
 
-def test_an_offset_of_nothing_is_no_offset():
+def test_a_zero_offset_has_no_effect():
     plain = Program(SPIRAL.replace("G41 D1 ", "").replace("G40 ", ""), start=(0, 150, 0))
     assert made(SPIRAL, 0.0, start=(0, 150, 0)).requested.parameters() == plain.requested.parameters()
 

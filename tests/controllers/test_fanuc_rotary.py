@@ -71,7 +71,7 @@ def test_blending_shares_its_acceleration_too():
     assert np.diff(made.setpoints(PERIOD).position[:, 0])[400:1500].min() / PERIOD > 5  # and does not stop
 
 
-def test_alone_it_runs_a_trapezoid():
+def test_the_rotary_axis_alone_has_a_trapezoidal_profile():
     made = Program("G01 X1 F6000\nG01 C90 F6000", acceleration=1000, rotary_velocity=60, rotary_acceleration=300)
     line = Program("G01 X1 F6000", acceleration=1000).duration
     assert made.duration - line == pytest.approx(90 / 60 + 60 / 300, rel=1e-9)
@@ -117,16 +117,16 @@ def test_the_rotary_axis_never_passes_its_limits(blocks, fastest, steepest, blen
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"rotary_velocity": 0}, "rotary_velocity = 0 deg/s: must be greater than 0 deg/s"),
         ({"rotary_acceleration": -1}, "rotary_acceleration = -1 deg/s²: must be greater than 0 deg/s²"),
         (
             {"rotary_acceleration": 100},
-            "rotary_acceleration = 100 deg/s²: must come with a finite acceleration, at which the path slows for it",
+            "rotary_acceleration = 100 deg/s²: must have a finite acceleration, with which the path slows for it",
         ),
     ],
 )
-def test_a_limit_out_of_its_bounds_is_named(changed, said):
-    with pytest.raises(InputError, match=f"^{said}$"):
+def test_a_limit_out_of_its_bounds_is_named(changed, message):
+    with pytest.raises(InputError, match=f"^{message}$"):
         Program(CONE, start=START, **changed)

@@ -54,7 +54,7 @@ def test_setpoints_are_the_path_at_whole_periods():
     assert setpoints.position == pytest.approx(made.requested.position(s)[:, :2], abs=1e-7)
 
 
-def test_feed_of_a_cone_counts_in_space_where_asked():
+def test_feed_of_a_cone_includes_the_height_with_feed_in_space():
     made = program(CONE.format(6000), feed_in_space=True)
     assert made.duration == pytest.approx(1083.816 / 100, abs=1e-5)
     position = made.setpoints(0.01).position
@@ -76,7 +76,7 @@ def test_feed_of_a_helix_counts_in_the_plane_by_default():
 
 
 @pytest.mark.parametrize(("radius", "limit"), [(100, 8944.27), (20, 4000), (5, 2000), (0.001, 100)])
-def test_the_clamps_own_numbers(radius, limit):
+def test_values_of_the_clamp(radius, limit):
     assert Clamp(5, 2000, 100).limit(radius) == pytest.approx(limit, abs=5e-3)
 
 
@@ -128,7 +128,7 @@ def slowest_near(made, place, period=1e-4):
         ("G02 X0 Y-30 I0 J-100 Q-20 F6000\nG02 X0 Y-30 J40", (0, -30), True),
     ],
 )
-def test_where_motion_stops_between_blocks(text, place, stops):
+def test_stops_between_blocks(text, place, stops):
     slow = slowest_near(program(text, acceleration=3000), place)
     assert (slow < 2.0) == stops
     assert slow < 2.0 or slow == pytest.approx(100, rel=0.02)
@@ -180,7 +180,7 @@ def test_no_setpoint_is_ahead_of_the_feed(blocks, in_space):
 
 @given(programs(), st.floats(200, 5000))
 @settings(max_examples=60, deadline=None)
-def test_no_axis_passes_its_acceleration(blocks, acceleration):
+def test_axes_keep_to_their_accelerations(blocks, acceleration):
     """Stops and ramps keep every axis within it; a tangent joint, as an arc's, does too."""
     made = Program(blocks, acceleration=acceleration, rapid=9000)
     if made.duration > 100:
@@ -293,7 +293,7 @@ def glue(text):
         ("G01 X10 F600 M03\nG01 X20 M05", [True, False]),
     ],
 )
-def test_when_glue_is_laid(text, on):
+def test_glue_is_laid_at_feed_or_as_switched(text, on):
     assert glue(text) == on
 
 
@@ -327,7 +327,7 @@ def test_the_time_to_make_setpoints_grows_with_the_program_alone():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ((-3, 2000, 100), "clamp radius = -3 mm: must be greater than 0 mm"),
         ((5, 0, 100), "clamp feed = 0 mm/min: must be greater than 0 mm/min"),
@@ -335,6 +335,6 @@ def test_the_time_to_make_setpoints_grows_with_the_program_alone():
         ((5, 2000, math.nan), "clamp floor = nan mm/min: must be finite"),
     ],
 )
-def test_a_clamp_out_of_its_bounds_is_named(arguments, said):
-    with pytest.raises(InputError, match=f"^{said}$"):
+def test_a_clamp_out_of_its_bounds_is_named(arguments, message):
+    with pytest.raises(InputError, match=f"^{message}$"):
         Clamp(*arguments)

@@ -40,38 +40,37 @@ def test_block_skip_is_a_switch():
     assert Program(FILE, block_skip=True).requested.length < Program(FILE, block_skip=False).requested.length
 
 
-def test_layout_does_not_matter():
+def test_layout_has_no_effect():
     spread = Program("N1 G17 G02 X0 Y-30 (in) I0 J-100 Q-20 F300", start=(0, 100, 0))
     dense = Program("n1g17g02x0y-30i0j-100q-20f300;", start=(0, 100, 0))
     assert dense.requested.parameters() == spread.requested.parameters()
 
 
 @pytest.mark.parametrize("end", ["M30", "M02", "M2"])
-def test_nothing_after_the_end_moves(end):
+def test_blocks_after_the_end_do_not_move(end):
     program = Program(f"G01 X5 F60\n{end}\nX50")
     assert program.requested.length == pytest.approx(5)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("X123456789", "003 TOO MANY DIGITS in block 1 (line 1): X123456789: must have 8 digits at most"),
         (
             "N7 5 X3",
-            "004 ADDRESS NOT FOUND in block N7 (line 1): '5 X3' does not begin with a letter: every number must "
-            "have its address",
+            "004 ADDRESS NOT FOUND in block N7 (line 1): '5 X3' has no address: must begin with a letter",
         ),
         ("X", "005 NO DATA AFTER ADDRESS in block 1 (line 1): address X has no number"),
         (
             "X--1",
-            "006 ILLEGAL USE OF NEGATIVE SIGN in block 1 (line 1): X--: a sign must stand once, before the number",
+            "006 ILLEGAL USE OF NEGATIVE SIGN in block 1 (line 1): X--: must be one sign at most, before the number",
         ),
         (
             "X1.2.3",
-            "007 ILLEGAL USE OF DECIMAL POINT in block 1 (line 1): X1.2.: a number must have one decimal point at most",
+            "007 ILLEGAL USE OF DECIMAL POINT in block 1 (line 1): X1.2.: must have one decimal point at most",
         ),
-        ("G01 X5 F60 Q3", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address Q has no use in G01"),
-        ("X5 X6", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address X stands twice in the block"),
+        ("G01 X5 F60 Q3", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address Q is not used in G01"),
+        ("X5 X6", "009 ILLEGAL ADDRESS INPUT in block 1 (line 1): address X is given twice in the block"),
         (
             "\nN3 E5",
             "009 ILLEGAL ADDRESS INPUT in block N3 (line 2): address 'E': must be one of A, B, C, D, F, G, "
@@ -84,7 +83,7 @@ def test_nothing_after_the_end_moves(end):
         ),
         (
             "G01 X10",
-            "011 NO FEEDRATE COMMANDED in block 1 (line 1): a motion at feed must come with F, in it or before it",
+            "011 NO FEEDRATE COMMANDED in block 1 (line 1): a motion at feed must have an F, in its block or before",
         ),
         ("G01 X10 F0", "011 NO FEEDRATE COMMANDED in block 1 (line 1): F = 0: must be greater than 0"),
         (
@@ -98,7 +97,8 @@ def test_nothing_after_the_end_moves(end):
         ),
         (
             "G02 X0 Y0 I5 K2 F10",
-            "021 ILLEGAL PLANE AXIS COMMANDED in block 1 (line 1): address K in G17: the centre is given by I and J",
+            "021 ILLEGAL PLANE AXIS COMMANDED in block 1 (line 1): address K in G17: the centre must be given by I "
+            "and J",
         ),
         (
             "G02 X10 F10",
@@ -107,7 +107,7 @@ def test_nothing_after_the_end_moves(end):
         ),
         (
             "G41 D1 G02 X10 I5 F10",
-            "034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block 1 (line 1): cutter compensation begins and ends in an arc: "
+            "034 NO CIRC ALLOWED IN ST-UP/EXT BLK in block 1 (line 1): cutter compensation begins or ends in an arc: "
             "must be in a straight move",
         ),
         (
@@ -127,14 +127,14 @@ def test_nothing_after_the_end_moves(end):
         (
             "G41 D1 G01 Y10 F100\nN20 G02 X10 Y10 I10 Q-10",
             "5124 CAN NOT COMMAND SPIRAL in block N20 (line 2): end at the centre under cutter compensation: "
-            "must be off it",
+            "must be away from it",
         ),
     ],
 )
-def test_every_alarm_says_where_and_what(text, said):
+def test_every_alarm_states_its_block_and_cause(text, message):
     with pytest.raises(Alarm) as raised:
         Program(text, offsets={"1": 1.0})
-    assert str(raised.value) == f"alarm {said}"
+    assert str(raised.value) == f"alarm {message}"
 
 
 def test_an_alarm_knows_its_number_title_block_and_line():
@@ -156,13 +156,13 @@ def test_message_form_of_a_numbered_block():
         Program("N10 G05")
 
 
-def test_a_sign_after_the_number():
+def test_a_sign_after_the_number_is_an_alarm():
     with pytest.raises(Alarm, match="alarm 006"):
         Program("X5-")
 
 
 @pytest.mark.parametrize("text", ["?", "X1#2"])
-def test_a_character_of_no_use(text):
+def test_an_unknown_character_is_an_alarm(text):
     with pytest.raises(Alarm, match="alarm 009"):
         Program(text)
 
@@ -172,19 +172,19 @@ def test_text_after_the_end_is_not_read():
 
 
 @pytest.mark.parametrize("before", ["", "G04 P100\n"])
-def test_what_rounding_leaves_of_incremental_coordinates_is_no_motion(before):
+def test_rounding_of_incremental_coordinates_causes_no_motion(before):
     program = Program(f"G91 F600\nG01 X0.1\nX0.2\nX-0.3\n{before}G90 X0\nY10", acceleration=1000)
     assert sum(leg.piece is not None for leg in program.legs) == 4
     assert program.setpoints(1e-3).position[-1] == pytest.approx([0, 10], abs=1e-9)
 
 
-def test_the_rotary_axis_has_a_word_and_a_name_of_its_own():
+def test_word_and_name_of_the_rotary_axis_can_be_chosen():
     assert Program("G01 X5 A90 F60", rotary_word="A", rotary_axis="th").axes == ("x", "y", "th")
-    with pytest.raises(ValueError, match=r"alarm 009 .* address C has no use in G01"):
+    with pytest.raises(ValueError, match=r"alarm 009 .* address C is not used in G01"):
         Program("G01 X5 C90 F60", rotary_word="A")
     with pytest.raises(ValueError, match="rotary_word = 'X': must be one of A, B, C"):
         Program("G01 X5 F60", rotary_word="X")
-    with pytest.raises(ValueError, match="rotary_axis = 'x': must be none of x, y, z"):
+    with pytest.raises(ValueError, match="rotary_axis = 'x': must not be one of x, y, z"):
         Program("G01 X5 C90 F60", rotary_axis="x")
 
 

@@ -70,7 +70,7 @@ def axes_of(path, s, piece=None):
     if piece is not None:
         edges = np.concatenate([[0.0], path.ends])
         at = np.clip(s, edges[piece] + 1e-9, edges[piece + 1] - 1e-9)
-    return path.tangent(at), path.local(at).bend
+    return path.tangent(at), path.local(at).curvature
 
 
 def moved(law, position, velocity, acceleration):
@@ -242,7 +242,7 @@ def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, 
 
 @given(path=waves(), length=st.floats(30, 150), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
 @settings(max_examples=30, deadline=None)
-def test_no_law_on_the_same_nodes_is_faster(path, length, speed, seed):
+def test_no_profile_on_the_same_nodes_is_faster(path, length, speed, seed):
     """Against a linear programme under the same rules."""
     random = np.random.default_rng(seed)
     axes = path.amplitude.shape[0]
@@ -265,7 +265,7 @@ def test_no_law_on_the_same_nodes_is_faster(path, length, speed, seed):
     assert best.sum() * (1 - OPTIMUM) <= x.sum() <= best.sum() * (1 + FEASIBLE)
 
 
-def test_what_the_bound_at_constant_speed_costs():
+def test_the_cost_of_the_bound_at_constant_speed():
     """Along 40 paths: nothing to speak of as a rule; a sharp bend may be passed faster by a law that brakes in it."""
     cost = []
     for seed in range(40):
@@ -286,7 +286,7 @@ def test_what_the_bound_at_constant_speed_costs():
 
 @given(path=waves(), length=st.floats(5, 100), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
 @settings(max_examples=50, deadline=None)
-def test_the_time_at_which_a_way_is_reached_is_the_inverse_of_the_way(path, length, speed, seed):
+def test_the_time_of_a_distance_is_the_inverse_of_the_distance_at_a_time(path, length, speed, seed):
     s = nodes([0.4 * length, length], 0.1)[0]
     halts = np.where(s == s[np.searchsorted(s, 0.4 * length)], 0.0, speed)
     law = fastest(
@@ -308,7 +308,7 @@ def test_the_time_at_which_a_way_is_reached_is_the_inverse_of_the_way(path, leng
     assert slope == pytest.approx(law.velocity(middle + 0.5 * h), abs=1e-4 * speed)
 
 
-def test_stands_still_outside_its_time():
+def test_position_is_constant_before_the_start_and_after_the_end():
     law = straight(10, 50, 500)
     T = law.duration  # noqa: N806
     assert law.position([-1, 0, T, T + 1]) == pytest.approx([0, 0, 10, 10], abs=WAY)
@@ -317,7 +317,7 @@ def test_stands_still_outside_its_time():
     assert moving.velocity([-1, 0, moving.duration + 1]).tolist() == [0, 50, 0]
 
 
-def test_begins_and_ends_at_the_speeds_asked_for():
+def test_begins_and_ends_at_the_requested_speeds():
     a = 500 * (1 - IN_HAND)
     law = straight(100, 50, 500, begin=20, end=30)
     assert law.velocity([0, law.duration]) == pytest.approx([20, 30], rel=1e-12)
@@ -331,7 +331,7 @@ def test_begins_and_ends_at_the_speeds_asked_for():
     assert straight(100, 50, math.inf, begin=20).velocity(0) == 50
 
 
-def test_a_beginning_that_cannot_be_braked_is_refused():
+def test_an_initial_speed_too_high_to_brake_is_refused():
     most = math.sqrt(2 * 500 * (1 - IN_HAND))
     assert straight(1, 50, 500, begin=most).velocity(0) == pytest.approx(most, rel=1e-9)
     with pytest.raises(InputError, match=r"^speed at the start = 32 mm/s: must be at most 31\.6\d* mm/s$"):
@@ -340,7 +340,7 @@ def test_a_beginning_that_cannot_be_braked_is_refused():
         straight(100, 50, 500, begin=60)
 
 
-def test_limits_that_leave_no_way_on_are_refused():
+def test_limits_that_allow_no_motion_are_refused():
     s = nodes([5.0, 10.0], 0.5)[0]
     rate = np.ones((s.size, 1))
     for speed, velocity, acceleration, place in (
@@ -350,12 +350,12 @@ def test_limits_that_leave_no_way_on_are_refused():
         (20.0, math.inf, 0.0, "0"),
     ):
         with pytest.raises(
-            InputError, match=rf"^speed = 0 mm/s at {place} mm of the path: the limits leave no way on$"
+            InputError, match=rf"^speed = 0 mm/s at {place} mm of the path: the limits allow no motion$"
         ):
             fastest(s, speed, rate, 0 * rate, [velocity], [acceleration])
 
 
-def test_a_path_that_nothing_limits_is_refused():
+def test_a_path_without_any_limit_is_refused():
     s = nodes([5.0, 10.0], 0.5)[0]
     rate = np.stack([s <= 5, s > 5], axis=1).astype(float)
     with pytest.raises(InputError, match=r"^speed = inf mm/s at 6 mm of the path: must be finite$"):
@@ -364,7 +364,7 @@ def test_a_path_that_nothing_limits_is_refused():
         fastest(s, math.inf, rate, 0 * rate, [math.inf] * 2, [math.inf] * 2)
 
 
-def test_a_limit_of_an_axis_that_stands_still_does_not_bite():
+def test_the_limit_of_a_stationary_axis_has_no_effect():
     s = nodes([10.0], 0.05)[0]
     rate = np.tile([1.0, 0.0], (s.size, 1))
     law = fastest(s, 20.0, rate, 0 * rate, [math.inf, 0.0], [math.inf, 0.0])
@@ -374,7 +374,7 @@ def test_a_limit_of_an_axis_that_stands_still_does_not_bite():
 
 @given(st.lists(st.floats(1e-7, 1e-3), min_size=1, max_size=30), st.booleans())
 @settings(max_examples=50, deadline=None)
-def test_the_shortest_pieces_are_gone_through(lengths, halts):
+def test_very_short_pieces_are_traversed(lengths, halts):
     ends = np.cumsum(lengths)
     s = nodes(ends, 0.05)[0]
     rate = np.ones((s.size, 1))
@@ -394,7 +394,7 @@ def test_the_shortest_pieces_are_gone_through(lengths, halts):
     st.floats(0.01, 5),
 )
 @settings(max_examples=100, deadline=None)
-def test_nodes_hold_both_ends_of_every_piece_and_lie_no_farther_apart_than_asked(lengths, step):
+def test_nodes_include_the_ends_of_every_piece_and_are_within_the_step(lengths, step):
     ends = np.cumsum(lengths)
     s, piece = nodes(ends, step)
     starts = np.concatenate([[0.0], ends[:-1]])
@@ -410,8 +410,8 @@ def test_nodes_hold_both_ends_of_every_piece_and_lie_no_farther_apart_than_asked
         assert np.ptp(np.diff(own)) <= 1e-9 * (1 + ends[k])
 
 
-def test_a_path_too_long_to_be_looked_at_is_refused():
-    with pytest.raises(InputError, match=r"path of 1e\+09 mm in 1 pieces: needs 5e\+08 places .* at most 2e\+06"):
+def test_a_path_of_too_many_nodes_is_refused():
+    with pytest.raises(InputError, match=r"path of 1e\+09 mm in 1 pieces: needs 5e\+08 nodes .* at most 2e\+06"):
         nodes([1e9], 2.0)
 
 

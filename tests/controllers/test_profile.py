@@ -48,7 +48,7 @@ def kinks(profile):
 
 @given(moves, st.floats(0, 1))
 @settings(max_examples=200, deadline=None)
-def test_way_is_the_integral_of_the_speed(profile, share):
+def test_distance_is_the_integral_of_the_speed(profile, share):
     t = share * profile.duration
     node, weight = np.polynomial.legendre.leggauss(20)
     edges = np.unique([*kinks(profile).clip(0, t), t])
@@ -61,7 +61,7 @@ def test_way_is_the_integral_of_the_speed(profile, share):
 
 @given(moves)
 @settings(max_examples=200, deadline=None)
-def test_runs_from_rest_to_rest_over_its_length_within_the_limits_and_never_back(profile):
+def test_runs_from_rest_to_rest_over_its_length_within_the_limits_monotonically(profile):
     down = profile.acceleration if profile.deceleration is None else profile.deceleration
     t = np.union1d(np.linspace(0, profile.duration, 2001), kinks(profile).clip(0, profile.duration))
     s, v = profile.position(t), profile.velocity(t)
@@ -83,7 +83,7 @@ def test_runs_from_rest_to_rest_over_its_length_within_the_limits_and_never_back
 
 @given(moves)
 @settings(max_examples=100, deadline=None)
-def test_stands_still_outside_its_time(profile):
+def test_position_is_constant_before_the_start_and_after_the_end(profile):
     T = profile.duration  # noqa: N806
     outside = np.array([-1.0, -1e-9 * T, T * (1 + 1e-9), T + 1.0])
     assert profile.position(outside) == pytest.approx(np.array([0, 0, 1, 1]) * profile.length, rel=4e-16)
@@ -158,7 +158,7 @@ def test_acceleration_of_a_ramp_is_a_trapezoid_whose_sides_take_their_share(rise
     # a difference over 1/2000 of the ramp cuts a corner of the trapezoid by an eighth of the side's step
     assert np.diff(v) / (time / 2000) == pytest.approx(expected, abs=acceleration / 8 / 2000 / rise * 1.01)
     assert shape.velocity(np.array([0, 0.5, 1]), speed, acceleration) == pytest.approx([0, 0.5, 1], abs=1e-15)
-    assert shape.way(np.array([0, 1.0]), speed, acceleration) == pytest.approx([0, 0.5], abs=1e-15)
+    assert shape.distance(np.array([0, 1.0]), speed, acceleration) == pytest.approx([0, 0.5], abs=1e-15)
 
 
 def test_a_share_of_the_acceleration_stretches_the_ramp():
@@ -213,14 +213,14 @@ def test_the_shortest_moves_have_a_time_and_reach_their_end(length, shape):
 
 
 @pytest.mark.parametrize("profile", [Constant(0, 5), PointToPoint(0, 5, 100), PointToPoint(0, 5, 100, shape=Jerk(9))])
-def test_no_way_takes_no_time(profile):
+def test_zero_distance_takes_no_time(profile):
     assert profile.duration == 0
     assert profile.position([-1, 0, 1]).tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("shape", [Ramp(), Ramp(0.5), Sine(), Jerk(1e5)])
 @pytest.mark.parametrize("speed", [1e30, 1e100, 1e308])
-def test_a_speed_far_beyond_reach_is_no_limit(speed, shape):
+def test_a_speed_far_above_the_reachable_one_has_no_effect(speed, shape):
     plain, fast = (PointToPoint(10.0, v, 3000.0, shape=shape) for v in (1e5, speed))
     assert fast.duration == pytest.approx(plain.duration, rel=1e-9)
     assert fast.position(0.5 * fast.duration) == pytest.approx(5.0)
@@ -235,13 +235,13 @@ def test_constant_speed():
 
 
 @pytest.mark.parametrize("profile", [Constant(10, 4), PointToPoint(10, 4, 30)])
-def test_both_are_profiles_and_a_number_is_none(profile):
+def test_a_number_is_not_a_profile(profile):
     assert isinstance(profile, Profile)
     assert not isinstance(4.0, Profile)
 
 
 @pytest.mark.parametrize(
-    ("build", "said"),
+    ("build", "text"),
     [
         (lambda: Constant(-1, 5), r"^length = -1 mm: must be at least 0 mm$"),
         (lambda: Constant(1, 0), r"^speed = 0 mm/s: must be greater than 0 mm/s$"),
@@ -256,6 +256,6 @@ def test_both_are_profiles_and_a_number_is_none(profile):
         (lambda: Ramp(0.1, 0), r"^peak = 0: must be greater than 0$"),
     ],
 )
-def test_limits_out_of_bounds_are_named(build, said):
-    with pytest.raises(InputError, match=said):
+def test_limits_out_of_bounds_are_named(build, text):
+    with pytest.raises(InputError, match=text):
         build()

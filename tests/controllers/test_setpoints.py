@@ -96,7 +96,7 @@ def test_hold_repeats_the_last_position_without_glue():
     assert held.period == 0.1
 
 
-def test_hold_of_no_time_changes_nothing():
+def test_a_hold_of_zero_has_no_effect():
     setpoints = Setpoints.along(LINE, 10, 0.1)
     assert setpoints.hold(0) is setpoints
 
@@ -111,11 +111,11 @@ def test_ticks_cover_the_duration_and_forgive_rounding(duration, period, count):
 
 @pytest.mark.parametrize("name", ["speed", "period"])
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "text"),
     [(0, "must be greater than 0"), (-2, "= -2 .*must be greater than 0"), (math.nan, "= nan .*must be finite")],
 )
-def test_speed_and_period_out_of_bounds_are_named(name, value, said):
-    with pytest.raises(InputError, match=rf"^{name} .*{said}"):
+def test_speed_and_period_out_of_bounds_are_named(name, value, text):
+    with pytest.raises(InputError, match=rf"^{name} .*{text}"):
         Setpoints.along(LINE, **{"speed": 10, "period": 0.1, name: value})
 
 
@@ -125,7 +125,7 @@ def test_negative_hold_is_named():
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"period": 0}, r"period = 0 s: must be greater than 0 s"),
         ({"period": math.inf}, r"period = inf s: must be finite"),
@@ -138,12 +138,12 @@ def test_negative_hold_is_named():
         ({"position": [[0, 0], [1, 0], [math.inf, 0]]}, r"setpoint 2 = \[inf, 0\.0\]: must be finite"),
     ],
 )
-def test_setpoints_out_of_bounds_are_named(changed, said):
-    with pytest.raises(InputError, match=said):
+def test_setpoints_out_of_bounds_are_named(changed, text):
+    with pytest.raises(InputError, match=text):
         made(**changed)
 
 
-def test_setpoints_along_a_profile_are_its_way_at_every_period():
+def test_setpoints_along_a_profile_are_its_distances_at_every_period():
     profile = PointToPoint(10, 5, 40)  # 0.125 s up over 0.3125 mm, 1.875 s along, as much down: 2.125 s
     setpoints = Setpoints.along(LINE, profile, 0.1)
     assert len(setpoints.position) == 1 + 22
@@ -172,7 +172,7 @@ def test_a_constant_profile_is_the_constant_speed():
     assert np.array_equal(by_profile.position, by_speed.position)
 
 
-def test_coordinates_make_the_axes_of_the_way():
+def test_coordinates_map_arc_lengths_to_axes():
     asked = []
 
     def coordinates(s):

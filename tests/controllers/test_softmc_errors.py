@@ -10,22 +10,22 @@ from gantrysim.errors import InputError
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         (
             "Circle G1 CirclePoint={1, 0} TargetPoint={2, 0}",
-            "the three points (0, 0, 0), (1, 0, 0) and (2, 0, 0) lie on one line: must not be collinear; "
-            "a straight line is a Move",
+            "the three points (0, 0, 0), (1, 0, 0) and (2, 0, 0) are collinear: must not be; "
+            "use Move for a straight line",
         ),
         (
             "Circle G1 CirclePoint={1, 0} TargetPoint={0, 0}",
             "the three points (0, 0, 0), (1, 0, 0) and (0, 0, 0) coincide: must be distinct; "
-            "a full circle goes by Angle and CircleCenter",
+            "use Angle and CircleCenter for a full circle",
         ),
         (
             "Circle G1 CirclePoint={1, 3} TargetPoint={1, 3}",
             "the three points (0, 0, 0), (1, 3, 0) and (1, 3, 0) coincide: must be distinct; "
-            "a full circle goes by Angle and CircleCenter",
+            "use Angle and CircleCenter for a full circle",
         ),
         (
             "Circle Angle=90 CircleCenter={0, 0}",
@@ -43,7 +43,7 @@ from gantrysim.errors import InputError
         ("Circle Angle=90 CircleCenter={1, 0} CirclePlane=nan", "plane = nan: must be 0 (XY), 1 (XZ) or 2 (YZ)"),
         (
             "Circle CirclePoint={1, 1} TargetPoint={2, 0} CirclePlane=1",
-            "plane = 1 (XZ) with a circle through points: must be left out; the three points make the plane",
+            "plane = 1 (XZ) with a circle through points: must be omitted; the three points define the plane",
         ),
         (
             "Circle G1 Angle=90",
@@ -103,7 +103,7 @@ from gantrysim.errors import InputError
         ),
         (
             "Move {1, 2} PrfType=-1 Smooth=101",
-            "smooth = 101: must be a whole number, 0 to 100, or -1 for the jerk's",
+            "smooth = 101: must be a whole number, 0 to 100, or -1 to use the jerk",
         ),
         (
             "Move {1, 2} Smooth=5",
@@ -112,20 +112,20 @@ from gantrysim.errors import InputError
         ("Move G2 {1, 2}", "group G2: must be G1, as in the lines before; a program moves one group"),
     ],
 )
-def test_a_line_that_cannot_be_run_is_told_with_its_number_and_text(line, said):
+def test_an_invalid_line_is_reported_with_its_number_and_text(line, message):
     with pytest.raises(SoftMCError) as caught:
         Program(f"Move G1 {{0, 0}}\n\n  {line}  ' as the operator typed it\nMove {{5, 5}}")
-    assert str(caught.value) == f'line 3 "{line}": {said}'
+    assert str(caught.value) == f'line 3 "{line}": {message}'
 
 
-def test_a_line_without_a_group_does_not_make_it_another():
+def test_a_line_without_a_group_uses_the_one_before():
     assert len(Program("Move G1 {1, 1}\nMove {2, 2}\nmove g1 {3, 3}\nMOVE {4, 4}").legs) == 4
     with pytest.raises(SoftMCError, match=r'^line 3 "Move G2 \{3, 3\}": group G2: must be G1, as in the lines before'):
         Program("Move G1 {1, 1}\nMove {2, 2}\nMove G2 {3, 3}")
 
 
 @pytest.mark.parametrize(
-    ("commands", "start", "said"),
+    ("commands", "start", "message"),
     [
         (
             [Move((1, 1)), Circle(angle=90, centre=(1, 1), velocity=5)],
@@ -152,14 +152,14 @@ def test_a_line_without_a_group_does_not_make_it_another():
         ),
     ],
 )  # fmt: skip
-def test_a_command_that_cannot_be_run_is_told_with_its_number(commands, start, said):
+def test_an_invalid_command_is_reported_with_its_number(commands, start, message):
     with pytest.raises(SoftMCError) as caught:
         Program(commands, start=start)
-    assert str(caught.value) == said
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda: Program("Move {1, 1}", start=(0,)), "start = (0,): must be 2 to 4 numbers, x, y[, z[, r]]"),
         (lambda: Program("Move {1, 1}", start=3), "start = 3: must be 2 to 4 numbers, x, y[, z[, r]]"),
@@ -170,8 +170,8 @@ def test_a_command_that_cannot_be_run_is_told_with_its_number(commands, start, s
         (lambda: Group(deceleration=0), "deceleration = 0 mm/s²: must be greater than 0 mm/s²"),
         (lambda: Group(jerk=math.inf), "jerk = inf mm/s³: must be finite"),
         (lambda: Group(vrot=0), "vrot = 0 deg/s: must be greater than 0 deg/s"),
-        (lambda: Group(smooth=0.5), "smooth = 0.5: must be a whole number, 0 to 100, or -1 for the jerk's"),
-        (lambda: Group(smooth=-2), "smooth = -2: must be a whole number, 0 to 100, or -1 for the jerk's"),
+        (lambda: Group(smooth=0.5), "smooth = 0.5: must be a whole number, 0 to 100, or -1 to use the jerk"),
+        (lambda: Group(smooth=-2), "smooth = -2: must be a whole number, 0 to 100, or -1 to use the jerk"),
         (lambda: Group(position_error=0), "position_error = 0 mm: must be greater than 0 mm"),
         (lambda: Group(position_error_delay=-1), "position_error_delay = -1: must be at least 0"),
         (lambda: Group(position_error_delay=1.5), "position_error_delay = 1.5: must be a whole number"),
@@ -192,8 +192,8 @@ def test_a_command_that_cannot_be_run_is_told_with_its_number(commands, start, s
         (lambda: Circle(90, (1, None)), "coordinate of centre = None: must be a number"),
     ],
 )
-def test_a_value_out_of_its_bound_is_named(make, said):
-    with pytest.raises(InputError, match=f"^{re.escape(said)}$"):
+def test_a_value_out_of_its_bound_is_named(make, message):
+    with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
         make()
 
 

@@ -23,15 +23,15 @@ def line(length=100.0, **group):
 def ways(program, period=PERIOD):
     """The way of every setpoint, each command's from its own geometry: distance, or angle times radius, or degrees."""
     position = program.setpoints(period).position
-    counts = [math.ceil(leg.law.duration / period - 1e-9) for leg in program.legs]
+    counts = [math.ceil(leg.profile.duration / period - 1e-9) for leg in program.legs]
     ends = np.concatenate([[0], np.cumsum(counts)])
     way = np.zeros(len(position))
     for (first, last), leg in zip(pairwise(ends), program.legs, strict=True):
         part = position[first : last + 1]
-        if hasattr(leg.way.piece, "angle"):
-            place = (part[:, :2] - leg.way.piece.centre[:2]) @ [1, 1j]
+        if hasattr(leg.path.piece, "angle"):
+            place = (part[:, :2] - leg.path.piece.centre[:2]) @ [1, 1j]
             turned = np.abs(np.unwrap(np.angle(place / place[0])))
-            steps = np.diff(turned) * math.hypot(leg.way.piece.radius[0], leg.way.piece.rise / leg.way.piece.angle)
+            steps = np.diff(turned) * math.hypot(leg.path.piece.radius[0], leg.path.piece.rise / leg.path.piece.angle)
         else:
             steps = np.linalg.norm(np.diff(part, axis=0), axis=1)
         way[first + 1 : last + 1] = way[first] + np.cumsum(steps)
@@ -94,7 +94,7 @@ def test_deceleration_is_the_acceleration_unless_it_is_given():
     assert line(velocity=200, acceleration=1000, deceleration=2000).duration == pytest.approx(0.65)
 
 
-def test_a_short_way_does_not_reach_the_speed():
+def test_a_short_distance_does_not_reach_the_speed():
     program = line(4.0, velocity=200, acceleration=1000)
     assert program.duration == pytest.approx(2 * math.sqrt(4 / 1000))
     assert np.diff(ways(program)).max() / PERIOD < math.sqrt(4 * 1000)
@@ -139,7 +139,7 @@ def programs(draw):
             centre = np.add(here, np.multiply(draw(st.floats(5, 60)), _direction(draw)))
             angle = draw(st.floats(20, 800)) * draw(st.sampled_from([-1, 1]))
             commands.append(Circle(angle, tuple(centre)))
-            here = Program(commands).legs[-1].way.end[:2]
+            here = Program(commands).legs[-1].path.end[:2]
     return Program(commands, group)
 
 
@@ -158,18 +158,18 @@ def test_velocity_acceleration_and_jerk_stay_within_their_limits(program):
     if group.profile != "constant":
         most = max(group.acceleration, group.deceleration)
         assert np.all(acceleration <= most * (1 + 1e-9) + 4 * rounding / PERIOD**2)
-        bound = max(jerk_bound(group, leg.law.length) for leg in program.legs)
+        bound = max(jerk_bound(group, leg.profile.length) for leg in program.legs)
         assert np.all(jerk <= bound * (1 + 1e-6) + 8 * rounding / PERIOD**3)
 
 
 @given(programs())
 @settings(max_examples=60, deadline=None)
-def test_the_path_speed_in_the_cruise_is_the_one_commanded(program):
+def test_the_cruise_speed_is_the_commanded_one(program):
     way = np.diff(ways(program)) / PERIOD
     first = 0
     for leg in program.legs:
-        count = math.ceil(leg.law.duration / PERIOD - 1e-9)
-        speed = leg.law.velocity(np.arange(count + 1) * PERIOD)
+        count = math.ceil(leg.profile.duration / PERIOD - 1e-9)
+        speed = leg.profile.velocity(np.arange(count + 1) * PERIOD)
         cruising = (speed[1:] == speed[:-1]) & (speed[1:] == program.group.velocity)
         assert way[first : first + count][cruising] == pytest.approx(program.group.velocity, rel=CRUISE)
         first += count
@@ -184,7 +184,7 @@ def test_the_spiral_of_half_circles_cruises_at_its_speed():
     assert speed.max() < 500 * (1 + CRUISE)
 
 
-def test_vmax_caps_the_speed_without_a_word():
+def test_vmax_caps_the_speed_silently():
     def fastest(**group):
         return np.diff(ways(line(velocity=300, acceleration=10000, **group))).max() / PERIOD
 
@@ -212,7 +212,7 @@ def test_overrides_last_for_one_command(override):
     program = Program([first, Move((100, 0), **override), last])
     plain, own = line(50.0).duration, line(50.0, **override).duration
     assert own != pytest.approx(plain, rel=1e-3)
-    assert [leg.law.duration for leg in program.legs] == pytest.approx([plain, own, plain])
+    assert [leg.profile.duration for leg in program.legs] == pytest.approx([plain, own, plain])
 
 
 def test_smooth_needs_its_profile_which_the_group_may_have():
@@ -223,7 +223,7 @@ def test_smooth_needs_its_profile_which_the_group_may_have():
 def test_every_command_starts_at_the_tick_at_which_the_one_before_has_ended():
     program = Program([Move((10, 0)), Move((10, 20)), Circle(90, (0, 20))])
     setpoints = program.setpoints(PERIOD)
-    counts = [math.ceil(leg.law.duration / PERIOD) for leg in program.legs]
+    counts = [math.ceil(leg.profile.duration / PERIOD) for leg in program.legs]
     corners = np.concatenate([[0], np.cumsum(counts)])
     assert setpoints.position[corners] == pytest.approx(np.array([[0, 0], [10, 0], [10, 20], [0, 30]]), abs=1e-9)
     assert len(setpoints.position) == corners[-1] + 1
@@ -231,10 +231,10 @@ def test_every_command_starts_at_the_tick_at_which_the_one_before_has_ended():
     assert setpoints.requested is program.requested
 
 
-def test_orientation_turns_with_the_angle_and_along_the_way():
+def test_orientation_turns_in_proportion_to_the_path_length():
     program = Program([Circle(270, (0, 50, 20, 135)), Move((0, 0, 0, 45))], start=(0, 0, 0, 0))
     setpoints = program.setpoints(PERIOD)
-    n = math.ceil(program.legs[0].law.duration / PERIOD)
+    n = math.ceil(program.legs[0].profile.duration / PERIOD)
     x, y, z, r = setpoints.position.T
     turned = np.degrees(np.unwrap(np.arctan2(y[: n + 1] - 50, x[: n + 1]))) + 90
     assert r[: n + 1] == pytest.approx(turned / 2, abs=1e-9)
@@ -261,15 +261,15 @@ def test_the_path_slows_where_the_orientation_cannot_follow(profile):
 def test_the_orientation_alone_turns_in_place():
     program = Program([Move((10, 0, 0, 0)), Move((10, 0, 0, -180)), Move((10, 0, 0, -180))], start=(0, 0, 0, 0))
     setpoints = program.setpoints(PERIOD)
-    n = math.ceil(program.legs[0].law.duration / PERIOD)
-    assert program.legs[1].law.duration == pytest.approx(180 / 360 + 360 / 3600)
+    n = math.ceil(program.legs[0].profile.duration / PERIOD)
+    assert program.legs[1].profile.duration == pytest.approx(180 / 360 + 360 / 3600)
     assert np.ptp(setpoints.position[n:, :3], axis=0) == pytest.approx(np.zeros(3))
     assert setpoints.position[-1, 3] == -180
     assert np.abs(np.diff(setpoints.position[n:, 3])).max() / PERIOD == pytest.approx(360)
     assert len(program.requested.pieces) == 1
 
 
-def test_glue_is_laid_from_first_to_last_but_where_a_command_says_not():
+def test_glue_is_laid_throughout_unless_a_command_switches_it_off():
     everywhere = Program([Move((10, 0)), Move((10, 10)), Move((0, 10))])
     assert everywhere.setpoints(PERIOD).dispense.all()
     program = Program("Move {10, 0} Dispense=0\nMove {10, 10}\nMove {0, 10} Dispense=0")

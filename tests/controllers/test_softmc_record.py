@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Servo, simulate
+from gantrysim.controllers import fanuc
 from gantrysim.controllers.softmc import Group, Move, Program, Record
 from gantrysim.errors import InputError
 
@@ -19,7 +20,7 @@ def run(xy):
 
 
 @pytest.mark.parametrize(("points", "gap", "count"), [(5, 1, 5), (10, 7, 10), (10_000, 3, None), (1, 1000, 1)])
-def test_every_so_many_ticks_are_sampled_up_to_the_points(run, points, gap, count):
+def test_every_gap_ticks_are_sampled_up_to_the_number_of_points(run, points, gap, count):
     columns = Record(points, gap).of(run)
     expected = np.arange(0, len(run.time), gap)[:points]
     assert len(expected) == (count or len(expected))
@@ -47,8 +48,16 @@ def test_the_delayed_position_error_compares_an_older_command(run):
     np.testing.assert_array_equal(error[:2], run.commanded[0, 0] - run.encoder[:2, 0])
 
 
-def test_columns_come_in_the_order_asked_for(run):
+def test_columns_are_in_the_requested_order(run):
     assert list(Record(3, what=("pfb", "PCMD")).of(run)) == ["time", "PFB x", "PFB y", "PCMD x", "PCMD y"]
+
+
+def test_a_program_writes_a_record_only_if_it_keeps_one(run, tmp_path):
+    for record in (None, Record(5)):
+        file = tmp_path / "record.csv"
+        assert Program("Move {20, 0}", record=record).write_record(run, file) is (record is not None)
+        assert file.exists() is (record is not None)
+    assert not fanuc.Program("G00 X10").write_record(run, tmp_path / "none.csv")
 
 
 def test_written_and_read_again_the_record_is_the_same(run, tmp_path):
@@ -63,7 +72,7 @@ def test_written_and_read_again_the_record_is_the_same(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         ((5, 1, ("PFX",)), "unknown expression 'PFX': did you mean PFB? known: PCMD, PE, PFB, SETPOINT, VCMD, VFB"),
         ((0,), "points = 0: must be at least 1"),
@@ -71,7 +80,7 @@ def test_written_and_read_again_the_record_is_the_same(run, tmp_path):
         ((5, 1.5), "gap = 1.5: must be a whole number"),
     ],
 )
-def test_a_value_out_of_its_bound_is_named(arguments, said):
+def test_a_value_out_of_its_bound_is_named(arguments, text):
     with pytest.raises(InputError) as caught:
         Record(*arguments)
-    assert str(caught.value) == said
+    assert str(caught.value) == text

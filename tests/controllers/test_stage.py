@@ -102,21 +102,21 @@ def test_the_notes_errors_of_linear_corner_interpolation(pieces, error, figure):
     assert off == pytest.approx(error, abs=figure)
     assert off == pytest.approx(190 * (1 - math.cos(math.pi / 4 / pieces)), rel=1e-4)
     assert trace.coordinates(s)[:, 0] == pytest.approx(exact.coordinates(s)[:, 0], abs=1e-7)
-    assert trace.notes == (f"corners: {pieces} linear pieces each are off the arc by up to {off:.4g} mm",)
+    assert trace.notes == (f"corners: {pieces} linear pieces each deviate from the arc by up to {off:.4g} mm",)
     # the needle is as far off the outline
     u = on_the_work(trace, trace.coordinates(s))
     assert np.linalg.norm(u - Rounded(RECTANGLE, 10)(s)[0], axis=1).max() == pytest.approx(off, rel=1e-9)
 
 
-def test_an_inner_corner_is_further_off_its_arc():
+def test_an_inner_corner_deviates_more_from_its_arc():
     """All corners turn by 90 deg; about the inner one the stage's radius is 210 mm, about the others 190 mm."""
     trace = OutlineTrace(corners=ELL, corner_pieces=9)
-    assert trace.notes == (f"corners: 9 linear pieces each are off the arc by up to {210 / 190 * 0.7230:.4g} mm",)
+    assert trace.notes == (f"corners: 9 linear pieces each deviate from the arc by up to {210 / 190 * 0.7230:.4g} mm",)
 
 
 @given(traces(), st.integers(1, 12))
 @settings(max_examples=40, deadline=None)
-def test_linear_corners_are_off_by_what_the_notes_say(job, pieces):
+def test_linear_corners_deviate_as_noted(job, pieces):
     """Convex and concave corners have arcs of other radii, |K - C - r n_K| and |K - C + r n_K|."""
     trace, exact = OutlineTrace(**job, corner_pieces=pieces), OutlineTrace(**job)
     s = np.linspace(0, trace.requested.length, 40_001)
@@ -125,9 +125,9 @@ def test_linear_corners_are_off_by_what_the_notes_say(job, pieces):
     ]
     s = np.concatenate([s, *parts])
     off = np.linalg.norm((trace.coordinates(s) - exact.coordinates(s))[:, 1:], axis=1).max()
-    said = float(trace.notes[-1].split()[-2])
-    assert trace.notes[-1] == f"corners: {pieces} linear pieces each are off the arc by up to {said:.4g} mm"
-    assert said == pytest.approx(off, rel=1e-3, abs=1e-9)
+    text = float(trace.notes[-1].split()[-2])
+    assert trace.notes[-1] == f"corners: {pieces} linear pieces each deviate from the arc by up to {text:.4g} mm"
+    assert text == pytest.approx(off, rel=1e-3, abs=1e-9)
 
 
 @given(traces())

@@ -12,7 +12,7 @@ from gantrysim.errors import InputError
 from support.outlines import POSITION, RECTANGLE, Rounded, on_the_work, traces
 
 
-def test_limits_of_the_travel_are_the_furthest_places_within_corners():
+def test_the_extremes_of_the_travel_are_within_corners():
     """With n_K at 45 deg the arc of radius 190 about its centre has its furthest place in the middle of a corner."""
     n = (-math.sqrt(0.5), math.sqrt(0.5))
     set_up = {"needle": (-200 * math.sqrt(0.5), 200 * math.sqrt(0.5)), "normal": n}
@@ -29,7 +29,7 @@ def test_limits_of_the_travel_are_the_furthest_places_within_corners():
 
 @given(traces())
 @settings(max_examples=40, deadline=None)
-def test_travel_is_held_to_the_furthest_place_of_any_outline(job):
+def test_travel_limits_hold_for_the_extremes_of_any_outline(job):
     trace = OutlineTrace(**job)
     s = np.concatenate(
         [np.linspace(a, b, 3001) for a, b in zip(trace.turning.s[:-1], trace.turning.s[1:], strict=True)]
@@ -41,50 +41,50 @@ def test_travel_is_held_to_the_furthest_place_of_any_outline(job):
             OutlineTrace(**job, travel_x=bad)
 
 
-def test_travel_that_is_met_exactly_is_enough():
+def test_travel_that_is_exactly_sufficient_is_accepted():
     OutlineTrace(travel_x=(-150, 150), travel_y=(-170, 170))
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         (
             {"travel_x": (-100, 100)},
             "outline piece 1 of 8, at 0 mm: needle (-200, 0) mm needs stage x = 150 mm at th = 0 deg: "
-            "must lie in -100 to 100 mm; move the needle, the work centre or the centre of rotation",
+            "must be from -100 to 100 mm; move the needle, the work centre or the centre of rotation",
         ),
         (
             {"travel_y": (-170, 169)},
             "outline piece 6 of 8, at 207.1 mm: needle (-200, 0) mm needs stage y = 170 mm at th = 270 deg: "
-            "must lie in -170 to 169 mm; move the needle, the work centre or the centre of rotation",
+            "must be from -170 to 169 mm; move the needle, the work centre or the centre of rotation",
         ),
         (
             {"travel_y": (-100, math.inf)},
             "outline piece 2 of 8, at 55.71 mm: needle (-200, 0) mm needs stage y = -170 mm at th = 90 deg: "
-            "must lie in -100 to inf mm; move the needle, the work centre or the centre of rotation",
+            "must be from -100 to inf mm; move the needle, the work centre or the centre of rotation",
         ),
-        ({"travel_x": (3, 1)}, "travel_x = (3, 1) mm: must be a lower and a higher limit"),
-        ({"travel_y": (1, 1)}, "travel_y = (1, 1) mm: must be a lower and a higher limit"),
-        ({"travel_y": (1, 2, 3)}, "travel_y = (1, 2, 3) mm: must be a lower and a higher limit"),
-        ({"travel_x": (math.nan, 1)}, "travel_x = (nan, 1) mm: must be a lower and a higher limit"),
+        ({"travel_x": (3, 1)}, "travel_x = (3, 1) mm: must be a lower and an upper limit"),
+        ({"travel_y": (1, 1)}, "travel_y = (1, 1) mm: must be a lower and an upper limit"),
+        ({"travel_y": (1, 2, 3)}, "travel_y = (1, 2, 3) mm: must be a lower and an upper limit"),
+        ({"travel_x": (math.nan, 1)}, "travel_x = (nan, 1) mm: must be a lower and an upper limit"),
         (
             {"corner_radius": 31},
-            "corner_radius = 31 mm: must be at most 30 mm, for which edge 1 of 60 mm has room",
+            "corner_radius = 31 mm: must be at most 30 mm for edge 1 of 60 mm",
         ),
         (
             {"corners": ((0, 0), (100, 0), (100, 2), (50, 60), (0, 80)), "corner_radius": 20},
-            "corner_radius = 20 mm: must be at most 1.45822 mm, for which edge 2 of 2 mm has room",
+            "corner_radius = 20 mm: must be at most 1.45822 mm for edge 2 of 2 mm",
         ),
         (  # edge 1 lacks most, and edge 4 has room for less
             {"corners": ((-28, -71), (3, 94), (-27, 77), (-24, 64)), "corner_radius": 20},
-            "corner_radius = 20 mm: must be at most 10.4569 mm, for which edge 4 of 135.059 mm has room",
+            "corner_radius = 20 mm: must be at most 10.4569 mm for edge 4 of 135.059 mm",
         ),
         ({"corners": ((0, 0), (100, 0))}, "outline of 2 corners: must have at least 3"),
-        ({"corners": ((0, 0), (9, 0), (9, 0), (0, 5))}, "outline: corners 2 and 3 are one point"),
-        ({"corners": ((0, 0), (9, 0), (9, 9), (0, 0))}, "outline: corners 4 and 1 are one point"),
+        ({"corners": ((0, 0), (9, 0), (9, 0), (0, 5))}, "outline: corners 2 and 3 coincide"),
+        ({"corners": ((0, 0), (9, 0), (9, 9), (0, 0))}, "outline: corners 4 and 1 coincide"),
         (
             {"corners": ((0, 0), (100, 0), (50, 0))},
-            "outline: encloses no area; its corners must not lie on one line, nor its edges cross",
+            "outline: has no area: its corners must not be collinear, nor its edges cross",
         ),
         ({"corners": ((0, 0), (100, 0), (50, 0), (50, 50))}, "outline: doubles back at corner 2"),
         ({"corners": ((50, 50), (0, 0), (100, 0), (50, 0))}, "outline: doubles back at corner 3"),
@@ -97,11 +97,11 @@ def test_travel_that_is_met_exactly_is_enough():
             "outline: edges 1 and 3 cross: must not",
         ),
         ({"corners": ((0, 0), (1, math.inf), (5, 5))}, "outline corner 2 y = inf mm: must be finite"),
-        ({"blend": 1e4}, "blend = 10000 mm: must be at most the outline, 302.832 mm"),
+        ({"blend": 1e4}, "blend = 10000 mm: must be at most the length of the outline, 302.832 mm"),
         ({"blend": -1}, "blend = -1 mm: must be at least 0 mm"),
         (
             {"blend": 1, "corner_pieces": 2},
-            "blend = 1 mm: must be 0 mm where corner_pieces is 2; linear pieces are not eased",
+            "blend = 1 mm: must be 0 mm where corner_pieces is 2; linear pieces are not blended",
         ),
         ({"velocity": (1, 2)}, "velocity of 2 values: must be three, of th, x and y"),
         ({"velocity": (1, -2, 3)}, "velocity of x = -2 mm/s: must be greater than 0 mm/s"),
@@ -123,13 +123,13 @@ def test_travel_that_is_met_exactly_is_enough():
         ({"speed": -1}, "speed = -1 mm/s: must be greater than 0 mm/s"),
     ],
 )
-def test_a_value_out_of_its_bound_is_named_in_full(changed, said):
+def test_a_value_out_of_its_bound_is_named_in_full(changed, text):
     with pytest.raises(InputError) as error:
         OutlineTrace(**changed)
-    assert str(error.value) == said
+    assert str(error.value) == text
 
 
-def test_the_largest_radius_that_is_offered_does_run():
+def test_the_suggested_largest_radius_is_accepted():
     corners = ((0, 0), (100, 0), (100, 2), (50, 60), (0, 80))
     assert OutlineTrace(corners=corners, corner_radius=1.4582).corner_radius == 1.4582
     corners = ((-28, -71), (3, 94), (-27, 77), (-24, 64))
@@ -137,7 +137,7 @@ def test_the_largest_radius_that_is_offered_does_run():
     assert OutlineTrace(corner_radius=30).requested.length == pytest.approx(2 * 40 + 60 * math.pi)
 
 
-def test_edges_of_no_length_between_their_arcs_are_none():
+def test_edges_of_zero_length_between_arcs_are_accepted():
     """A radius of half the height: the short edges are gone, and the long ones join half circles."""
     trace = OutlineTrace(corner_radius=30, acceleration=(3000.0, 3000.0, 3000.0))
     s = np.linspace(0, trace.requested.length, 2001)
@@ -145,7 +145,7 @@ def test_edges_of_no_length_between_their_arcs_are_none():
     assert np.all(np.diff(trace.turning.s) > 1)
 
 
-def test_a_corner_of_no_turn_is_none():
+def test_a_corner_without_a_turn_is_accepted():
     corners = ((-50, -30), (-50, 0), (-50, 30), (50, 30), (50, -30))
     trace = OutlineTrace(corners=corners)
     s = np.linspace(0, trace.requested.length, 2001)
@@ -156,18 +156,18 @@ def test_a_corner_of_no_turn_is_none():
 
 
 @pytest.mark.parametrize(
-    ("corners", "said"),
+    ("corners", "text"),
     [
         (((0, 0), (60, 0), (60, 60), (30, -30), (0, 60)), "edges 1 and 3 cross"),
         (((0, 0), (0, 60), (60, 0), (60, 90)), "edges 2 and 4 cross"),
     ],
 )
-def test_an_outline_whose_edges_cross_is_refused(corners, said):
-    with pytest.raises(InputError, match=f"^outline: {said}: must not$"):
+def test_an_outline_whose_edges_cross_is_refused(corners, text):
+    with pytest.raises(InputError, match=f"^outline: {text}: must not$"):
         OutlineTrace(corners=corners, corner_radius=2)
 
 
 def test_an_outline_that_touches_itself_and_winds_twice_is_refused():
     corners = ((0, 0), (60, 0), (60, 60), (0, 60), (0, 0), (30, 0), (30, 30), (0, 30))  # two squares by one corner
-    with pytest.raises(InputError, match=r"^outline: (turns by 720 deg in all: must not cross itself|.* one point)"):
+    with pytest.raises(InputError, match=r"^outline: (turns by 720 deg in total: must not cross itself|.* coincide)"):
         OutlineTrace(corners=corners, corner_radius=2)

@@ -71,10 +71,10 @@ def test_all_limits_hold_together_whatever_the_set_up(job, blend, data):
     assert np.all(np.abs(velocities(setpoints)).max(axis=0) <= np.array(velocity) * (1 + ACCELERATION))
     assert np.all(np.abs(accelerations(setpoints)).max(axis=0) <= np.array(acceleration) * (1 + 2 * ACCELERATION))
     u = on_the_work(trace, setpoints.position)
-    way = trace.law.position(setpoints.time)
+    way = trace.profile.position(setpoints.time)
     assert u == pytest.approx(oracle(way)[0], abs=1e-8)
     assert np.all(np.diff(way) >= 0)
-    assert trace.law.velocity(np.linspace(0, trace.duration, 5001)).max() <= job["speed"] * (1 + 1e-9)
+    assert trace.profile.velocity(np.linspace(0, trace.duration, 5001)).max() <= job["speed"] * (1 + 1e-9)
     assert trace.duration > oracle.length / job["speed"]
 
 
@@ -96,7 +96,7 @@ def test_linear_pieces_halt_at_every_joint_where_an_acceleration_is_limited():
     limits = {"acceleration": (3000.0, 3000.0, 3000.0)}
     trace = OutlineTrace(**limits, corner_pieces=3)
     s = np.concatenate([np.linspace(*trace.turning.s[k : k + 2], 4) for k in (1, 3, 5, 7)])
-    halts = trace.law.velocity(np.array([trace.law.reached(at) for at in s]))
+    halts = trace.profile.velocity(np.array([trace.profile.reached(at) for at in s]))
     assert halts == pytest.approx(np.zeros(s.size), abs=1e-2)
     # each from rest to rest: the axis that needs most of its limit a millimetre sets the pace
     edges = np.unique(np.concatenate([trace.turning.s, s]))
@@ -122,7 +122,7 @@ def test_the_time_with_halts_at_every_joint_in_closed_form(alpha):
     corners = 4 * trapezoid(5 * math.pi, 50, math.radians(alpha) * 10)
     assert trace.duration == pytest.approx(edges + corners, rel=1e-3)  # a thousandth of the accelerations is in hand
     assert trace.duration >= edges + corners
-    halts = trace.law.velocity(np.array([trace.law.reached(s) for s in trace.turning.s]))
+    halts = trace.profile.velocity(np.array([trace.profile.reached(s) for s in trace.turning.s]))
     assert halts == pytest.approx(np.zeros(9), abs=1e-3)
 
 
@@ -132,11 +132,10 @@ def test_the_time_where_only_the_table_is_limited():
     corners = 4 * trapezoid(5 * math.pi, 50, math.radians(3000) * 10)
     late = trace.duration - (240 / 50 + corners)
     assert 0 < late <= 8 * NODES / 50 + 1e-3 * corners
-    said = (
-        f"speed: the axes' limits make it {trace.duration:.3f} s instead of 6.057 s, "
-        "6 % of the mean speed lost, down to 0 mm/s at 40.0 mm of the outline"
+    assert trace.notes == (
+        f"speed: the axes' limits increase the duration from 6.057 s to {trace.duration:.3f} s and reduce the mean "
+        "speed by 6 %; lowest speed 0 mm/s at 40.0 mm of the outline",
     )
-    assert trace.notes == (said,)
 
 
 def test_the_time_where_the_tables_velocity_is_limited():
@@ -144,11 +143,11 @@ def test_the_time_where_the_tables_velocity_is_limited():
     slow = math.radians(100) * 10
     assert trace.duration == pytest.approx(240 / 50 + 20 * math.pi / slow, rel=1e-9)
     assert trace.notes == (
-        "speed: the axes' limits make it 8.400 s instead of 6.057 s, 28 % of the mean speed lost, "
-        "down to 17.5 mm/s at 40.0 mm of the outline",
+        "speed: the axes' limits increase the duration from 6.057 s to 8.400 s and reduce the mean speed by 28 %; "
+        "lowest speed 17.5 mm/s at 40.0 mm of the outline",
     )
     t = np.linspace(0, trace.duration, 1001)
-    speed = trace.law.velocity(t)
+    speed = trace.profile.velocity(t)
     assert np.all(np.isclose(speed, 50) | np.isclose(speed, slow) | (np.abs(np.gradient(speed)) > 0))
 
 
@@ -166,7 +165,7 @@ def test_the_time_where_an_axis_of_the_stage_has_a_velocity_limit(axis):
     assert 0 <= trace.duration - (240 / 50 + 4 * corner) <= 0.005 * 4 * corner
 
 
-def test_limits_that_do_not_bite_cost_nothing():
+def test_limits_above_the_demand_have_no_effect():
     trace = OutlineTrace(velocity=(300.0, 1000.0, 1000.0))
     assert trace.duration == pytest.approx(6.05664, abs=5e-6)
     assert trace.notes == ()
@@ -183,26 +182,27 @@ def test_blending_is_faster_than_stopping_and_leaves_the_needle_on_the_outline()
     trace = OutlineTrace(**limits, blend=5.0)
     setpoints = trace.setpoints(1e-3)
     oracle = Rounded(RECTANGLE, 10)
-    points, normals = oracle(trace.law.position(setpoints.time))
+    points, normals = oracle(trace.profile.position(setpoints.time))
     assert on_the_work(trace, setpoints.position) == pytest.approx(points, abs=POSITION)
     off = np.abs(angle_between(turned(normals, np.radians(setpoints.position[:, 0])), np.array([-1.0, 0.0])))
     bound = math.degrees(5 / 10 / 8)
     assert 0.99 * bound < off.max() <= bound * (1 + 1e-9)
     lost = 100 * (1 - 302.8318530717959 / 50 / trace.duration)
     assert trace.notes == (
-        f"speed: the axes' limits make it {trace.duration:.3f} s instead of 6.057 s, {lost:.0f} % of the mean "
-        f"speed lost, down to {trace.law.slowest[0]:.3g} mm/s at {trace.law.slowest[1]:.1f} mm of the outline",
-        f"blend: the normal at the needle is off by up to {bound:.2f} deg",
+        f"speed: the axes' limits increase the duration from 6.057 s to {trace.duration:.3f} s and reduce the mean "
+        f"speed by {lost:.0f} %; lowest speed {trace.profile.slowest[0]:.3g} mm/s at "
+        f"{trace.profile.slowest[1]:.1f} mm of the outline",
+        f"blend: the normal at the needle deviates by up to {bound:.2f} deg",
     )
-    assert trace.law.slowest[0] > 10
-    # the slowest that is said is between the first rise and the last fall
+    assert trace.profile.slowest[0] > 10
+    # the slowest that is text is between the first rise and the last fall
     t = np.linspace(0.5, trace.duration - 0.5, 20_001)
-    assert trace.law.velocity(t).min() == pytest.approx(trace.law.slowest[0], rel=1e-2)
+    assert trace.profile.velocity(t).min() == pytest.approx(trace.profile.slowest[0], rel=1e-2)
 
 
 @given(traces(), st.floats(0.05, 3))
 @settings(max_examples=60, deadline=None)
-def test_a_blended_normal_is_off_by_no_more_than_its_bound(job, share):
+def test_a_blended_normal_deviates_by_no_more_than_its_bound(job, share):
     """By w / 8 r where all corners turn one way, and by twice that where some turn the other.
 
     The mean over a window w is off by the integral of half the second difference, (TH' after - TH' before) t, and
@@ -220,7 +220,7 @@ def test_a_blended_normal_is_off_by_no_more_than_its_bound(job, share):
     assert off.max() <= math.degrees(blend / job["corner_radius"] / 8) * (1 if convex else 2) + 1e-7
     assert (
         trace.notes[-1]
-        == f"blend: the normal at the needle is off by up to {float(trace.notes[-1].split()[-2]):.2f} deg"
+        == f"blend: the normal at the needle deviates by up to {float(trace.notes[-1].split()[-2]):.2f} deg"
     )
     assert float(trace.notes[-1].split()[-2]) == pytest.approx(off.max(), abs=0.0051)
     # the table's rate does not jump: by central differences its slope changes by no more than w's share a step

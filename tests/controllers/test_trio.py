@@ -308,7 +308,7 @@ def test_generation_error_falls_with_the_loop_period_at_first_order(loop_period)
 
 
 @pytest.mark.parametrize("passes", [12, 100, 151, 1000])
-def test_a_whole_number_of_passes_has_no_pass_of_no_motion(passes):
+def test_a_whole_number_of_passes_has_no_empty_pass(passes):
     spiral = note(loop_period=note().virtual_time / passes)
     assert spiral.ratios.size == passes
     lengths = spiral.generated.parameters()["lengths"] / spiral.ratios
@@ -329,12 +329,12 @@ def test_inner_diameter_zero_is_reached_in_the_continuous_limit_alone():
 
 
 def test_ratio_that_would_fall_to_zero_names_the_pass_and_the_remedies():
-    said = (
-        r"ratio x = -[\d.]+ on pass 14 of 14: must be at least 2\^-16, the least that CONNECT can hold; "
+    text = (
+        r"ratio x = -[\d.]+ on pass 14 of 14: must be at least 2\^-16, the resolution of CONNECT; "
         r"inner_diameter 4 mm is too small for loop_period 1 s, "
         r"use fewer turns, a smaller thickness or a shorter loop_period"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=text):
         note(diameter=104, thickness=12.5, loop_period=1)
     assert note(diameter=104, thickness=12.5, loop_period=0.1).ratios[-1] > 0
 
@@ -356,24 +356,24 @@ def test_ratio_is_at_least_one_bit_of_its_sixteen():
 
 
 def test_inner_diameter_below_zero_names_its_value_and_the_alternatives():
-    said = (
+    text = (
         r"inner_diameter = -20 mm \(diameter 120 - 2 x turns 7 x thickness 10\): must be at least 0 mm; "
         r"use turns at most 5 or thickness below 8\.57143 mm"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=text):
         note(turns=7)
     assert note(turns=5).inner_diameter == 20  # what the message offers does run
     assert note(turns=6, loop_period=0).inner_diameter == 0
     assert note(turns=7, thickness=120 / 14, loop_period=0).inner_diameter == pytest.approx(0, abs=1e-12)
 
 
-def test_thickness_over_the_radius_offers_no_turns():
+def test_a_thickness_above_the_radius_suggests_no_turns():
     with pytest.raises(InputError, match=r"inner_diameter = -40 mm .*; use thickness below 60 mm"):
         note(turns=1, thickness=80)
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"diameter": math.nan}, "diameter = nan mm: must be finite"),
         ({"diameter": 0}, "diameter = 0 mm: must be greater than 0 mm"),
@@ -402,8 +402,8 @@ def test_thickness_over_the_radius_offers_no_turns():
         ),
     ],
 )
-def test_a_value_out_of_its_bound_is_named(changed, said):
-    with pytest.raises(InputError, match=f"^{said}"):
+def test_a_value_out_of_its_bound_is_named(changed, text):
+    with pytest.raises(InputError, match=f"^{text}"):
         note(**changed)
 
 

@@ -89,7 +89,7 @@ def test_the_generated_path_is_that_of_three_virtual_axes(job):
 
 @given(jobs(), st.floats(50, 300))
 @settings(max_examples=60, deadline=None)
-def test_setpoints_pass_the_joints_in_time_and_between_them_run_evenly(job, ticks):
+def test_setpoints_pass_the_joints_in_time_at_constant_speed_in_between(job, ticks):
     spiral = MoveSpiral(**job)
     place, z, time = pass_by_pass(spiral)
     setpoints = spiral.setpoints(time[-1] / ticks)
@@ -202,13 +202,13 @@ def test_modes_agree_without_a_height_and_differ_with_one():
 def test_accel_belongs_to_the_motion_in_space_in_mode_0():
     slow = note(height=1500, mhelical_mode=0, thickness=4, acceleration=500, deceleration=250)
     beta = math.atan2(1500, math.pi * 480)
-    law = slow.passes.law
+    law = slow.passes.profile
     assert law.velocity(0.01) == pytest.approx(500 * math.cos(beta) * 0.01, rel=1e-9)
     assert law.velocity(law.duration - 0.01) == pytest.approx(250 * math.cos(beta) * 0.01, rel=1e-6)
     # the virtual helix, in space
     z = np.diff(slow.setpoints(1e-3).position[:, 2]) / 1e-3
     assert z[4] / math.sin(beta) == pytest.approx(500 * 0.0045, rel=1e-6)
-    in_plane = note(height=1500, thickness=4, acceleration=500).passes.law
+    in_plane = note(height=1500, thickness=4, acceleration=500).passes.profile
     assert in_plane.velocity(0.01) == pytest.approx(5.0, rel=1e-9)
 
 
@@ -236,11 +236,11 @@ def test_the_requested_path_climbs_evenly_with_the_angle():
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_a_path_in_space_may_be_published_and_then_climbs_its_literal_four_circles(mode):
+def test_a_published_path_in_space_climbs_over_four_circles(mode):
     spiral = note(turns=2, thickness=10, as_published=True, mhelical_mode=mode)
     path = spiral.generated
     assert path.position(path.length)[0, 2] == pytest.approx(80)  # 40 mm in two turns, and four are run
-    assert spiral.notes[-1] == "listing: MHELIX is no command of the controller; MHELICAL is taken here"
+    assert spiral.notes[-1] == "listing: MHELIX is not a command of the controller; MHELICAL is used instead"
 
 
 def test_negative_ratios_still_climb():
@@ -248,7 +248,7 @@ def test_negative_ratios_still_climb():
     assert spiral.ratios[-1] < -0.01
     setpoints = spiral.setpoints(1e-3)
     # 40 mm in two turns; the virtual angle from the virtual axis' own way
-    way = spiral.passes.law.position(setpoints.time)
+    way = spiral.passes.profile.position(setpoints.time)
     assert setpoints.position[:, 2] == pytest.approx(20 * way / (math.pi * 120), abs=1e-7)
     step = np.diff(setpoints.position[:, :2] @ [1, 1j])
     x = np.repeat(
@@ -258,7 +258,7 @@ def test_negative_ratios_still_climb():
     assert step == pytest.approx(-60 * x * turned, abs=1e-7)
 
 
-def test_a_mode_that_there_is_not_is_refused():
+def test_an_unknown_mode_is_refused():
     with pytest.raises(InputError) as error:
         note(mhelical_mode=3)
     assert str(error.value) == "mhelical_mode = 3: must be 0 (SPEED in space) or 1 (of the circle)"

@@ -51,7 +51,7 @@ def built(job):
 
 @given(jobs(accelerated=False))
 @settings(max_examples=60, deadline=None)
-def test_setpoints_are_the_stepped_controllers_without_accel(job):
+def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
     spiral, stepped = built(job), Controller(**job).run()
     commanded = places(spiral.setpoints(job["servo_period"]))
     assert np.abs(len(commanded) - len(stepped.places)) <= 1  # the end may round either way
@@ -63,7 +63,7 @@ def test_setpoints_are_the_stepped_controllers_without_accel(job):
 
 @given(jobs())
 @settings(max_examples=80, deadline=None)
-def test_setpoints_are_the_stepped_controllers_with_the_exact_law_within_a_tick(job):
+def test_setpoints_agree_with_the_stepped_controller_with_an_exact_profile_within_a_tick(job):
     spiral, stepped = built(job), Controller(**job).run()
     assume(stepped.ratios[-1] > 1e-3)
     commanded = places(spiral.setpoints(job["servo_period"]))
@@ -73,13 +73,13 @@ def test_setpoints_are_the_stepped_controllers_with_the_exact_law_within_a_tick(
     assert commanded[-1] == pytest.approx(stepped.places[-1], abs=POSITION)
     time = np.arange(n) * job["servo_period"]
     if math.isfinite(spiral.deceleration or 0):  # else the speed may jump to zero within the last tick
-        assert spiral.passes.law.position(time) == pytest.approx(np.array(stepped.ways)[:n], abs=POSITION)
-        assert spiral.passes.law.velocity(time) == pytest.approx(np.array(stepped.speeds)[:n], abs=1e-6)
+        assert spiral.passes.profile.position(time) == pytest.approx(np.array(stepped.ways)[:n], abs=POSITION)
+        assert spiral.passes.profile.velocity(time) == pytest.approx(np.array(stepped.speeds)[:n], abs=1e-6)
 
 
 @pytest.mark.parametrize("servo_period", [0.0005, 0.001, 0.002])
 @pytest.mark.parametrize(("acceleration", "deceleration"), [(1000, None), (120, None), (1000, 300), (300, 1000)])
-def test_a_controller_of_whole_ticks_is_met_to_half_a_ticks_way(servo_period, acceleration, deceleration):
+def test_a_controller_of_whole_ticks_agrees_to_half_a_ticks_distance(servo_period, acceleration, deceleration):
     """Its virtual speed is changed at ticks alone, so that it agrees to the first order in the servo period."""
     job = {"diameter": 120, "turns": 4, "thickness": 10, "speed": 100, "servo_period": servo_period}
     job |= {"acceleration": acceleration, "deceleration": deceleration}
@@ -89,12 +89,12 @@ def test_a_controller_of_whole_ticks_is_met_to_half_a_ticks_way(servo_period, ac
     error = np.abs(commanded[:n] - np.array(stepped.places)[:n]).max()
     assert 0.3 * 100 * servo_period <= error <= STEPPED * 100 * servo_period
     assert commanded[-1] == pytest.approx(stepped.places[-1], abs=STEPPED * 100 * servo_period)
-    lag = np.abs(spiral.passes.law.position(np.arange(n) * servo_period) - np.array(stepped.ways)[:n]).max()
+    lag = np.abs(spiral.passes.profile.position(np.arange(n) * servo_period) - np.array(stepped.ways)[:n]).max()
     assert lag <= STEPPED * max(stepped.speeds) * servo_period
 
 
 @pytest.mark.parametrize(("acceleration", "end", "places"), [(1000, 40.02 - 0.14j, 0.005), (120, 43.8 - 4.7j, 0.05)])
-def test_the_notes_ends_at_finite_accel(acceleration, end, places):
+def test_the_application_notes_end_points_at_finite_accel(acceleration, end, places):
     found = end_of(note(acceleration=acceleration))
     assert found.real == pytest.approx(end.real, abs=places)
     assert found.imag == pytest.approx(end.imag, abs=places)
@@ -106,7 +106,7 @@ def test_the_virtual_speed_must_rise_by_the_notes_figure_at_a_third():
     """The law is dv/dt = V change / (T x^3); over a pass it is V change / (T x_k^2 x_k+1)."""
     spiral = note(loop_period=1e-3)
     x, time = spiral.passes.ratio, spiral.passes.time
-    rise = np.diff(spiral.passes.law.velocity(time)) / np.diff(time)
+    rise = np.diff(spiral.passes.profile.velocity(time)) / np.diff(time)
     law = 100 * spiral.change / (1e-3 * x**3)
     assert rise == pytest.approx(law[:-1], rel=2e-4)  # change / x, the difference of x_k and x_k+1
     assert law[-1] == pytest.approx(119.4, abs=0.05)
@@ -118,7 +118,7 @@ def test_the_speed_is_reached_within_a_pass_where_the_need_is_below_accel(accele
     passes = note(acceleration=acceleration, deceleration=math.inf).passes
     x = passes.ratio
     need = 100 * 0.004420971 / (0.1 * x[:-2] * x[1:-1] ** 2)  # within pass k, from V / x_k-1 to V / x_k
-    lack = 100 / x[1:-1] - passes.law.velocity(passes.time[2:] - 1e-9)
+    lack = 100 / x[1:-1] - passes.profile.velocity(passes.time[2:] - 1e-9)
     caught_up = int(np.flatnonzero(lack < 1e-6)[0])  # after the start from rest
     enough = need[caught_up:] < acceleration
     assert 20 < enough.sum() < enough.size - 5
@@ -136,7 +136,7 @@ def accelerations(law, n=40001):
 @settings(max_examples=60, deadline=None)
 def test_virtual_speed_is_continuous_within_accel_and_decel_and_ends_at_rest_at_the_end(job):
     spiral = built({**job, "deceleration": job["deceleration"] if job["deceleration"] != math.inf else None})
-    law = spiral.passes.law
+    law = spiral.passes.profile
     slope, t = accelerations(law)
     up = spiral.acceleration
     down = up if spiral.deceleration is None else spiral.deceleration
@@ -157,8 +157,8 @@ def test_virtual_speed_is_continuous_within_accel_and_decel_and_ends_at_rest_at_
 
 
 @pytest.mark.parametrize("limit", ["acceleration", "deceleration"])
-def test_a_limit_alone_bites_and_the_other_end_is_free(limit):
-    law = note(**{"acceleration": math.inf, "deceleration": math.inf, limit: 400.0}).passes.law
+def test_a_single_limit_applies_at_its_own_end_only(limit):
+    law = note(**{"acceleration": math.inf, "deceleration": math.inf, limit: 400.0}).passes.profile
     assert law.velocity(0.0) == (0.0 if limit == "acceleration" else pytest.approx(100 / note().ratios[0]))
     last = law.velocity(law.duration)
     assert last == pytest.approx(0, abs=1e-6) if limit == "deceleration" else last > 290
@@ -171,21 +171,21 @@ def test_a_limit_alone_bites_and_the_other_end_is_free(limit):
         assert law.velocity(law.duration - 0.1) == pytest.approx(40, rel=1e-6)
 
 
-def test_decel_other_than_accel_is_what_brakes():
+def test_braking_uses_decel():
     for deceleration in (200.0, 1000.0, 5000.0):
-        law = note(acceleration=1000, deceleration=deceleration).passes.law
+        law = note(acceleration=1000, deceleration=deceleration).passes.profile
         slope, _ = accelerations(law)
         assert slope.max() == pytest.approx(1000, rel=1e-6)
         assert slope.min() == pytest.approx(-deceleration, rel=1e-6)
         assert law.velocity(law.duration - 0.01) == pytest.approx(0.01 * deceleration, rel=1e-6)
     same, default = note(acceleration=700, deceleration=700), note(acceleration=700)
-    assert np.array_equal(same.passes.way, default.passes.way)
+    assert np.array_equal(same.passes.distance, default.passes.distance)
 
 
 @pytest.mark.parametrize("deceleration", np.geomspace(100, 3000, 60))
-def test_a_speed_that_could_not_be_braked_any_more_is_not_taken_up(deceleration):
+def test_a_speed_too_high_to_brake_is_not_reached(deceleration):
     """Without ACCEL a command jumps the speed, but for the last one to no more than DECEL can stop."""
-    law = note(loop_period=1.0, deceleration=deceleration).passes.law
+    law = note(loop_period=1.0, deceleration=deceleration).passes.profile
     t = np.linspace(0, law.duration, 4001)
     assert np.all(law.velocity(t) ** 2 <= 2 * deceleration * (law.length - law.position(t)) * (1 + 1e-9) + 1e-3)
     assert law.velocity(law.duration - 1e-3) == pytest.approx(1e-3 * deceleration, rel=1e-6)
@@ -201,7 +201,7 @@ def test_braking_curls_the_tail_in():
 
 def test_x_is_held_above_the_least_ratio_while_the_axes_brake():
     spiral = note(thickness=14, deceleration=100.0)
-    x, law = spiral.ratios, spiral.passes.law
+    x, law = spiral.ratios, spiral.passes.profile
     assert NEVER_BELOW <= x[-1] < x[-2]
     assert x[-1] - spiral.change < NEVER_BELOW  # the next would fall below
     assert law.duration > spiral.passes.time[-1] + 2 * 0.1 * x[-1]  # so that the last pass lasts, with x held
@@ -216,11 +216,11 @@ def test_x_is_held_above_the_least_ratio_while_the_axes_brake():
     assert commanded[:n] == pytest.approx(np.array(stepped.places)[:n], abs=POSITION)
 
 
-LEAST = r"must be at least 2\^-16, the least that CONNECT can hold; "
+LEAST = r"must be at least 2\^-16, the resolution of CONNECT; "
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         (
             {"thickness": 14.9, "loop_period": 1.0},
@@ -250,8 +250,8 @@ LEAST = r"must be at least 2\^-16, the least that CONNECT can hold; "
         ),
     ],
 )
-def test_a_ratio_that_falls_below_before_braking_names_the_remedies_that_help(changed, said):
-    with pytest.raises(InputError, match=f"^{said}$"):
+def test_a_ratio_that_falls_below_before_braking_names_the_remedies_that_help(changed, text):
+    with pytest.raises(InputError, match=f"^{text}$"):
         note(**changed)
 
 
@@ -268,7 +268,7 @@ def test_the_remedies_help(changed, remedy):
     assert note(**{**changed, **remedy}).ratios[-1] > 0
 
 
-def test_wa_waits_whole_milliseconds_cut_off():
+def test_wa_truncates_to_whole_milliseconds():
     free, cut = note(), note(wait_resolution=WHOLE_MS)
     waits = np.diff(cut.passes.time)
     assert np.round(waits / WHOLE_MS) * WHOLE_MS == pytest.approx(waits, abs=1e-9)
@@ -276,7 +276,7 @@ def test_wa_waits_whole_milliseconds_cut_off():
     assert np.all((lost > -1e-9) & (lost < WHOLE_MS))
     assert lost.max() > 0.9 * WHOLE_MS
     # a shorter pass turns the circle by less while x falls as ever: the pitch is thickness T x / floor(T x)
-    step = np.diff(cut.ratios * 60) / np.diff(cut.passes.way[:-1]) * 2 * math.pi * 60
+    step = np.diff(cut.ratios * 60) / np.diff(cut.passes.distance[:-1]) * 2 * math.pi * 60
     assert -step == pytest.approx(10 * 0.1 * cut.ratios[:-1] / waits, rel=RELATIVE)
     assert cut.ratios.size > free.ratios.size
     assert end_of(cut).real > end_of(free).real + 0.1
@@ -309,7 +309,7 @@ def test_ratio_bits_cost_at_most_half_a_bit_of_every_radius(job, bits):
     assert held.duration == exact.duration
 
 
-def test_ratio_bits_show():
+def test_the_error_of_ratio_bits_is_measurable():
     assert abs(end_of(note(ratio_bits=8)) - end_of(note())) > 1e-3
     assert 0 < abs(end_of(note(ratio_bits=16)) - end_of(note())) < 60 * 2**-16
 
@@ -345,7 +345,7 @@ def test_a_wait_cut_to_nothing_takes_a_servo_tick():
     assert places(spiral.setpoints(5e-4))[:-1] == pytest.approx(np.array(stepped.places)[:-1], abs=POSITION)
 
 
-def test_interpreter_time_adds_to_the_wait_that_is_left():
+def test_interpreter_time_adds_to_the_truncated_wait():
     """With WA cut to whole ms a pass lasts floor(100 x) ms + d."""
     d = 0.0004
     spiral = note(wait_resolution=WHOLE_MS, interpreter_time=d)
@@ -385,11 +385,12 @@ def test_path_speed_is_v_but_for_the_ramps_with_accel():
 @settings(max_examples=30, deadline=None)
 def test_real_speed_is_the_ratio_times_the_virtual_speed(job):
     passes = built(job).passes
-    law = passes.connect(passes.connected * np.diff(passes.way))
+    law = passes.connect(passes.connected * np.diff(passes.distance))
     t = np.linspace(0, law.duration, 2003)[1:-1]
     at = np.searchsorted(passes.time, t, side="right") - 1
     inside = np.abs(t - passes.time[at]) > 1e-6
-    assert law.velocity(t)[inside] == pytest.approx((passes.connected[at] * passes.law.velocity(t))[inside], rel=1e-6)
+    driven = passes.connected[at] * passes.profile.velocity(t)
+    assert law.velocity(t)[inside] == pytest.approx(driven[inside], rel=1e-6)
     # and the way's derivative
     whole = inside & (at == np.searchsorted(passes.time, t + 1e-6, side="right") - 1)
     slope = (law.position(t + 1e-6) - law.position(t)) / 1e-6
@@ -398,21 +399,21 @@ def test_real_speed_is_the_ratio_times_the_virtual_speed(job):
 
 
 def test_setpoints_of_another_period_than_the_servo_period_are_refused():
-    said = (
-        r"^servo_period = 0\.001 s of the controller: must be that of the servo, 0\.0005 s; "
-        r"or 0 s for a program that is not bound to its ticks$"
+    text = (
+        r"^servo_period = 0\.001 s of the controller: must be that of the servo, 0\.0005 s, "
+        r"or 0 s for a program that acts between ticks$"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=text):
         note(servo_period=1e-3).setpoints(5e-4)
     assert note(servo_period=1e-3).setpoints(1e-3).period == 1e-3
     assert note().setpoints(5e-4).period == 5e-4
 
 
-NO_LOOP = "where loop_period is 0 s, the limit of a loop that takes no time"
+NO_LOOP = "where loop_period is 0 s, the continuous limit"
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"acceleration": 100}, f"acceleration = 100 mm/s²: must be inf mm/s² {NO_LOOP}"),
         ({"deceleration": 50}, f"deceleration = 50 mm/s²: must be inf mm/s² {NO_LOOP}"),
@@ -424,17 +425,17 @@ NO_LOOP = "where loop_period is 0 s, the limit of a loop that takes no time"
         ({"height": 10, "mhelical_mode": 0}, "mhelical_mode = 0: must have a loop_period greater than 0 s"),
     ],
 )
-def test_the_continuous_limit_has_no_limits(changed, said):
+def test_the_continuous_limit_has_no_limits(changed, text):
     with pytest.raises(InputError) as error:
         note(loop_period=0, **changed)
-    assert str(error.value) == said
+    assert str(error.value) == text
     assert note(loop_period=0, acceleration=math.inf, deceleration=math.inf).duration == pytest.approx(
         10.0531, abs=5e-5
     )
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"acceleration": 0}, "acceleration = 0 mm/s²: must be greater than 0 mm/s²"),
         ({"acceleration": math.nan}, "acceleration = nan mm/s²: must be finite"),
@@ -449,10 +450,10 @@ def test_the_continuous_limit_has_no_limits(changed, said):
         ({"mhelical_mode": 2}, "mhelical_mode = 2: must be 0 (SPEED in space) or 1 (of the circle)"),
     ],
 )
-def test_a_limit_out_of_its_bound_is_named(changed, said):
+def test_a_limit_out_of_its_bound_is_named(changed, text):
     with pytest.raises(InputError) as error:
         note(**changed)
-    assert str(error.value) == said
+    assert str(error.value) == text
 
 
 def test_defaults_are_the_method_without_limits():
@@ -474,7 +475,7 @@ def test_defaults_are_the_method_without_limits():
     assert note().passes.time == pytest.approx(np.concatenate([[0], ends[:-1]]), abs=1e-9)
 
 
-def test_an_accel_so_small_that_the_loop_would_never_end_is_refused(monkeypatch):
+def test_an_accel_too_small_for_the_loop_to_end_is_refused(monkeypatch):
     for module in ("loop", "spiral"):
         monkeypatch.setattr(f"gantrysim.controllers.trio.{module}.MAX_PASSES", 2000)
     with pytest.raises(InputError, match=r"^ratio x = 0\.99\d+ at .* s: the circles must end within 2000 passes; use "):

@@ -100,7 +100,7 @@ def test_virtual_axes_slow_down_with_decel_behind_a_ratio_of_zero():
     commanded = places(spiral.setpoints(1e-3))
     n = min(len(commanded), len(stepped.places)) - 1
     assert commanded[:n] == pytest.approx(np.array(stepped.places)[:n], abs=1e-8)
-    assert spiral.passes.law.velocity(np.arange(n) * 1e-3) == pytest.approx(np.array(stepped.speeds)[:n], abs=1e-6)
+    assert spiral.passes.profile.velocity(np.arange(n) * 1e-3) == pytest.approx(np.array(stepped.speeds)[:n], abs=1e-6)
     assert np.diff(stepped.speeds[: n - 200]).min() == pytest.approx(-2.0, rel=1e-6)  # before the last braking
 
 
@@ -126,35 +126,32 @@ def test_a_negative_ratio_runs_the_real_axes_backwards():
     first = int(np.flatnonzero(spiral.ratios < 0)[0])
     path, passes = spiral.generated, spiral.passes
     for k in (first - 3, first):
-        real = passes.connect(np.abs(passes.connected) * np.diff(passes.way)).real
+        real = passes.connect(np.abs(passes.connected) * np.diff(passes.distance)).real
         tangent = complex(*path.tangent(real[k] + 1e-6)[0, :2])
-        virtual = 1j * cmath.exp(-1j * passes.way[k] / 60)
+        virtual = 1j * cmath.exp(-1j * passes.distance[k] / 60)
         assert tangent == pytest.approx(np.sign(spiral.ratios[k]) * virtual, abs=1e-4)
 
 
-BASE = (
-    "listing: a BASE statement names an axis that does not exist; no controller runs it, "
-    "so the virtual axes are taken here"
-)
+BASE = "listing: a BASE statement names an axis that does not exist; the virtual axes are used instead"
 COUNTER = "listing: the turn counter is compared with a literal 4, not with the number of turns: "
-GUARD = "listing: the guard lets x = 0 and negative x pass"
-COMMA = "listing: a trailing comma in the first MOVECIRC is a syntax error; it is left out here"
-HELIX = "listing: MHELIX is no command of the controller; MHELICAL is taken here"
+GUARD = "listing: the guard accepts x = 0 and negative x"
+COMMA = "listing: a trailing comma in the first MOVECIRC is a syntax error; it is ignored"
+HELIX = "listing: MHELIX is not a command of the controller; MHELICAL is used instead"
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         (
             {},
-            (BASE, COUNTER + "with 4 turns nothing changes", GUARD + ": here x ends at 0.3324, nothing changes", COMMA),
+            (BASE, COUNTER + "no effect", GUARD + ": no effect, x ends at 0.3324", COMMA),
         ),
         (
             {"turns": 3, "height": 30},
             (
                 BASE,
                 COUNTER + "4 circles are run instead of 3",
-                GUARD + ": here x ends at 0.3324, nothing changes",
+                GUARD + ": no effect, x ends at 0.3324",
                 COMMA,
                 HELIX,
             ),
@@ -174,15 +171,15 @@ HELIX = "listing: MHELIX is no command of the controller; MHELICAL is taken here
             (
                 BASE,
                 COUNTER + "4 circles are run instead of 3",
-                GUARD + ": x is 0 on pass 40, SPEED = V / x divides by zero, the program stops there "
-                "and the axes run on with x = 0.025",
+                GUARD + ": x is 0 on pass 40, SPEED = V / x divides by zero, the program stops "
+                "and the axes continue with x = 0.025",
                 COMMA,
             ),
         ),
     ],
 )
-def test_the_differences_of_the_listing_are_said_in_full(changed, said):
-    assert published(**changed).notes == said
+def test_the_differences_of_the_listing_are_said_in_full(changed, text):
+    assert published(**changed).notes == text
 
 
 def test_a_first_ratio_of_zero_is_refused_even_as_published():

@@ -124,7 +124,7 @@ def test_arcs_are_tangent_and_as_long_as_their_time_at_the_path_speed():
     step = np.diff(arcs.position(phi))
     heading = np.unwrap(np.angle(step))
     np.testing.assert_allclose(heading, 0.5 * np.pi - 0.5 * (phi[1:] + phi[:-1]), rtol=0, atol=1e-6)
-    assert np.abs(step).sum() == pytest.approx(MoveSpiral(**NOTE, loop_period=0.3).passes.law.duration * 100, rel=1e-6)
+    assert np.abs(step).sum() == pytest.approx(MoveSpiral(**NOTE, loop_period=0.3).passes.profile.duration * 100, rel=1e-6)
 
 
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 0.01, 0.1])

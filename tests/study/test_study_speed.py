@@ -1,4 +1,4 @@
-"""The speed of programs, and the search for the fastest within a tolerance."""
+"""The search for the fastest within a tolerance."""
 
 import csv
 import math
@@ -14,82 +14,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, measure, run_study
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
-from gantrysim.study.speed.pace import programmed_speed, speed_overrides
 
-SPEEDS = {  # of the built-in jobs [mm/s]
-    "an225": 100.0,
-    "an225-3d": 100.0,
-    "fanuc-conical": 120.0,
-    "fanuc-spiral": 100.0,
-    "softmc-arc": 150.0,
-    "softmc-helical": 200.0,
-    "stage-outline": 50.0,
-}
-DIGITS = 1e-7  # relative, of a speed in a program's text
 MOST_ROUNDS = 40
-
-
-@pytest.mark.parametrize(("name", "speed"), SPEEDS.items())
-def test_the_speed_of_a_job_is_that_of_its_fastest_motion_and_can_be_changed(name, speed):
-    job = Job.load(name)
-    assert programmed_speed(job) == speed
-    faster = job.changed(speed_overrides(job, 1.7 * speed))
-    assert programmed_speed(faster) == pytest.approx(1.7 * speed, rel=DIGITS)
-    assert programmed_speed(job.changed(speed_overrides(job, speed))) == speed
-    assert faster.controller.requested.length == job.controller.requested.length
-    assert faster.controller.duration < job.controller.duration
-
-
-FANUC = """
-[program]
-controller = "fanuc.Program"
-program = \"\"\"
-N10 G17 G90 G01 X10F1200 (F6000 is too fast)
-N20 G03 X0 Y10. I-10. J0. F.5
-N30 G00 X0 Y0
-N40 G01 X5 Y5 F3000.
-\"\"\"
-"""
-
-
-def test_feeds_of_a_fanuc_program_keep_their_proportion_and_comments_stay(tmp_path):
-    (tmp_path / "a.toml").write_text(f'name = "a"\n{FANUC}')
-    job = Job.load(tmp_path / "a.toml")
-    assert programmed_speed(job) == 50
-    text = speed_overrides(job, 75.0)["program.program"]
-    assert "X10F1800 (F6000 is too fast)" in text
-    assert "F0.75\n" in text
-    assert "F4500\n" in text
-    assert text.count("F") == 4
-    assert "program.dry_run" not in speed_overrides(job, 75.0)
-    assert speed_overrides(job.changed({"program.dry_run": 600.0}), 75.0)["program.dry_run"] == pytest.approx(900)
-
-
-def test_feeds_are_written_as_a_controller_reads_them():
-    job = Job.load("fanuc-spiral")
-    for speed in (1e-3 / 3, 100 / 3, 123456.789):
-        text = speed_overrides(job, speed)["program.program"]
-        word = next(word for word in text.split() if word.startswith("F"))
-        assert "e" not in word
-        assert sum(character.isdigit() for character in word) <= 8
-        assert float(word[1:]) == pytest.approx(60 * speed, rel=1e-2 if speed < 1e-2 else 1e-6)
-
-
-def test_velocities_of_a_softmc_program_keep_their_proportion_to_the_groups():
-    values = speed_overrides(Job.load("softmc-arc"), 300.0)
-    assert values["program.group.velocity"] == 300
-    assert "Vtran=240\n" in values["program.program"]
-    assert "' back home" in values["program.program"]
-
-
-def test_a_program_of_commands_has_speeds_too():
-    commands = [{"target": [10.0, 0.0], "velocity": 40.0}, {"angle": 90.0, "centre": [0.0, 0.0]}]
-    program = {"controller": "softmc.Program", "program": commands, "group": {"velocity": 20.0}}
-    job = Job(name="commands", program=program)
-    assert programmed_speed(job) == 40
-    faster = job.changed(speed_overrides(job, 60.0))
-    assert faster.program["group"]["velocity"] == 30
-    assert [command.get("velocity") for command in faster.program["program"]] == [60.0, None]
 
 
 def search(within, own=100.0, resolution=0.01):
@@ -231,7 +157,7 @@ def test_a_real_search_agrees_with_runs_at_its_answer():
             break
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in rows})
     assert found.fastest is not None
-    run = job.changed(speed_overrides(job, found.fastest)).run()
+    run = job.changed(study.overrides(found.fastest)).run()
     largest = 1e3 * Analysis(run).nozzle.distance.max()
     assert largest <= 300.0
     assert next(row for row in rows if row["speed_mm_s"] == found.fastest)["contour_max_um"] == pytest.approx(largest)
@@ -277,7 +203,6 @@ def test_a_run_without_figures_is_never_within(row):
         ),
         (lambda: Criterion("tolerance", 1).key(ROW), "known: contour_max, spacing_std$"),
         (lambda: SpeedStudy(Job.load("an225"), 50.0, resolution=1e-4), "resolution = 0.0001: must be at least 0.001"),
-        (lambda: speed_overrides(Job.load("an225"), 0.0), "speed = 0 mm/s: must be greater than 0 mm/s"),
     ],
 )
 def test_what_makes_no_search_is_refused(build, text):

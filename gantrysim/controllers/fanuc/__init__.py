@@ -1,4 +1,4 @@
-"""FANUC's spiral and conical interpolation, among the lines and arcs of a file of blocks."""
+"""FANUC's spiral and conical interpolation, with lines and arcs, in programs of blocks."""
 
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral

@@ -1,6 +1,8 @@
-"""The controller's alarms: number, title, block, and what is wrong in words."""
+"""The controller's alarms."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from gantrysim.errors import InputError
 
@@ -25,14 +27,14 @@ TITLES = {
 
 
 class Alarm(InputError):  # noqa: N818 - the controller's own word
-    """A program that the controller refuses; nothing moves.
+    """A program that the controller refuses before any motion.
 
     Attributes:
         number: of the alarm.
         title: the controller's own text for it.
         block: name of the block, as "N10" or "block 3".
-        line: of the program's text, from 1; 0 where the program is no text.
-        detail: what is wrong, in words.
+        line: of the program's text, from 1; 0 for a program of values.
+        detail: the cause.
     """
 
     def __init__(self, number: int, block: str, line: int, detail: str) -> None:
@@ -44,3 +46,15 @@ class Alarm(InputError):  # noqa: N818 - the controller's own word
 
     def __reduce__(self) -> tuple[type[Alarm], tuple[int, str, int, str]]:
         return Alarm, (self.number, self.block, self.line, self.detail)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a block comes from: its name and its line, as in `Alarm`."""
+
+    name: str
+    line: int
+
+    def fail(self, number: int, detail: str) -> Alarm:
+        """Return an alarm of this block."""
+        return Alarm(number, self.name, self.line, detail)

@@ -1,4 +1,4 @@
-"""The blocks of a program as values: what the text is read into, and what Python programs are made of."""
+"""The blocks of a program as values."""
 
 from __future__ import annotations
 
@@ -11,23 +11,22 @@ from gantrysim.errors import InputError, at_least, finite, positive
 End = tuple[float | None, ...]
 Plane = Literal["xy", "zx", "yz"]
 
-# the plane's axes and the one square to it, as indices of x, y, z
+# the plane's axes and its normal, as indices of x, y, z
 PLANES: dict[Plane, tuple[int, int, int]] = {"xy": (0, 1, 2), "zx": (2, 0, 1), "yz": (1, 2, 0)}
 FRAMES: dict[Plane, Frame] = {"xy": XY, "zx": ZX, "yz": YZ}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What all motions have.
+    """The arguments of every motion.
 
     Args:
-        end: absolute x, y[, z] of the end; None, or left out, where an axis stays [mm].
-        rotary: angle of the rotary axis at the end; None where it stays [deg].
-        compensation: cutter compensation, to the left of the path where positive, as G41, to the right where
-            negative, as G42 [mm].
+        end: absolute x, y[, z] of the end; None, or omitted, for an axis that stays [mm].
+        rotary: angle of the rotary axis at the end; None if it stays [deg].
+        compensation: cutter compensation, positive to the left of the path (G41), negative to the right (G42) [mm].
         plane: "xy" (G17), "zx" (G18) or "yz" (G19).
-        exact_stop: whether to stop at the end, as G61.
-        dispense: whether glue is laid; by default in all but rapid moves.
+        exact_stop: whether to stop at the end (G61).
+        dispense: whether glue is laid; by default in all motions except rapid ones.
     """
 
     end: End = ()
@@ -63,7 +62,7 @@ class Line(Motion):
     """A straight move, G01.
 
     Args:
-        feed: F; None for that of the block before [mm/min; deg/min where the rotary axis moves alone].
+        feed: F; None for that of the block before [mm/min; deg/min for the rotary axis alone].
     """
 
     feed: float | None = None
@@ -75,12 +74,12 @@ class Line(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Arc(Motion):
-    """A circular arc, or a helix where the axis square to the plane moves, G02 and G03.
+    """A circular arc, or a helix if the plane's normal axis moves, G02 and G03.
 
     Args:
-        centre: from the start to the centre along the plane's first and second axis [mm].
-        radius: R instead of the centre; negative for the arc of more than half a circle [mm].
-        clockwise: G02, seen against the plane's normal.
+        centre: relative to the start, along the plane's first and second axis [mm].
+        radius: R instead of the centre; negative for more than half a circle [mm].
+        clockwise: G02 if true, viewed against the plane's normal.
         feed: F [mm/min].
     """
 
@@ -99,18 +98,17 @@ class Arc(Motion):
 
 @dataclass(frozen=True, kw_only=True)
 class Spiral(Motion):
-    """Spiral interpolation, or conical where the axis square to the plane moves, G02 and G03.
+    """Spiral interpolation, or conical if the plane's normal axis moves, G02 and G03.
 
-    The number of turns follows from the change of the radius per turn, else from the height per turn, else from
-    `turns`; the first of these that is given wins. A height per turn that it does not win must lead to the end's
-    height all the same, as a radius must; `turns` is then not looked at.
+    The number of turns follows from the first that is given of the change of the radius per turn, the height per
+    turn, and `turns`. Any given change and height per turn must lead to the end point.
 
     Args:
-        centre: from the start to the centre along the plane's first and second axis [mm].
-        clockwise: G02, seen against the plane's normal.
+        centre: relative to the start, along the plane's first and second axis [mm].
+        clockwise: G02 if true, viewed against the plane's normal.
         change: Q, signed change of the radius per turn [mm].
         height_per_turn: K in the XY plane, J in ZX, I in YZ [mm].
-        turns: L, a part of a turn counted as a whole one.
+        turns: L, with a partial turn counted as one.
         feed: F [mm/min].
     """
 
@@ -136,7 +134,7 @@ class Dwell:
 
     Args:
         time: [s].
-        dispense: whether glue is laid meanwhile.
+        dispense: whether glue is laid.
     """
 
     time: float

@@ -1,8 +1,7 @@
 """Cutter compensation: the path beside the programmed one.
 
-Lines are offset along their normal, arcs and spirals along the radius, on virtual circles about their centre: that
-is the controller's own way, and for a spiral not quite an offset of even distance. Round outer corners the motions
-are lengthened along their tangents.
+As on the controller, lines are offset along their normal, arcs and spirals along the radius, which for a spiral is
+not exactly a constant offset. At outer corners the motions are extended along their tangents.
 """
 
 from __future__ import annotations
@@ -16,20 +15,20 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import FRAMES
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Frame, Line, Vector
+from gantrysim.controllers.paths.pieces import Coil, Frame, Line, Vector, vector
 
-_GAP = 1e-6  # [mm], between two ends that are one
-_SHARP = math.pi / 2 + 1e-9  # an outer corner of lines beyond it is cut off
-_SLIGHT = math.radians(5)  # an inner corner that a short bridge may cross
+_GAP = 1e-6  # between two ends taken as one [mm]
+_SHARP = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off
+_SLIGHT = math.radians(5)  # largest inner corner that a short bridge may cross
 
 
 def compensated(legs: list[Leg]) -> list[Leg]:
-    """Return the motions beside those of the program, where their compensation is not 0.
+    """Return the motions, offset where their compensation is not 0.
 
-    Stops and motions square to the plane take place wherever the offset path is by then.
+    Stops and motions along the plane's normal take place on the offset path.
 
     Raises:
-        Alarm: compensation that begins or ends in an arc, or a corner or an arc that the offset has no room for.
+        Alarm: compensation that begins or ends in an arc, or an offset too large for a corner or an arc.
     """
     if not any(leg.compensation for leg in legs):
         return legs
@@ -61,7 +60,7 @@ def _runs_in_plane(leg: Leg) -> bool:
 
 
 def _moved(leg: Leg, there: Vector) -> Leg:
-    """A stop or a motion square to the plane, beginning in another place of the plane."""
+    """A stop, or a motion along the plane's normal, at another place of the plane."""
     start = _level(there, leg.start, leg)
     if not isinstance(leg.piece, Line):
         return replace(leg, start=start)
@@ -69,10 +68,10 @@ def _moved(leg: Leg, there: Vector) -> Leg:
 
 
 def _level(place: Vector, height: Vector, leg: Leg) -> Vector:
-    """A place in the plane of a motion, at another's height."""
+    """A place in the plane of a motion, at another height."""
     u, v = np.array(getattr(leg.piece, "frame", FRAMES["xy"]))
     w = np.cross(u, v)
-    return _vector(np.array(place) + ((np.array(height) - place) @ w) * w)
+    return vector(np.array(place) + ((np.array(height) - place) @ w) * w)
 
 
 def _beside(leg: Leg) -> Line | Coil | None:
@@ -87,14 +86,14 @@ def _beside(leg: Leg) -> Line | Coil | None:
             raise leg.source.fail(41, f"radius = {smallest:.6g} mm: must be greater than the offset, {abs(d):g} mm")
         return replace(piece, radius=radius)
     shift = d * _normal(piece)
-    return replace(piece, start=_vector(np.add(piece.start, shift)), end=_vector(np.add(piece.end, shift)))
+    return replace(piece, start=vector(np.add(piece.start, shift)), end=vector(np.add(piece.end, shift)))
 
 
 def _normal(line: Line) -> Floats:
-    """Left normal in the line's plane; none where it is square to the plane."""
+    """Left normal in the line's plane; zero for a line along the plane's normal."""
     u, v = np.array(line.frame)
-    way = np.subtract(line.end, line.start)
-    a, b = way @ u, way @ v
+    displacement = np.subtract(line.end, line.start)
+    a, b = displacement @ u, displacement @ v
     size = math.hypot(a, b)
     return (a * v - b * u) / size if size > _GAP else np.zeros(3)
 
@@ -105,15 +104,15 @@ def _start_up(leg: Leg, follows: Leg) -> Leg:
 
 
 def _between(leg: Leg, start: Vector, end: Vector) -> Leg:
-    """A straight move between other places of its plane, at its own heights."""
+    """A straight move between other places of its plane, at the same heights."""
     if not isinstance(leg.piece, Line):
-        raise leg.source.fail(34, "cutter compensation begins and ends in an arc: must be in a straight move")
+        raise leg.source.fail(34, "cutter compensation begins or ends in an arc: must be in a straight move")
     first, last = _level(start, leg.piece.start, leg), _level(end, leg.piece.end, leg)
     return replace(leg, start=first, piece=replace(leg.piece, start=first, end=last))
 
 
 def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
-    """Join a motion to the one before it, either of which may be lengthened or cut for it."""
+    """Join a motion to the one before, extending or cutting either."""
     there = _start(leg)
     here = _level(_end(before), there, leg)
     gap = math.dist(here, there)
@@ -124,7 +123,7 @@ def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
     same = abs(before.compensation - leg.compensation) <= _GAP
     lines = isinstance(before.piece, Line) and isinstance(leg.piece, Line)
     if lines and same and (inside or abs(corner) <= _SHARP):
-        meeting = _vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
+        meeting = vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
         return _cut(before, _start(before), meeting), [_cut(leg, meeting, _end(leg))]
     if inside and abs(corner) > _SLIGHT:
         raise leg.source.fail(
@@ -136,12 +135,12 @@ def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
 def _bridge(before: Leg, leg: Leg, here: Vector, there: Vector, corner: float) -> list[Leg]:
     """Straight moves from the end of one motion to the start of the next.
 
-    Round an outer corner both are lengthened, to where they meet, or by the offset d where that is less: a straight
-    line between those ends is no nearer to the corner than d.
+    At an outer corner both are extended to where they meet, but by no more than the offset d: a straight line
+    between those ends is no nearer to the corner than d.
     """
-    longer = abs(leg.compensation) * min(math.tan(0.5 * min(corner, math.pi / 2)), 1.0)
-    out = _vector(here + longer * _direction(before, 1))
-    back = _vector(there - longer * _direction(leg, 0))
+    extension = abs(leg.compensation) * min(math.tan(0.5 * min(corner, math.pi / 2)), 1.0)
+    out = vector(here + extension * _direction(before, 1))
+    back = vector(there - extension * _direction(leg, 0))
     bridge = []
     for place in (out, back, there):
         if math.dist(here, place) > _GAP:
@@ -156,13 +155,13 @@ def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
     cut = _between(leg, start, end)
     if np.subtract(end, start) @ _direction(leg, 0) <= 0:
         raise leg.source.fail(
-            41, f"straight move is too short for the offset of {abs(leg.compensation):g} mm at its corners"
+            41, f"straight move too short for the offset of {abs(leg.compensation):g} mm at its corners"
         )
     return cut
 
 
 def _corner(before: Leg, leg: Leg) -> float:
-    """Angle from the end of one motion to the start of the next, to the left positive [rad]."""
+    """Angle from the end of one motion to the start of the next, positive to the left [rad]."""
     u, v = np.array(_frame(leg))
     first, second = _direction(before, 1), _direction(leg, 0)
     return float(np.angle(complex(second @ u, second @ v) / complex(first @ u, first @ v)))
@@ -172,11 +171,11 @@ def _direction(leg: Leg, end: int) -> Floats:
     """Unit vector in the plane along a motion at its start, 0, or its end, 1."""
     u, v = np.array(_frame(leg))
     if isinstance(leg.piece, Line):
-        way = np.subtract(leg.piece.end, leg.piece.start)
+        tangent = np.subtract(leg.piece.end, leg.piece.start)
     else:
         chain = _chain(leg)
-        way = chain.tangent(end * chain.length)[0]
-    flat: Floats = (way @ u) * u + (way @ v) * v
+        tangent = chain.tangent(end * chain.length)[0]
+    flat = (tangent @ u) * u + (tangent @ v) * v
     return flat / np.linalg.norm(flat)
 
 
@@ -191,16 +190,11 @@ def _chain(leg: Leg) -> Chain:
 
 
 def _start(leg: Leg) -> Vector:
-    return leg.piece.start if isinstance(leg.piece, Line) else _vector(_chain(leg).position(0.0)[0])
+    return leg.piece.start if isinstance(leg.piece, Line) else vector(_chain(leg).position(0.0)[0])
 
 
 def _end(leg: Leg) -> Vector:
     if isinstance(leg.piece, Line):
         return leg.piece.end
     chain = _chain(leg)
-    return _vector(chain.position(chain.length)[0])
-
-
-def _vector(point: Floats) -> Vector:
-    x, y, z = np.asarray(point).tolist()
-    return x, y, z
+    return vector(chain.position(chain.length)[0])

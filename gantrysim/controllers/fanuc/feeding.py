@@ -1,4 +1,4 @@
-"""How the path speed is set: the feed's parameters, its clamp by radius, and laws that take over from one another."""
+"""The parameters of the path speed, the feed clamp by radius, and spliced speed profiles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gantrysim.errors import positive
 
 @dataclass(frozen=True)
 class Clamp:
-    """Feed clamp by the radius of an arc: at most sqrt(r / radius) feed, but not below the floor (1731, 1730, 1732).
+    """Feed clamp by the radius of an arc: sqrt(r / radius) feed, at least the floor (1731, 1730, 1732).
 
     Args:
         radius: Rp [mm].
@@ -38,65 +38,49 @@ class Clamp:
 
 @dataclass(frozen=True)
 class Feeding:
-    """How the controller sets the path speed.
-
-    Args:
-        acceleration: of every axis [mm/s²].
-        clamp: of the feed by the radius, or None.
-        in_space: whether F counts the height of a helix or a cone.
-        blend_time: of the moving average that rounds corners, 0 to stop at them [s].
-        dry_run: feed that replaces F, or None [mm/min].
-        dry_from: time from which it does [s].
-        dry_until: time until which it does [s].
-        rotary_velocity: limit of the rotary axis [deg/s].
-        rotary_acceleration: limit of the rotary axis; inf where `acceleration` is [deg/s²].
-    """
+    """The arguments of a `Program` that determine the path speed, by the same names."""
 
     acceleration: float
     clamp: Clamp | None
-    in_space: bool
+    feed_in_space: bool
     blend_time: float
     dry_run: float | None
-    dry_from: float
-    dry_until: float
+    dry_run_from: float
+    dry_run_until: float
     rotary_velocity: float
     rotary_acceleration: float
 
 
 class Spliced:
-    """Laws that take over from one another.
+    """Speed profiles, each replacing the one before.
 
     Args:
-        laws: one or more, each of the way from the start of the path.
+        profiles: one or more, of distances from the start of the path.
         times: at which each begins [s].
     """
 
-    def __init__(self, laws: list[Limited], times: list[float]) -> None:
-        self._laws, self._times = laws, np.array(times)
+    def __init__(self, profiles: list[Limited], times: list[float]) -> None:
+        self._profiles, self._times = profiles, np.array(times)
 
     @property
     def length(self) -> float:
-        """Way in all [mm]."""
-        return self._laws[-1].length
+        return self._profiles[-1].length
 
     @property
     def duration(self) -> float:
-        """Time in all [s]."""
-        return float(self._times[-1] + self._laws[-1].duration)
+        return float(self._times[-1] + self._profiles[-1].duration)
 
     def _each(self, t: ArrayLike, name: str) -> Floats:
         at = np.asarray(t, float)
-        k = np.clip(np.searchsorted(self._times, at, side="right") - 1, 0, len(self._laws) - 1)
+        k = np.clip(np.searchsorted(self._times, at, side="right") - 1, 0, len(self._profiles) - 1)
         values = np.empty(at.shape)
-        for index, law in enumerate(self._laws):
+        for index, profile in enumerate(self._profiles):
             chosen = k == index
-            values[chosen] = getattr(law, name)(at[chosen] - self._times[index])
+            values[chosen] = getattr(profile, name)(at[chosen] - self._times[index])
         return values
 
     def position(self, t: ArrayLike) -> Floats:
-        """Way at the times t, (n,) [mm]."""
         return self._each(t, "position")
 
     def velocity(self, t: ArrayLike) -> Floats:
-        """Speed at the times t, (n,) [mm/s]."""
         return self._each(t, "velocity")

@@ -1,4 +1,4 @@
-"""A block into the piece of path that it runs."""
+"""The path of a block, given its start."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def piece_of(
 
     Args:
         block: to run.
-        start: where it begins, (3,) [mm].
+        start: its start, (3,) [mm].
         end_tolerance: of a spiral's end point [mm].
         arc_tolerance: of an arc's radius at its end [mm].
         fail: makes the alarm.
@@ -50,7 +50,7 @@ def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -
         raise fail(22, "arc without a centre and without a radius: must have I, J, K of its plane, or R")
     radius, reached = abs(a - centre), abs(b - centre)
     if radius < _ROUNDING:
-        raise fail(22, "radius = 0 mm: must be greater than 0 mm; I, J, K lead from the start to the centre")
+        raise fail(22, "radius = 0 mm: must be greater than 0 mm; I, J, K are relative to the start")
     if abs(reached - radius) > tolerance:
         raise fail(
             20,
@@ -64,7 +64,7 @@ def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -
 def _centre_by_radius(a: complex, b: complex, radius: float, clockwise: bool, fail: Fail) -> complex:
     chord = b - a
     if abs(chord) < _ROUNDING:
-        raise fail(22, "arc by R that ends where it starts: has no centre; give it by I, J, K")
+        raise fail(22, "arc by R that ends at its start: has no centre; use I, J, K")
     square = radius**2 - 0.25 * abs(chord) ** 2
     if square < -_ROUNDING * radius**2:
         raise fail(20, f"R = {radius:g} mm: must be at least half the chord, {0.5 * abs(chord):.6g} mm")
@@ -81,7 +81,7 @@ def _spiral(block: Spiral, start: Vector, end: Vector, tolerance: float, fail: F
     rise = end[across] - start[across]
     if block.compensation and min(radius, reached) < _ROUNDING:
         end_name = "start" if radius < _ROUNDING else "end"
-        raise fail(5124, f"{end_name} at the centre under cutter compensation: must be off it")
+        raise fail(5124, f"{end_name} at the centre under cutter compensation: must be away from it")
     if radius < _ROUNDING:
         raise fail(5122, "radius at the start = 0 mm: must be greater than 0 mm")
     if block.height_per_turn is not None and abs(rise) < _ROUNDING:
@@ -103,9 +103,9 @@ def _turns(
 ) -> float:
     """Number of turns: whole ones, and the part from the start's direction to the end's, 0 < part <= 1."""
     if block.change is not None:
-        step, way, name = block.change, reached - radius, "Q"
+        step, total, name = block.change, reached - radius, "Q"
     elif block.height_per_turn is not None:
-        step, way, name = block.height_per_turn, rise, "height per turn"
+        step, total, name = block.height_per_turn, rise, "height per turn"
     elif block.turns is not None:
         if block.turns < 1 or block.turns != int(block.turns):
             raise fail(5122, f"L = {block.turns:g}: must be a whole number of at least 1")
@@ -114,14 +114,14 @@ def _turns(
         raise fail(5122, "spiral without Q, without a height per turn and without L: must have one of them")
     if step == 0:
         raise fail(5122, f"{name} = 0 mm: must not be 0 mm")
-    whole = math.ceil(way / step - _ROUNDING) - 1
-    # near a whole turn the end point's rounding may make them one too many or too few
+    whole = math.ceil(total / step - _ROUNDING) - 1
+    # near a whole turn the rounding of the end point may make them one too many or too few
     for other in (whole - 1, whole + 1):
-        if abs((whole + part) * step - way) > tolerance >= abs((other + part) * step - way):
+        if abs((whole + part) * step - total) > tolerance >= abs((other + part) * step - total):
             whole = other
     if whole + part <= 0:
         raise fail(
-            5123, f"{name} = {step:g} mm leads away from the end point, {way:+.6g} mm: must have the sign of that"
+            5123, f"{name} = {step:g} mm leads away from the end point, {total:+.6g} mm: must have the same sign"
         )
     return whole + part
 
@@ -136,7 +136,7 @@ def _compare(what: str, word: str, computed: float, programmed: float, tolerance
 
 
 def _angle(begin: complex, end: complex, clockwise: bool) -> float:
-    """Angle from one direction to another in the sense of the motion, a full turn where they are one [rad]."""
+    """Angle from one direction to another in the sense of rotation, a full turn if they are equal [rad]."""
     angle = float(np.angle(end / begin)) * (-1 if clockwise else 1)
     angle = angle % (2 * math.pi)
     return 2 * math.pi if angle < _ROUNDING or 2 * math.pi - angle < _ROUNDING else angle

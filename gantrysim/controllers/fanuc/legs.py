@@ -1,4 +1,4 @@
-"""The motions of a program as they are run: a piece of path each, with its feed and what happens beside it."""
+"""The motions of a program: pieces of path with feed, rotary axis and dispenser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gantrysim.controllers.fanuc.geometry import piece_of
 from gantrysim.controllers.fanuc.text import SourceLine
 from gantrysim.controllers.paths.pieces import Coil, Line, Vector
 
-_SHORTEST = 1e-6  # [mm], of a line; what is less is rounding of incremental coordinates
+_SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
 
 
 @dataclass(frozen=True)
@@ -19,13 +19,13 @@ class Leg:
 
     Attributes:
         source: the block.
-        start: where it begins [mm].
-        piece: its path, None where only the rotary axis moves, or nothing.
+        start: its start [mm].
+        piece: its path, None if at most the rotary axis moves.
         rotary: angle of the rotary axis at its start and end [deg].
-        feed: path speed asked for, or of the rotary axis alone [mm/s, deg/s].
-        compensation: cutter compensation, to the left where positive [mm].
+        feed: programmed path speed, or speed of the rotary axis alone [mm/s, deg/s].
+        compensation: cutter compensation, positive to the left [mm].
         exact_stop: whether to stop at its end.
-        spiral: whether it is a spiral or a cone, which stops before and after.
+        spiral: whether it is a spiral or a cone, with stops before and after.
         dispense: whether glue is laid.
         dwell: time of a stop [s].
         rapid: whether it is run at the rapid feed.
@@ -45,13 +45,13 @@ class Leg:
 
     @property
     def plane(self) -> str:
-        """The block's plane; a stop counts as in the XY plane."""
+        """The block's plane; XY for a stop."""
         block = self.source.block
         return "xy" if isinstance(block, Dwell) else block.plane
 
     @property
     def climbs(self) -> bool:
-        """Whether it changes the height in the XY plane."""
+        """Whether it changes the height above the XY plane."""
         if isinstance(self.piece, Line):
             return self.piece.start[2] != self.piece.end[2]
         return self.piece is not None and self.piece.rise != 0
@@ -60,38 +60,38 @@ class Leg:
 def legs_of(
     blocks: tuple[SourceLine, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float
 ) -> list[Leg]:
-    """Return the motions of blocks, one behind the other.
+    """Return the consecutive motions of blocks.
 
     Args:
         blocks: of the program.
-        start: position at which it begins [mm].
+        start: initial position [mm].
         rapid: feed of rapid moves [mm/min].
         end_tolerance: of a spiral's end point [mm].
         arc_tolerance: of an arc's radius at its end [mm].
 
     Raises:
-        Alarm: a block that cannot be run from where the one before ends.
+        Alarm: a block that cannot be run from the end of the one before.
     """
     legs = []
     here, angle, feed = start, 0.0, None
-    for sourced in blocks:
-        block = sourced.block
+    for line in blocks:
+        block = line.block
         if isinstance(block, Dwell):
-            legs.append(Leg(sourced, here, None, (angle, angle), 0.0, dispense=block.dispense, dwell=block.time))
+            legs.append(Leg(line, here, None, (angle, angle), 0.0, dispense=block.dispense, dwell=block.time))
             continue
         if isinstance(block, Rapid):
             speed: float | None = rapid
         else:
             speed = feed = block.feed if block.feed is not None else feed
         if speed is None:
-            raise sourced.fail(11, "a motion at feed must come with F, in it or before it")
-        piece = piece_of(block, here, end_tolerance, arc_tolerance, sourced.fail)
+            raise line.fail(11, "a motion at feed must have an F, in its block or before")
+        piece = piece_of(block, here, end_tolerance, arc_tolerance, line.fail)
         still = isinstance(piece, Line) and math.dist(piece.start, piece.end) <= _SHORTEST
         turned = angle if block.rotary is None else block.rotary
-        glue = block.dispense if block.dispense is not None else not isinstance(block, Rapid)
+        dispense = block.dispense if block.dispense is not None else not isinstance(block, Rapid)
         legs.append(
             Leg(
-                source=sourced,
+                source=line,
                 start=here,
                 piece=None if still else piece,
                 rotary=(angle, turned),
@@ -100,7 +100,7 @@ def legs_of(
                 exact_stop=block.exact_stop,
                 spiral=isinstance(block, Spiral),
                 rapid=isinstance(block, Rapid),
-                dispense=glue and not still,
+                dispense=dispense and not still,
             )
         )
         x, y, z = (there if there is not None else now for there, now in zip(block.end, here, strict=True))

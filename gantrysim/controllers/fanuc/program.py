@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import groupby
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import Leg, legs_of
-from gantrysim.controllers.fanuc.speed import Planner
-from gantrysim.controllers.fanuc.text import SourceLine, read
+from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
+from gantrysim.controllers.fanuc.text import SPEEDS, SourceLine, read
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Vector
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
@@ -29,11 +31,11 @@ _WORDS, _LINEAR = "ABC", "xyz"
 
 @dataclass(frozen=True)
 class _Part:
-    """A part of the program in time: a stretch of path, the rotary axis alone, or a stop.
+    """A part of the program: motions without a stop, the rotary axis alone, or a stop.
 
     Attributes:
         duration: [s].
-        at: x, y, z and the rotary axis, (n, 4), and whether glue is laid, (n,), at times since it began, (n,).
+        at: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid, (n,).
     """
 
     duration: float
@@ -41,46 +43,48 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class Program:
+class Program(Controller):
     """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
 
-    In text a program is a file of blocks, as in `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; the words taken are G00
-    to G04, G17 to G21, G40 to G42, G54, G61, G64, G90, G91, G94, M02, M03, M05, M30 and X Y Z I J K Q L R F D C.
-    Glue is laid in all motions at feed; where a program has M03 or M05 these switch it.
+    A text consists of blocks, as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; its words are G00 to G04, G17 to G21,
+    G40 to G42, G54, G61, G64, G90, G91, G94, M02, M03, M05, M30 and X Y Z I J K Q L R F D C. Glue is laid in all
+    motions at feed, unless the program switches it by M03 and M05.
 
-    F is the speed along the path, constant. Where the acceleration is limited the motion stops before and after a
-    spiral, at corners, at G61, and between rapid moves and those at feed. With a `blend_time` it does not: half of
-    the acceleration is for the pieces, a corner is passed at such a speed that a moving average of that time over the
-    commanded positions turns its jump of velocity into the other half, and rounds the corner. (High-precision
-    contour control; how the acceleration is shared is an assumption.)
+    F is the constant speed along the path. With a limited acceleration the motion stops before and after a spiral,
+    at corners, at G61, and between rapid moves and those at feed. With a `blend_time` it only stops at G61: a moving
+    average of that time over the commanded positions rounds the corners, which are passed at a speed that uses half
+    of the acceleration; the other half is for the pieces. (High-precision contour control; the halves are an
+    assumption.)
 
     Source: FANUC operator's manuals B-63534EN, B-63944EN, A-78962EN.
 
     Args:
         program: text, or blocks.
-        start: position at which it begins [mm].
+        start: initial position [mm].
         rapid: feed of G00 [mm/min].
         acceleration: of x, y and z each [mm/s²].
         end_point_tolerance: of a spiral's radius and height at its end, parameter 3471 [mm].
         radius_tolerance: of an arc's radius at its end, parameter 3410 [mm].
         clamp: of the feed by an arc's radius, parameters 1730 to 1732; none by default.
-        feed_in_space: whether F counts the height of a helix or cone too; an assumption that it does not.
-        blend_time: of the moving average, 0 for none; in setpoints the nearest whole number of their periods [s].
+        feed_in_space: whether F includes the height of a helix or cone; by default not, an assumption.
+        blend_time: of the moving average, 0 for none; rounded to whole periods of the setpoints [s].
         dry_run: feed that replaces F, none by default [mm/min].
         dry_run_from: time at which dry run is switched on [s].
         dry_run_until: time at which it is switched off [s].
         offsets: cutter compensation by the number D, as {"1": 3.0} [mm].
         rotary_velocity: limit of the rotary axis, for which the path slows [deg/s].
-        rotary_acceleration: limit of the rotary axis, likewise; it stops where its rate along the path jumps, or is
-            blended as corners are. Needs a finite `acceleration` [deg/s²].
-        rotary_axis: the machine's axis that the rotary word drives.
+        rotary_acceleration: limit of the rotary axis, likewise; it stops, or is blended, where its rate along the
+            path jumps. Needs a finite `acceleration` [deg/s²].
+        rotary_axis: the machine's axis of the rotary word.
         rotary_word: A, B or C.
-        block_skip: whether blocks that begin with a slash are left out.
+        block_skip: whether blocks that begin with a slash are skipped.
 
     Raises:
-        Alarm: a block that the controller refuses, with number, title, block and line. Nothing moves then.
-        InputError: a parameter out of its bounds.
+        Alarm: a block that the controller refuses, with number, title, block and line.
+        InputError: a parameter out of bounds.
     """
+
+    speed_scaling: ClassVar[str] = "the feeds F of the program, changed in one proportion; rapid moves and clamps stay"
 
     program: str | tuple[Block, ...]
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -127,21 +131,21 @@ class Program:
                 positive(name, getattr(self, name), unit)
         if math.isinf(self.acceleration) and math.isfinite(self.rotary_acceleration):
             raise InputError(
-                f"rotary_acceleration = {self.rotary_acceleration:g} deg/s²: must come with a finite acceleration, "
-                "at which the path slows for it"
+                f"rotary_acceleration = {self.rotary_acceleration:g} deg/s²: must have a finite acceleration, "
+                "with which the path slows for it"
             )
         for number, offset in self.offsets.items():
             finite(f"offset {number}", offset, "mm")
         if self.rotary_axis in _LINEAR:
-            raise InputError(f"rotary_axis = {self.rotary_axis!r}: must be none of {', '.join(_LINEAR)}")
+            raise InputError(f"rotary_axis = {self.rotary_axis!r}: must not be one of {', '.join(_LINEAR)}")
         if self.rotary_word not in _WORDS or len(self.rotary_word) != 1:
             raise InputError(f"rotary_word = {self.rotary_word!r}: must be one of {', '.join(_WORDS)}")
         if not any(leg.piece for leg in self.legs):
-            raise InputError("program: moves none of x, y, z; it must have a block that does")
+            raise InputError("program: moves none of x, y, z; must have a block that does")
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
-        """The motions as they are run."""
+        """The motions of the blocks."""
         if isinstance(self.program, str):
             blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip)
         else:
@@ -151,34 +155,19 @@ class Program:
 
     @cached_property
     def requested(self) -> Chain:
-        """The path of all blocks, compensation included."""
+        """The path of all blocks, including compensation."""
         return Chain(leg.piece for leg in self.legs if leg.piece is not None)
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes: x, y, with z and the rotary one where the program moves them."""
+        """Names of the axes: x, y, and z and the rotary one if the program moves them."""
         flat = all(leg.plane == "xy" and not leg.climbs for leg in self.legs)
         turns = any(leg.rotary[0] != leg.rotary[1] for leg in self.legs)
         return ("x", "y", *(() if flat else ("z",)), *((self.rotary_axis,) if turns else ()))
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Nothing: what the controller would say of a program is an alarm."""
-        return ()
-
     @cached_property
     def _parts(self) -> tuple[_Part, ...]:
-        feeding = Feeding(
-            self.acceleration,
-            self.clamp,
-            self.feed_in_space,
-            self.blend_time if math.isfinite(self.acceleration) else 0.0,
-            self.dry_run,
-            self.dry_run_from,
-            self.dry_run_until,
-            self.rotary_velocity,
-            self.rotary_acceleration,
-        )
+        feeding = Feeding(**{item.name: getattr(self, item.name) for item in fields(Feeding)})
         parts: list[_Part] = []
         here: Vector = self.start
         begun = 0.0
@@ -192,7 +181,7 @@ class Program:
         return tuple(parts)
 
     def _with_holds(self) -> Iterator[Leg]:
-        """The motions; stops last longer by the moving average, so that it comes to rest in them."""
+        """The motions; stops are longer by the moving average, which comes to rest in them."""
         for leg in self.legs:
             yield replace(leg, dwell=leg.dwell + self.blend_time) if leg.dwell > 0 else leg
             if self.blend_time > 0 and leg.exact_stop and leg.piece is not None:
@@ -200,11 +189,18 @@ class Program:
 
     @property
     def duration(self) -> float:
-        """Time of the motion [s]."""
         return sum(part.duration for part in self._parts) + self.blend_time
 
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """As the feed override on the operator's panel does: every F, and the feed of the dry run."""
+
+        def feed(programmed: float) -> float:
+            return PER_MINUTE * change(programmed / PER_MINUTE)
+
+        changed = {"program": SPEEDS.changed(self.arguments()["program"], feed)}
+        return changed if self.dry_run is None else {**changed, "dry_run": feed(self.dry_run)}
+
     def setpoints(self, period: float) -> Setpoints:
-        """Return the commanded positions of the axes at every servo period [s]."""
         positive("period", period, "s")
         window = max(round(self.blend_time / period), 1) * period
         if self.blend_time > 0 and abs(window - self.blend_time) > 1e-9 * period:
@@ -234,41 +230,41 @@ def _block(item: object, k: int) -> Block:
 
 def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
     chain = Chain(leg.piece for leg in legs if leg.piece is not None)
-    law = Planner(legs, chain, feeding).law(begun)
+    profile = Planner(legs, chain, feeding).profile(begun)
     rotary = np.array([leg.rotary for leg in legs])
     glue = np.array([leg.dispense for leg in legs])
 
     def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        s = law.position(t)
+        s = profile.position(t)
         k = np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
         angle = rotary[k, 0]
         if np.ptp(rotary):
             angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
         return np.column_stack([chain.position(s), angle]), glue[k]
 
-    return _Part(law.duration, at)
+    return _Part(profile.duration, at)
 
 
 def _in_place(leg: Leg, here: Vector, feeding: Feeding) -> _Part:
-    """A stop, or the rotary axis alone at its feed."""
+    """A stop, or a motion of the rotary axis alone."""
     first, last = leg.rotary
     speed = min(leg.feed, feeding.rotary_velocity)
-    law: Profile | None = None
+    profile: Profile | None = None
     if first != last and math.isfinite(feeding.rotary_acceleration):
-        law = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
+        profile = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
     elif first != last:
-        law = Constant(abs(last - first), speed)
+        profile = Constant(abs(last - first), speed)
 
     def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        turned = np.zeros(t.shape) if law is None else law.position(t)
+        turned = np.zeros(t.shape) if profile is None else profile.position(t)
         angle = first + math.copysign(1.0, last - first) * turned
         return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
 
-    return _Part(leg.dwell if law is None else law.duration, at)
+    return _Part(leg.dwell if profile is None else profile.duration, at)
 
 
 def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Moving average over `window` ticks, so many ticks longer; the dispenser goes with its middle."""
+    """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
     padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
     origin = padded[0].copy()
     summed = np.cumsum(padded - origin, axis=0)

@@ -12,102 +12,93 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
 from gantrysim.controllers.fanuc.legs import Leg
-from gantrysim.controllers.limits import Limited, fastest, nodes
+from gantrysim.controllers.limits import MARGIN, Limited, fastest, nodes
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Coil, Line
 from gantrysim.errors import InputError
 
-_STEP = (0.02, 2.0)  # of the way between places where the limits are looked at [mm]
-_TURN = 0.05  # at most, from one to the next [rad]
-_TANGENT = 1e-4  # corner that is none [rad]
-_REACH = 1e-3  # of the differences that stand for a second derivative [mm]
-_CONICAL = 5e-7  # error of a cone's squared speed between two nodes, where F counts in the plane
-_RAMP = (1.0, 0.25, 0.0625)  # of the way of a ramp, looked at as well
-_IN_HAND = 1e-3  # of the acceleration that `fastest` keeps
-_STRAIGHT = 1e-12  # [1/mm], of a bend that is none
-_APART = 1e-9  # [mm], of nodes that are two
+_STEP = (0.02, 2.0)  # smallest and largest distance of nodes [mm]
+_TURN = 0.05  # largest turn between nodes [rad]
+_TANGENT = 1e-4  # largest corner taken as none [rad]
+_REACH = 1e-3  # of the differences for second derivatives [mm]
+_CONICAL = 5e-7  # error of a cone's squared speed between two nodes, with F in the plane
+_RAMP = (1.0, 0.25, 0.0625)  # shares of a ramp's length with additional nodes
+_STRAIGHT = 1e-12  # largest second derivative taken as zero [1/mm]
+_APART = 1e-9  # distance of distinct nodes [mm]
 _BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
-_PER_MINUTE = 60.0
+PER_MINUTE = 60.0
 
 
 class Planner:
-    """Plans the speed along a stretch of motions without a stop between them that is not of its own making.
+    """Plans the speed along consecutive motions without programmed stops.
 
     Args:
         legs: motions, each with a path.
         chain: of their paths.
-        feeding: how the speed is set.
+        feeding: parameters of the speed.
     """
 
     def __init__(self, legs: list[Leg], chain: Chain, feeding: Feeding) -> None:
         self._legs, self._chain, self._feeding = legs, chain, feeding
+        share = 1.0 if feeding.blend_time == 0 else 0.5  # of the accelerations, for the pieces
+        self._limit, self._rotary_limit = share * feeding.acceleration, share * feeding.rotary_acceleration
         s, piece = nodes(chain.ends, [_step(leg) for leg in legs])
         self._nodes = s, piece
         if math.isfinite(feeding.acceleration):
             self._nodes = self._with_ramps(s, piece)
 
-    def law(self, begun: float) -> Spliced:
-        """Return the law of a stretch that begins at a time of the program [s]."""
+    def profile(self, begun: float) -> Spliced:
+        """Return the speed profile, given the time of the program at its start [s]."""
         feeding = self._feeding
         if feeding.dry_run is None:
             return Spliced([self._plan(False)], [0.0])
-        dry = feeding.dry_from <= begun < feeding.dry_until
-        laws, times = [self._plan(dry)], [0.0]
-        for switch, after in ((feeding.dry_from - begun, True), (feeding.dry_until - begun, False)):
+        dry = feeding.dry_run_from <= begun < feeding.dry_run_until
+        profiles, times = [self._plan(dry)], [0.0]
+        for switch, after in ((feeding.dry_run_from - begun, True), (feeding.dry_run_until - begun, False)):
             here = switch - times[-1]
-            if 0 < here < laws[-1].duration and math.isfinite(switch):
-                law, late = self._taking_over(laws[-1], here, after)
-                laws.append(law)
+            if 0 < here < profiles[-1].duration and math.isfinite(switch):
+                profile, late = self._switched(profiles[-1], here, after)
+                profiles.append(profile)
                 times.append(switch + late)
-        return Spliced(laws, times)
+        return Spliced(profiles, times)
 
-    def _taking_over(self, law: Limited, time: float, dry: bool) -> tuple[Limited, float]:
-        """Return the law after a switch of dry run, and how much later it takes over [s].
+    def _switched(self, profile: Limited, time: float, dry: bool) -> tuple[Limited, float]:
+        """Return the profile after a switch of dry run, and the delay until it applies [s].
 
-        That is at once, or at a node close ahead where the motion brakes so hard for a stop that it has no choice.
+        There is none, except where the motion already brakes as hard as it can: then until a node ahead.
         """
-        place = float(law.position(time))
+        place = float(profile.position(time))
         for s in (place, *self._nodes[0][self._nodes[0] > place + _APART]):
-            late = 0.0 if s == place else law.reached(float(s)) - time
-            if law.length - s <= _APART:
+            late = 0.0 if s == place else profile.reached(float(s)) - time
+            if profile.length - s <= _APART:
                 break
-            # down to a lower feed as fast as the axes allow, and so no faster where the path bends
+            # brake to a lower feed with the largest share that the axes allow along the curve
             for braking in _BRAKING:
                 with suppress(InputError):
-                    return self._plan(dry, float(s), float(law.velocity(time + late)), braking), late
-        return law, -time
-
-    @property
-    def _limit(self) -> float:
-        """Acceleration that is left for the pieces [mm/s²]."""
-        return self._feeding.acceleration * (1.0 if self._feeding.blend_time == 0 else 0.5)
-
-    @property
-    def _rotary_limit(self) -> float:
-        """The same of the rotary axis [deg/s²]."""
-        return self._feeding.rotary_acceleration * (1.0 if self._feeding.blend_time == 0 else 0.5)
+                    return self._plan(dry, float(s), float(profile.velocity(time + late)), braking), late
+        return profile, -time
 
     def _with_ramps(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
-        """The nodes, and those at which ramps from rest or to rest at the ends of the pieces are over."""
+        """The nodes, with additional ones along ramps from and to rest at the ends of the pieces."""
         edges = np.concatenate([[0.0], self._chain.ends])
-        fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / _PER_MINUTE) for leg in self._legs])
+        fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / PER_MINUTE) for leg in self._legs])
         k = np.arange(len(self._legs))
         added, of = [s], [piece]
         for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
             steepest = np.abs(self._chain.tangent(self._within(edge, k))).max(axis=1)
-            way = fastest_feed**2 * steepest / (2 * self._limit * (1 - _IN_HAND))
+            ramp = fastest_feed**2 * steepest / (2 * self._limit * (1 - MARGIN))
             for share in _RAMP:
-                inside = share * way < np.diff(edges)
-                added.append((edge + inward * share * way)[inside])
+                inside = share * ramp < np.diff(edges)
+                added.append((edge + inward * share * ramp)[inside])
                 of.append(k[inside])
-        ways, pieces = np.concatenate(added), np.concatenate(of)
-        order = np.lexsort((ways, pieces))
-        return ways[order], pieces[order]
+        s, piece = np.concatenate(added), np.concatenate(of)
+        order = np.lexsort((s, piece))
+        return s[order], piece[order]
 
     def _plan(self, dry: bool, begin: float = 0.0, speed: float = 0.0, braking: float = 0.0) -> Limited:
-        """Plan from a place on, where the speed is given, with or without dry run.
+        """Plan from a place and a speed there, with or without dry run.
 
-        From a speed above the feed the motion brakes with a share of the acceleration, but no later at corners.
+        From a speed above the feed the motion brakes with a share of the acceleration, at corners in any case.
         """
         s, piece = self._nodes
         if begin > 0:
@@ -117,28 +108,27 @@ class Planner:
         a = self._feeding.acceleration
         if math.isinf(a):
             return fastest(s, top, np.ones((s.size, 1)), np.zeros((s.size, 1)), [math.inf], [a])
-        coming = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
-        top = self._at_corners(s, np.maximum(top, coming))
-        rate, bend = self._derivatives(s, piece)
-        turning, change = self._rotary(s, piece)
-        rate, bend = np.column_stack([rate, turning]), np.column_stack([bend, change])
+        braked = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
+        top = self._at_corners(s, np.maximum(top, braked))
+        linear, rotary = self._derivatives(s, piece), self._rotary(s, piece)
+        first, second = (np.column_stack(pair) for pair in zip(linear, rotary, strict=True))
         limits = np.array([self._limit] * 3 + [self._rotary_limit])
-        return fastest(s, top, rate, bend, np.full(4, math.inf), limits, begin=speed)
+        return fastest(s, top, first, second, np.full(4, math.inf), limits, begin=speed)
 
     def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
         """Largest path speed at the nodes [mm/s]."""
         legs, feeding = self._legs, self._feeding
         at_feed = np.array([not leg.rapid for leg in legs])
-        asked = np.array([leg.feed for leg in legs])
+        feeds = np.array([leg.feed for leg in legs])
         if dry and feeding.dry_run is not None:
-            asked = np.where(at_feed, feeding.dry_run / _PER_MINUTE, asked)
-        feed: Floats = asked[piece]
+            feeds = np.where(at_feed, feeding.dry_run / PER_MINUTE, feeds)
+        feed = feeds[piece]
         coil = np.array([isinstance(leg.piece, Coil) for leg in legs])[piece]
         inner = self._within(s, piece)[coil]
         if feeding.clamp is not None and coil.any():
-            limit = feeding.clamp.limit(self._radius(inner, piece[coil])) / _PER_MINUTE
+            limit = feeding.clamp.limit(self._radius(inner, piece[coil])) / PER_MINUTE
             feed[coil] = np.minimum(feed[coil], limit)
-        if not feeding.in_space and coil.any():
+        if not feeding.feed_in_space and coil.any():
             feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
         if math.isfinite(feeding.rotary_velocity):
             turning = np.abs(self._rotary(s, piece)[0])
@@ -146,7 +136,7 @@ class Planner:
         return feed
 
     def _within(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
-        """The nodes, moved off the ends of their pieces."""
+        """The nodes, moved inside their pieces."""
         ends = np.concatenate([[0.0], self._chain.ends])
         nudge = 1e-9 * self._chain.length
         return np.clip(s, ends[piece] + nudge, ends[piece + 1] - nudge)
@@ -158,7 +148,7 @@ class Planner:
         return np.linalg.norm(np.einsum("ijk,ik->ij", plane, arm), axis=1)
 
     def _at_corners(self, s: Floats, top: Floats) -> Floats:
-        """The speeds, with the stops between motions, or what blending leaves of them."""
+        """The speeds, limited to stops between motions, or by blending."""
         if len(self._legs) < 2:
             return top
         ends, k = self._chain.ends[:-1], np.arange(len(self._legs) - 1)
@@ -188,58 +178,56 @@ class Planner:
         return capped
 
     def _blended(self, ends: Floats, jump: Floats, acceleration: float, reach: float) -> Floats:
-        """Speeds at which the moving average turns the jumps of a rate into no more than an acceleration.
+        """Speeds at which the moving average keeps the accelerations from jumps of a derivative below a limit.
 
         Args:
-            ends: ways at which motions meet [mm].
-            jump: of the rate there.
-            acceleration: what may come of it.
-            reach: longest way in the time of the average [mm].
+            ends: arc lengths at which motions meet [mm].
+            jump: of the derivative there.
+            acceleration: the limit.
+            reach: largest distance in the time of the average [mm].
         """
         summed = np.concatenate([[0.0], np.cumsum(jump)])
         last, first = np.searchsorted(ends, ends + reach, side="right"), np.searchsorted(ends, ends - reach)
-        near = summed[last] - summed[first]  # all jumps that fall into one window
-        most = acceleration * self._feeding.blend_time
-        return np.divide(most, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
+        near = summed[last] - summed[first]  # all jumps within one window
+        change = acceleration * self._feeding.blend_time
+        return np.divide(change, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
 
     def _rotary(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """First and second derivative of the rotary axis over the way, from within each piece, (m,) [deg/mm, deg/mm²].
+        """First and second derivative of the rotary axis by the arc length inside each piece, (m,) [deg/mm, deg/mm²].
 
         It turns with the angle of a coil, on which ds = m d(theta), m^2 = rho^2 + b^2 + k^2; m' = b rho / m^2.
         """
         turned = np.array([leg.rotary[1] - leg.rotary[0] for leg in self._legs])
-        rate, bend = (turned / np.diff(self._chain.ends, prepend=0.0))[piece], np.zeros(s.size)
+        first, second = (turned / np.diff(self._chain.ends, prepend=0.0))[piece], np.zeros(s.size)
         coil = np.array([isinstance(leg.piece, Coil) for leg in self._legs]) & (turned != 0)
         here = coil[piece]
         if here.any():
-            shape = np.array(
-                [_per_radian(leg.piece) if isinstance(leg.piece, Coil) else (1.0, 0.0, 0.0) for leg in self._legs]
-            )
+            shape = np.array([_per_radian(leg.piece) for leg in self._legs])
             angle, growth, rise = shape[piece[here]].T
             rho = self._radius(self._within(s, piece)[here], piece[here])
             m = np.sqrt(rho**2 + growth**2 + rise**2)
-            rate[here] = turned[piece[here]] / (angle * m)
-            bend[here] = -rate[here] * growth * rho / m**3
-        return rate, bend
+            first[here] = turned[piece[here]] / (angle * m)
+            second[here] = -first[here] * growth * rho / m**3
+        return first, second
 
     def _derivatives(self, s: Floats, piece: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """First and second derivatives of x, y and z over the way, from within each piece, (m, 3)."""
+        """First and second derivatives of x, y and z by the arc length inside each piece, (m, 3)."""
         tangent = self._chain.tangent(self._within(s, piece))
         ends = np.concatenate([[0.0], self._chain.ends])
         low = np.maximum(s - _REACH, ends[piece] + 1e-9)
         high = np.minimum(s + _REACH, ends[piece + 1] - 1e-9)
         reach = np.maximum(high - low, 1e-12)[:, None]
-        bend: Floats = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
-        return tangent, np.where(np.abs(bend) < _STRAIGHT, 0.0, bend)
+        second = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
+        return tangent, np.where(np.abs(second) < _STRAIGHT, 0.0, second)
 
 
 def _step(leg: Leg) -> float:
-    """Distance of the nodes on a motion [mm]."""
+    """Largest distance of the nodes on a motion [mm]."""
     if not isinstance(leg.piece, Coil):
         return _STEP[1]
     radius = min(leg.piece.radius)
     step = _TURN * radius
-    # of v^2 = F^2 (1 + k^2 / rho^2) the second derivative over the way is about 6 (F k b)^2 / rho^6
+    # the second derivative of v^2 = F^2 (1 + k^2 / rho^2) by the arc length is about 6 (F k b)^2 / rho^6
     _, growth, rise = _per_radian(leg.piece)
     if rise * growth != 0:
         step = min(step, radius**3 * math.sqrt(8 * _CONICAL / 6) / abs(rise * growth))
@@ -247,7 +235,7 @@ def _step(leg: Leg) -> float:
 
 
 def _per_radian(coil: Line | Coil | None) -> tuple[float, float, float]:
-    """Angle swept, and the change of radius b and of height k per radian of it; of what is no coil, nothing."""
+    """Angle swept by a coil, and the changes of radius b and height k per radian; zero for a line."""
     if not isinstance(coil, Coil):
         return 0.0, 0.0, 0.0
     angle = abs(coil.angle)

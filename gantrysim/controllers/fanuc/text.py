@@ -1,20 +1,22 @@
-"""Program text into blocks: words, modal codes, absolute and incremental coordinates.
+"""Parser of program text: words, modal codes, absolute and incremental coordinates.
 
-Numbers are millimetres, or inches after G20, with or without a decimal point (the calculator's way of input).
+Numbers are millimetres, or inches after G20, with or without a decimal point (calculator-type input).
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from gantrysim.controllers.fanuc.alarm import Alarm
+from gantrysim.controllers.fanuc.alarm import Source
 from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, Plane, Rapid, Spiral
 from gantrysim.controllers.paths.pieces import Vector
+from gantrysim.controllers.speeds import SpeedWords
 
-_COMMENT = re.compile(r"\([^)]*\)?")
+_COMMENT = r"\([^)]*\)?"
+SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=_COMMENT, key="feed")
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LETTERS = "ABCDFGIJKLMNOPQRSTXYZ"
 _DIGITS = 8
@@ -22,7 +24,7 @@ _INCH = 25.4
 _ENDS, _CENTRES = "XYZ", "IJK"
 _LENGTHS = set("XYZIJKQR")
 
-# G codes that are taken, and what they set
+# G codes and their settings
 _MOTION: set[float] = {0, 1, 2, 3}
 _PLANE: dict[float, Plane] = {17: "xy", 18: "zx", 19: "yz"}
 _UNIT: dict[float, float] = {20: _INCH, 21: 1.0}
@@ -36,28 +38,17 @@ _ENDS_PROGRAM = (2, 30)
 
 
 @dataclass(frozen=True)
-class SourceLine:
-    """A block, and how an alarm is to call it."""
+class SourceLine(Source):
+    """A block and its source."""
 
-    name: str
-    line: int
     block: Block
-
-    def fail(self, number: int, detail: str) -> Alarm:
-        """Return an alarm of this block."""
-        return Alarm(number, self.name, self.line, detail)
 
 
 @dataclass(frozen=True)
-class _Words:
-    name: str
-    line: int
+class _Words(Source):
     codes: tuple[float, ...]  # G
     auxiliary: tuple[float, ...]  # M
     values: dict[str, float]
-
-    def fail(self, number: int, detail: str) -> Alarm:
-        return Alarm(number, self.name, self.line, detail)
 
 
 def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool) -> tuple[SourceLine, ...]:
@@ -65,17 +56,17 @@ def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, sk
 
     Args:
         text: the program.
-        start: position at which it begins [mm].
+        start: initial position [mm].
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
-        skip: whether blocks that begin with a slash are left out.
+        skip: whether blocks that begin with a slash are skipped.
 
     Raises:
-        Alarm: a word that is none, or words that do not go together.
+        Alarm: an invalid word, or invalid combination of words.
     """
     state = _State(list(start), offsets, rotary)
     blocks: list[SourceLine] = []
-    words = _to_the_end(_blocks(text, skip))
+    words = list(_blocks(text, skip))
     state.governed = any(code in _GLUE for block in words for code in block.auxiliary)
     for block in words:
         made = state.run(block)
@@ -84,20 +75,11 @@ def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, sk
     return tuple(blocks)
 
 
-def _to_the_end(blocks: Iterator[_Words]) -> list[_Words]:
-    """The blocks up to M02 or M30; what follows is not read."""
-    words = []
-    for block in blocks:
-        words.append(block)
-        if any(code in _ENDS_PROGRAM for code in block.auxiliary):
-            break
-    return words
-
-
 def _blocks(text: str, skip: bool) -> Iterator[_Words]:
+    """The blocks up to M02 or M30."""
     count = 0
     for line, written in enumerate(text.splitlines(), 1):
-        for part in _COMMENT.sub(" ", written).split(";"):
+        for part in re.sub(_COMMENT, " ", written).split(";"):
             plain = part.strip().upper()
             if not plain or plain.startswith("%"):
                 continue
@@ -109,6 +91,8 @@ def _blocks(text: str, skip: bool) -> Iterator[_Words]:
             words = _words(plain, f"block {count}", line)
             if words.codes or words.auxiliary or words.values:
                 yield words
+            if any(code in _ENDS_PROGRAM for code in words.auxiliary):
+                return
 
 
 def _words(text: str, name: str, line: int) -> _Words:
@@ -119,9 +103,7 @@ def _words(text: str, name: str, line: int) -> _Words:
     auxiliary: list[float] = []
     values: dict[str, float] = {}
 
-    def fail(number: int, detail: str) -> Alarm:
-        return Alarm(number, name, line, detail)
-
+    fail = Source(name, line).fail
     at = 0
     while at < len(text):
         letter = text[at]
@@ -129,20 +111,20 @@ def _words(text: str, name: str, line: int) -> _Words:
             at += 1
             continue
         if letter in "+-" and at > 0 and text[at - 1] in ".0123456789":
-            raise fail(6, f"{text[at:]!r} after a number: a sign must stand once, before the number")
+            raise fail(6, f"{text[at:]!r} after a number: must be one sign at most, before the number")
         if letter in "+-.0123456789":
-            raise fail(4, f"{text[at:]!r} does not begin with a letter: every number must have its address")
+            raise fail(4, f"{text[at:]!r} has no address: must begin with a letter")
         if letter not in _LETTERS:
             raise fail(9, f"address {letter!r}: must be one of {', '.join(_LETTERS)}")
         found = _NUMBER.match(text, at + 1)
         if not found:
             follows = text[at + 1 :].lstrip()
             if follows[:2] in ("--", "+-", "-+", "++") or follows[:1] in ("-", "+"):
-                raise fail(6, f"{letter}{follows[:2]}: a sign must stand once, before the number")
+                raise fail(6, f"{letter}{follows[:2]}: must be one sign at most, before the number")
             raise fail(5, f"address {letter} has no number")
         at = found.end()
         if text[at : at + 1] == ".":
-            raise fail(7, f"{letter}{found[1]}.: a number must have one decimal point at most")
+            raise fail(7, f"{letter}{found[1]}.: must have one decimal point at most")
         if sum(digit.isdigit() for digit in found[1]) > _DIGITS:
             raise fail(3, f"{letter}{found[1]}: must have {_DIGITS} digits at most")
         value = float(found[1])
@@ -152,14 +134,14 @@ def _words(text: str, name: str, line: int) -> _Words:
             auxiliary.append(value)
         elif letter not in "NO":
             if letter in values:
-                raise fail(9, f"address {letter} stands twice in the block")
+                raise fail(9, f"address {letter} is given twice in the block")
             values[letter] = value
     return _Words(name, line, tuple(codes), tuple(auxiliary), values)
 
 
 @dataclass
 class _State:
-    """What goes on from block to block."""
+    """The modal state, which persists from block to block."""
 
     here: list[float]
     offsets: Mapping[str, float]
@@ -173,11 +155,11 @@ class _State:
     offset: float = 0.0
     exact_stop: bool = False
     feed: float | None = None
-    governed: bool = False
-    glue: bool = field(default=False)
+    governed: bool = False  # whether M03 and M05 switch the dispenser
+    glue: bool = False
 
     def run(self, block: _Words) -> Block | None:
-        """Take a block's codes, and return its motion if it has one."""
+        """Apply a block's codes, and return its motion, if any."""
         self._set_modes(block)
         values = dict(block.values)
         if _DWELL in block.codes:
@@ -191,7 +173,7 @@ class _State:
         if not values.keys() & {*_ENDS, *_CENTRES, "Q", "L", "R", self.rotary}:
             if values:
                 letter = next(iter(values))
-                raise block.fail(9, f"address {letter} has no use in this block")
+                raise block.fail(9, f"address {letter} is not used in this block")
             return None
         return self._motion(block, values)
 
@@ -211,7 +193,7 @@ class _State:
             number = f"{block.values.pop('D'):g}"
             if number not in self.offsets and number != "0":
                 given = ", ".join(sorted(self.offsets)) or "none"
-                raise block.fail(9, f"D{number}: has no offset; the program's offsets are {given}")
+                raise block.fail(9, f"D{number}: must be one of the program's offsets, {given}")
             self.offset = float(self.offsets.get(number, 0.0))
         for code in block.auxiliary:
             self.glue = _GLUE.get(code, self.glue)
@@ -221,7 +203,7 @@ class _State:
         milliseconds = values.pop("P", None)
         time = seconds if seconds is not None else (milliseconds or 0.0) * 1e-3
         if values or (seconds is None and milliseconds is None) or time < 0:
-            raise block.fail(9, "G04 must have X [s] or P [ms], at least 0, and nothing else")
+            raise block.fail(9, "G04 must have X [s] or P [ms], at least 0, and no other address")
         return Dwell(time=time, dispense=self.glue)
 
     def _motion(self, block: _Words, values: dict[str, float]) -> Block:
@@ -232,14 +214,13 @@ class _State:
         if rotary is not None:
             self.angle = rotary if self.absolute else self.angle + rotary
             rotary = self.angle
-        dispense = self.glue if self.governed else None
         common: dict[str, Any] = {
             "end": tuple(end),
             "rotary": rotary,
             "compensation": self.side * self.offset,
             "plane": self.plane,
             "exact_stop": self.exact_stop,
-            "dispense": dispense,
+            "dispense": self.glue if self.governed else None,
         }
         if self.motion in (0, 1):
             made: Block = self._straight(block, values, common)
@@ -247,7 +228,7 @@ class _State:
             made = self._round(block, values, common, end)
         if values:
             letter = next(iter(values))
-            raise block.fail(9, f"address {letter} has no use in G{self.motion:02g}")
+            raise block.fail(9, f"address {letter} is not used in G{self.motion:02g}")
         self.here = [there if there is not None else here for there, here in zip(end, self.here, strict=True)]
         return made
 
@@ -259,28 +240,27 @@ class _State:
     def _straight(self, block: _Words, values: dict[str, float], common: dict[str, Any]) -> Block:
         if self.motion == 0:
             return Rapid(**{**common, "dispense": common["dispense"] and self.governed})
+        return Line(feed=self._required_feed(block), **common)
+
+    def _required_feed(self, block: _Words) -> float:
         if self.feed is None:
-            raise block.fail(11, "a motion at feed must come with F, in it or before it")
-        return Line(feed=self.feed, **common)
+            raise block.fail(11, "a motion at feed must have an F, in its block or before")
+        return self.feed
 
     def _round(self, block: _Words, values: dict[str, float], common: dict[str, Any], end: list[float | None]) -> Block:
-        if self.feed is None:
-            raise block.fail(11, "a motion at feed must come with F, in it or before it")
+        turning: dict[str, Any] = {"clockwise": self.motion == 2, "feed": self._required_feed(block)}
         first, second, across = PLANES[self.plane]
         i, j = values.pop(_CENTRES[first], None), values.pop(_CENTRES[second], None)
         up = values.pop(_CENTRES[across], None)
         change, turns, radius = values.pop("Q", None), values.pop("L", None), values.pop("R", None)
         centre = (i or 0.0, j or 0.0)
-        turning: dict[str, Any] = {"clockwise": self.motion == 2, "feed": self.feed}
         if change is None and turns is None and (up is None or end[across] is None):
             if up is not None:
                 plane = {"xy": "G17", "zx": "G18", "yz": "G19"}[self.plane]
                 letters = f"{_CENTRES[first]} and {_CENTRES[second]}"
-                raise block.fail(21, f"address {_CENTRES[across]} in {plane}: the centre is given by {letters}")
-            given = None if i is None and j is None else centre
-            if given is not None and radius is not None:
-                given = None  # where both stand R counts
-            return Arc(centre=given, radius=radius, **turning, **common)
+                raise block.fail(21, f"address {_CENTRES[across]} in {plane}: the centre must be given by {letters}")
+            by_radius = radius is not None or (i is None and j is None)  # R has priority
+            return Arc(centre=None if by_radius else centre, radius=radius, **turning, **common)
         if radius is not None:
             raise block.fail(5122, "R in a spiral: the centre must be given by I, J, K of its plane")
         return Spiral(centre=centre, change=change, turns=turns, height_per_turn=up, **turning, **common)

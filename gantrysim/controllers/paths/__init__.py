@@ -1,1 +1,1 @@
-"""Exact geometry: paths by arc length, chains of pieces, the nearest point."""
+"""Exact geometry of paths: chains of pieces, involutes, arc lengths, nearest points."""

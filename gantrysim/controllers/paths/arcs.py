@@ -1,4 +1,4 @@
-"""Chains of circular arcs and lines that share their tangents, with or without a climb."""
+"""Tangent-continuous chains of circular arcs and lines, with or without a climb."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gantrysim.errors import InputError
 
 
 class ArcChain(Path):
-    """Circular arcs and straight lines one behind the other, tangent-continuous in the XY plane.
+    """Consecutive circular arcs and straight lines, tangent-continuous in the XY plane.
 
     Args:
         start: first point, (2,) or (3,) [mm].
-        heading: direction of the first tangent from +x, counter-clockwise [rad].
+        heading: of the first tangent, from +x counter-clockwise [rad].
         curvature: signed curvature of each piece in the XY plane, 0 for a line, (m,) [1/mm].
         lengths: length of each piece in the XY plane, (m,) [mm].
-        rise: height that each piece climbs evenly, one for all or (m,) [mm].
+        rise: height that each piece climbs, one for all or (m,) [mm].
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class ArcChain(Path):
         if self._kappa.shape != pieces.shape or pieces.ndim != 1 or not pieces.size or not np.all(pieces >= 0):
             raise InputError(
                 f"arc chain: {self._kappa.size} curvatures and {pieces.size} lengths: "
-                "must be as many, at least one, and every length at least 0 mm"
+                "must be as many, at least one, and no length negative"
             )
         if np.size(start) not in (2, 3):
             raise InputError(f"arc chain: start of {np.size(start)} numbers: must be two or three")
@@ -40,7 +40,7 @@ class ArcChain(Path):
         if not all(np.isfinite(value).all() for value in (start, heading, self._kappa, pieces, rise)):
             raise InputError("arc chain: start, heading, curvatures, lengths and rises must be finite")
         self._flat = pieces
-        self._rise: Floats = np.broadcast_to(np.asarray(rise, float), pieces.shape).copy()
+        self._rise = np.broadcast_to(np.asarray(rise, float), pieces.shape).copy()
         self._start = np.zeros(3)
         self._start[: np.size(start)] = start
         space = np.hypot(pieces, self._rise)
@@ -97,7 +97,7 @@ class ArcChain(Path):
 
 
 def _arc(theta: Floats, kappa: Floats, flat: Floats, rise: Floats) -> Floats:
-    """Displacement along arcs that leave with heading theta, `flat` long in the plane, (m, 3) [mm].
+    """Displacement along arcs of initial heading theta and length `flat` in the plane, (m, 3) [mm].
 
     The chord's form s sinc(kappa s / 2) (cos, sin)(theta + kappa s / 2) holds for lines as well.
     """

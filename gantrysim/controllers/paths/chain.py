@@ -1,4 +1,4 @@
-"""Lines, arcs, helices, spirals and cones one behind the other, in any plane, with corners or without."""
+"""Chains of lines, arcs, helices, spirals and cones in any plane, with or without corners."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.lengths import swept_angle
-from gantrysim.controllers.paths.path import Local, Path
+from gantrysim.controllers.paths.path import LastCall, Local, Path
 from gantrysim.controllers.paths.pieces import (
     ROW,
     SHORTEST,
@@ -24,13 +24,13 @@ from gantrysim.controllers.paths.pieces import (
 from gantrysim.errors import InputError
 
 Columns = dict[str, NDArray[Any]]
-_JOINT = 1e-6  # [mm], at most between two pieces
-_EVEN = 0.02  # [mm], change of a radius that is no spiral's but the rounding of an arc's end point
+_JOINT = 1e-6  # largest gap between two pieces [mm]
+_EVEN = 0.02  # change of an arc's radius by the rounding of its end point [mm]
 _SHARP = 1e-4  # jump of the unit tangent at a corner
 
 
 class _Picked:
-    """Columns of a table at some of its rows, picked when they are asked for."""
+    """Some rows of a table's columns, picked on access."""
 
     def __init__(self, columns: Columns, k: NDArray[np.intp]) -> None:
         self._columns, self._k = columns, k
@@ -40,17 +40,17 @@ class _Picked:
 
 
 class Chain(Path):
-    """Pieces one behind the other; each begins where the one before ends.
+    """Consecutive pieces; each begins at the end of the one before.
 
-    Where two pieces meet at a corner the heading jumps by the angle between their tangents; lines along the
-    plane's normal keep the heading of the piece before.
+    At a corner the heading jumps by the angle between the tangents; lines along the plane's normal keep the heading
+    of the piece before.
 
     Args:
-        pieces: lines and coils, or mappings of their arguments with `kind` "Line" or "Coil"; those of no length
-            are left out.
+        pieces: lines and coils, or mappings of their arguments with `kind` "Line" or "Coil"; pieces of zero length
+            are dropped.
 
     Raises:
-        InputError: no piece of any length, or one that does not begin where the one before ends.
+        InputError: no piece of positive length, or a gap between two pieces.
     """
 
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
@@ -60,13 +60,13 @@ class Chain(Path):
             piece for piece, length in zip(built, lengths, strict=True) if length > SHORTEST
         )
         if not self.pieces:
-            raise InputError("chain: has no piece of any length")
+            raise InputError("chain: must have a piece of positive length")
         self._s = np.concatenate([[0.0], np.cumsum(lengths[lengths > SHORTEST])])
         rows = np.array([row_of(piece) for piece in self.pieces], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         # sine of a line's climb
-        self._columns["straight"] = np.einsum("ij,ij->i", self._columns["frame"][:, 2], self._columns["way"])
-        self._last: tuple[NDArray[np.intp], Floats, tuple[_Picked, Floats, Floats]] | None = None
+        self._columns["straight"] = np.einsum("ij,ij->i", self._columns["frame"][:, 2], self._columns["direction"])
+        self._swept = LastCall(self._sweep)
         self._check_joints()
         self._join_headings()
 
@@ -81,13 +81,13 @@ class Chain(Path):
             )
 
     def _join_headings(self) -> None:
-        """Make the headings continuous but for the corners."""
+        """Make the headings continuous except at corners."""
         ends = np.arange(len(self.pieces)), np.diff(self._s)
         first, last = self._heading_of(ends[0], 0 * ends[1]), self._heading_of(*ends)
         before = None
-        frame, way = self._columns["frame"], self._columns["way"]
+        frame, direction = self._columns["frame"], self._columns["direction"]
         for k, coil in enumerate(self._columns["coil"]):
-            if not coil and np.linalg.norm(frame[k, :2] @ way[k]) < 1e-9:  # along the normal
+            if not coil and np.linalg.norm(frame[k, :2] @ direction[k]) < 1e-9:  # along the normal
                 self._columns["heading"][k] = before = 0.0 if before is None else before
                 continue
             turns = 0.0 if before is None else 2 * np.pi * np.round((before - first[k]) / (2 * np.pi))
@@ -114,7 +114,7 @@ class Chain(Path):
 
     @property
     def turn_spacing(self) -> float | None:
-        """Change of the radius per turn to a nanometre, where every spiral of the chain has the same."""
+        """Change of the radius per turn, to a nanometre, if all spirals of the chain have the same."""
         spacing = {
             round(abs((piece.radius[1] - piece.radius[0]) * 2 * np.pi / piece.angle), 6)
             for piece in self.pieces
@@ -127,20 +127,18 @@ class Chain(Path):
         k = np.clip(np.searchsorted(self._s, at, side="right") - 1, 0, len(self.pieces) - 1)
         return k, at - self._s[k]
 
-    def _swept(self, k: NDArray[np.intp], rest: Floats) -> tuple[_Picked, Floats, Floats]:
-        """Rows of coils, angles swept and radii there; position, heading and climb ask for the same ones in turn."""
-        if self._last is None or not (np.array_equal(self._last[0], k) and np.array_equal(self._last[1], rest)):
-            row = _Picked(self._columns, k)
-            speed = np.hypot(row["growth"], row["rise"])
-            swept = swept_angle(row["radius"], row["growth"], speed, rest, row["angle"])
-            self._last = k, rest, (row, swept, row["radius"] + row["growth"] * swept)
-        return self._last[2]
+    def _sweep(self, k: NDArray[np.intp], rest: Floats) -> tuple[_Picked, Floats, Floats]:
+        """Rows of coils, and angles swept and radii at lengths from their starts."""
+        row = _Picked(self._columns, k)
+        speed = np.hypot(row["growth"], row["rise"])
+        swept = swept_angle(row["radius"], row["growth"], speed, rest, row["angle"])
+        return row, swept, row["radius"] + row["growth"] * swept
 
     def position(self, s: ArrayLike) -> Floats:
         return self._place(*self._locate(s))
 
     def _place(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        points: Floats = self._columns["origin"][k] + rest[:, None] * self._columns["way"][k]
+        points = self._columns["origin"][k] + rest[:, None] * self._columns["direction"][k]
         coil = self._columns["coil"][k]
         if coil.any():
             row, swept, rho = self._swept(k[coil], rest[coil])
@@ -150,9 +148,9 @@ class Chain(Path):
         return points
 
     def progress(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
-        """Piece at arc lengths, (n,), and the share of its angle, or of a line's length, that is behind, (n,)."""
+        """Piece at arc lengths, (n,), and the completed share of its angle, or of a line's length, (n,)."""
         k, rest = self._locate(s)
-        share: Floats = rest / np.diff(self._s)[k]
+        share = rest / np.diff(self._s)[k]
         coil = self._columns["coil"][k]
         if coil.any():
             row, swept, _ = self._swept(k[coil], rest[coil])
@@ -163,7 +161,7 @@ class Chain(Path):
         return self._heading_of(*self._locate(s))
 
     def _heading_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        theta: Floats = self._columns["heading"][k]
+        theta = self._columns["heading"][k]
         coil = self._columns["coil"][k]
         if coil.any():
             row, swept, rho = self._swept(k[coil], rest[coil])
@@ -171,9 +169,9 @@ class Chain(Path):
         return theta
 
     def curvature(self, s: ArrayLike) -> Floats:
-        return self._curvature_of(*self._locate(s))
+        return self._turning_of(*self._locate(s))
 
-    def _curvature_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
+    def _turning_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
         kappa = np.zeros(k.size)
         coil = self._columns["coil"][k]
         if coil.any():
@@ -187,7 +185,7 @@ class Chain(Path):
         return self._climb_of(*self._locate(s))
 
     def _climb_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        sine: Floats = self._columns["straight"][k]
+        sine = self._columns["straight"][k]
         coil = self._columns["coil"][k]
         if coil.any():
             row, _, rho = self._swept(k[coil], rest[coil])
@@ -196,7 +194,7 @@ class Chain(Path):
 
     def local(self, s: ArrayLike) -> Local:
         k, rest = self._locate(s)
-        theta, sine, kappa = self._heading_of(k, rest), self._climb_of(k, rest), self._curvature_of(k, rest)
+        theta, sine, kappa = self._heading_of(k, rest), self._climb_of(k, rest), self._turning_of(k, rest)
         return Local.of(self._place(k, rest), theta, sine, self._columns["frame"][k], kappa)
 
     def frame(self, s: ArrayLike) -> Floats:

@@ -1,7 +1,8 @@
-"""Arc length of curves whose radius changes evenly with the angle: arcs, helices, spirals, cones, involutes.
+"""Arc length of curves whose radius is linear in the angle: arcs, helices, spirals, cones, involutes.
 
-All of them have ds = sqrt(rho^2 + c^2) d(phi) with rho = r + b phi: of an involute rho is the radius of curvature
-and c the climb per radian, of a spiral about a centre rho is the distance from it and c^2 = b^2 + climb^2.
+All of them have ds = sqrt(rho^2 + c^2) d(phi) with rho = r + b phi. For an involute rho is the radius of
+curvature and c the climb per radian; for a spiral about a centre rho is the distance from it and
+c^2 = b^2 + climb^2.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
@@ -15,32 +16,32 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 
 _NEWTON_STEPS = 60
-_LAST_STEP = 1e-8  # relative; the error that is left is of the order of its square
+_LAST_STEP = 1e-8  # relative; the remaining error is of the order of its square
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_EVEN = 0.3  # change of the radius, in parts of sqrt(rho^2 + c^2), below which the quadrature is exact to rounding
+_EVEN = 0.3  # relative change of the radius up to which the quadrature is exact to rounding
 
 
 def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Floats:
     """Return the length of ds = sqrt((r + b phi)^2 + c^2) d(phi) from 0 to `angle` [mm]; all broadcast.
 
-    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b; by Gauss and
-    Legendre's quadrature where the radius hardly changes and that difference would cancel.
+    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b. Where the radius
+    hardly changes and that difference would cancel, Gauss-Legendre quadrature is used.
     """
     values, shape = _together(r, b, c, angle)
     return _arc_lengths(*values).reshape(shape)
 
 
 def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
-    """Return the angle within 0 and `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
+    """Return the angle from 0 to `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
 
-    Up to there the radius r + b phi is at least 0.
+    The radius r + b phi must not be negative up to there.
     """
     values, shape = _together(r, b, c, s, most)
     return _swept_angles(*values).reshape(shape)
 
 
 def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
-    """Values broadcast against each other as flat arrays, and their common shape, of one dimension at least."""
+    """Values broadcast against each other and flattened, and their common shape of at least one dimension."""
     whole = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
     return [np.ascontiguousarray(value).ravel() for value in whole], whole[0].shape
 

@@ -1,4 +1,4 @@
-"""The nearest of a table of points along a path, for a trace of points in the order of the motion."""
+"""The nearest entries of a table of points along a path, for a trace in the order of the motion."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
@@ -7,8 +7,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-# Points of the trace this far apart are found one after the other [mm], the foot moving at most so many times as far as
-# the point; those between them are looked for within so many entries of the table.
+# Points of the trace this far apart are searched one after the other [mm], the foot moving at most _REACH times as far
+# as the point; those in between are searched within AROUND entries of the table.
 _ANCHOR = 1.0
 _REACH = 4.0
 AROUND = 12
@@ -23,7 +23,7 @@ def _square(a, b):
 
 @numba.njit(error_model="numpy")
 def _nearest(table, point, low, high):
-    """Index of the entry nearest to a point, the first of several, from low to high, both included."""
+    """Index of the first entry nearest to a point, from low to high inclusive."""
     best, least = low, np.inf
     for i in range(max(low, 0), min(high, len(table) - 1) + 1):
         square = _square(table[i], point)
@@ -34,7 +34,7 @@ def _nearest(table, point, low, high):
 
 @numba.njit(error_model="numpy")
 def _first(table, point, spacing):
-    """Index of the first entry that is not further from a point than the nearest, but for the table's spacing."""
+    """Index of the first entry as near to a point as the nearest, within the table's spacing."""
     nearest = table[_nearest(table, point, 0, len(table) - 1)]
     bound = np.sqrt(_square(nearest, point)) + spacing
     for i in range(len(table)):
@@ -45,13 +45,13 @@ def _first(table, point, spacing):
 
 @numba.njit(cache=True, error_model="numpy")
 def along(table, trace, spacing, begin):
-    """Return for every point of a trace the index of the entry nearest to it, near that of the point before, (n,).
+    """Return the index of the entry nearest to every point of a trace, close to that of the point before, (n,).
 
     Args:
         table: points along the path, (m, 3) [mm].
         trace: points, (n, 3) [mm].
         spacing: of the table [mm].
-        begin: index at which the trace begins, -1 for the first of the nearest.
+        begin: index at which the trace begins; -1 to search the whole table.
     """
     n, last_entry = len(trace), len(table) - 1
     travelled = np.zeros(n)
@@ -69,11 +69,11 @@ def along(table, trace, spacing, begin):
     for k in range(1, n):
         if k < n - 1 and np.floor(travelled[k] / _ANCHOR) == np.floor(travelled[k - 1] / _ANCHOR):
             continue
-        way = travelled[k] - travelled[before]
-        reach = int(_REACH * (way + _ANCHOR) / spacing) + 1
+        distance = travelled[k] - travelled[before]
+        reach = int(_REACH * (distance + _ANCHOR) / spacing) + 1
         foot = _nearest(table, trace[k], last - reach, last + reach)
         for j in range(before + 1, k + 1):
-            share = (travelled[j] - travelled[before]) / way if way > 0 else 1.0
+            share = (travelled[j] - travelled[before]) / distance if distance > 0 else 1.0
             guess = int(np.round(last + share * (foot - last)))
             found[j] = _nearest(table, trace[j], guess - AROUND, guess + AROUND)
         last, before = foot, k
@@ -82,7 +82,7 @@ def along(table, trace, spacing, begin):
 
 @numba.njit(cache=True, error_model="numpy")
 def vertices(table, points, nearest):
-    """Return where a parabola through the squared distances to three entries has its vertex, in entries, (n,).
+    """Return the vertex of a parabola through the squared distances to three entries, in entries, (n,).
 
     Args:
         table: points along the path, (m, 3) [mm].
@@ -95,7 +95,7 @@ def vertices(table, points, nearest):
         middle = min(max(nearest[k], 1), len(table) - 2)
         for i in range(3):
             square[i] = _square(table[middle - 1 + i], points[k])
-        bend = square[0] - 2 * square[1] + square[2]
-        shift = 0.5 * (square[0] - square[2]) / bend if bend > 0 else 0.0
+        second = square[0] - 2 * square[1] + square[2]
+        shift = 0.5 * (square[0] - square[2]) / second if second > 0 else 0.0
         found[k] = middle + min(max(shift, -1.0), 1.0)
     return found

@@ -1,22 +1,21 @@
 """Exact geometry of paths, by arc length.
 
-A path is a curve c(s) [mm] in the work frame with 0 <= s <= length. It runs along a plane (u, v), as a rule
-the XY plane, from which it may climb along the plane's normal w. With the heading theta in the plane and the
-angle of climb beta the unit tangent is
+A path is a curve c(s) [mm] in the work frame with 0 <= s <= length. It follows a plane (u, v), usually the XY plane,
+and may climb along the plane's normal w. With the heading theta in the plane and the angle of climb beta,
 
-    t = cos(beta) (cos(theta) u + sin(theta) v) + sin(beta) w,
+    t = cos(beta) (cos(theta) u + sin(theta) v) + sin(beta) w
 
-the left normal n = -sin(theta) u + cos(theta) v, and the turning kappa = d(theta)/ds, positive to the left; in
-the plane itself that is the signed curvature.
+is the unit tangent, n = -sin(theta) u + cos(theta) v the left normal, and kappa = d(theta)/ds the turning, positive
+to the left; without a climb that is the signed curvature.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,14 +24,31 @@ from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.paths.nearest import AROUND, along, vertices
 from gantrysim.errors import InputError, unknown
 
-# Table of points from which a projection starts. A branch of the path can be mistaken for the nearest only
-# where the two are as far to within spacing^2 / (8 distance).
+# Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
+# of two differ by less than spacing^2 / (8 distance).
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)
 _STEPS = 60
 _TOLERANCE = 1e-11  # [mm]
 _INSIDE = 1e-11  # [mm]
-_LAST_STEP = 1e-7  # of Newton's, after which the error that is left is of the order of its square [mm]
+_LAST_STEP = 1e-7  # of Newton's method, after which the error is of the order of its square [mm]
+
+_Result = TypeVar("_Result")
+
+
+class LastCall(Generic[_Result]):
+    """A function of arrays that remembers its last result, as several methods of a path need it in turn."""
+
+    def __init__(self, function: Callable[..., _Result]) -> None:
+        self._function = function
+        self._last: tuple[tuple[NDArray[Any], ...], _Result] | None = None
+
+    def __call__(self, *arrays: NDArray[Any]) -> _Result:
+        if self._last is not None and all(map(np.array_equal, self._last[0], arrays)):
+            return self._last[1]
+        result = self._function(*arrays)
+        self._last = tuple(array.copy() for array in arrays), result
+        return result
 
 
 @dataclass(frozen=True)
@@ -42,8 +58,8 @@ class Projection:
     Attributes:
         s: arc length of the foot points, (n,) [mm].
         offset: point minus foot point, (n, 3) [mm].
-        lateral: signed distance along the left normal, (n,) [mm].
-        vertical: signed distance along the binormal, tangent x left normal, up on a level path, (n,) [mm].
+        lateral: component along the left normal, (n,) [mm].
+        vertical: component along the binormal, tangent x left normal, up on a level path, (n,) [mm].
         distance: distance to the path, (n,) [mm].
     """
 
@@ -77,7 +93,7 @@ class Local:
 
     @classmethod
     def of(cls, position: Floats, heading: Floats, climb: Floats, frame: Floats, turning: Floats) -> Local:
-        """Return the frame from what `Path` gives of each."""
+        """Return the frame from the values of `Path`'s methods."""
         cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
         u, v, w = frame[:, 0], frame[:, 1], frame[:, 2]
         level = np.sqrt(np.maximum(1 - climb**2, 0.0))
@@ -89,8 +105,8 @@ class Local:
         return self.cosine[:, None] * self.along + self.sine[:, None] * self.up
 
     @property
-    def bend(self) -> Floats:
-        """Curvature vectors dt/ds but for the change of climb, kappa cos(beta) n, (n, 3) [1/mm]."""
+    def curvature(self) -> Floats:
+        """Curvature vectors kappa cos(beta) n, that is dt/ds at a constant climb, (n, 3) [1/mm]."""
         return (self.turning * self.cosine)[:, None] * self.normal
 
 
@@ -105,7 +121,7 @@ class Path(ABC):
 
     @abstractmethod
     def parameters(self) -> dict[str, Any]:
-        """The constructor's arguments, from which `Path.build` makes the same path again."""
+        """The constructor's arguments, for `Path.build`."""
 
     @staticmethod
     def build(kind: str, parameters: Mapping[str, Any]) -> Path:
@@ -124,7 +140,7 @@ class Path(ABC):
 
     @property
     def turn_spacing(self) -> float | None:
-        """Distance asked for between neighbouring turns [mm]; None where the path has none."""
+        """Requested distance of adjacent turns [mm]; None for a path without."""
         return None
 
     @abstractmethod
@@ -133,7 +149,7 @@ class Path(ABC):
 
     @abstractmethod
     def heading(self, s: ArrayLike) -> Floats:
-        """Angle theta of the tangent in the plane from u, counter-clockwise, not wrapped, (n,) [rad]."""
+        """Unwrapped angle theta of the tangent in the plane, from u counter-clockwise, (n,) [rad]."""
 
     @abstractmethod
     def curvature(self, s: ArrayLike) -> Floats:
@@ -148,7 +164,7 @@ class Path(ABC):
         return np.broadcast_to(np.eye(3), (np.size(s), 3, 3))
 
     def local(self, s: ArrayLike) -> Local:
-        """Return points and the path's frame there, for less than one after the other."""
+        """Return points and the path's frame there."""
         return Local.of(self.position(s), self.heading(s), self.climb(s), self.frame(s), self.curvature(s))
 
     def tangent(self, s: ArrayLike) -> Floats:
@@ -175,20 +191,20 @@ class Path(ABC):
         Args:
             points: in any order, (n, 3) [mm].
         """
-        from scipy.spatial import cKDTree  # slow to import, and needed by the analysis alone
+        from scipy.spatial import cKDTree  # slow to import
 
         p = _points(points)
         return self._foot(p, cKDTree(self.table[1]).query(p)[1])
 
     def follow(self, trace: ArrayLike, begin: float | None = None) -> Projection:
-        """Project a trace onto the path in the order of its points: each foot is the nearest near the one before.
+        """Project a trace onto the path in the order of its points, every foot close to the one before.
 
-        So a trace stays on its own turn of a spiral, however far off it is.
+        A trace thus stays on its own turn of a spiral, at any distance.
 
         Args:
             trace: points in the order of the motion, (n, 3) [mm].
-            begin: arc length at which the trace begins; its first foot is looked for no further along the path than
-                twice the distance to there. By default the nearest of the whole path, the earlier of two [mm].
+            begin: arc length at which the trace begins; its first foot is at most twice the distance to there
+                along the path from it. By default the nearest of the whole path, the earlier of two [mm].
         """
         p = _points(trace)
         s_table, p_table = self.table
@@ -203,8 +219,7 @@ class Path(ABC):
     def _foot(self, p: Floats, nearest: NDArray[np.intp]) -> Projection:
         """Project points, given the nearest entries of the table.
 
-        The foot lies between the neighbours of that entry; near a corner it may lie on either side, and is looked
-        for on both.
+        The foot is between the neighbours of that entry; near a corner both sides are searched.
         """
         (s_table, p_table), corners = self.table, self.corners
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
@@ -223,11 +238,10 @@ class Path(ABC):
         return found
 
     def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
-        """Project points onto the stretches between two arc lengths, from a guess, (n,) [mm].
+        """Project points onto the parts of the path between two arc lengths, from a guess, (n,) [mm].
 
-        By Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step would leave the
-        interval, at the path's ends, where the curvature jumps, near a centre of curvature, the end is tried, and then
-        bisection.
+        Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step leaves the
+        interval, as at the path's ends, jumps of curvature or centres of curvature, the end is tried, then bisection.
         """
         first, last = low, high
         low, high = low.copy(), high.copy()
@@ -239,28 +253,28 @@ class Path(ABC):
             at = s[active]
             local = self.local(at)
             back = local.position - p[active]
-            way = local.tangent
-            ahead = dot(back, way)
-            slope = 1.0 + dot(back, local.bend)
+            along_path = local.tangent
+            ahead = dot(back, along_path)
+            slope = 1.0 + dot(back, local.curvature)
             beyond = ahead > 0
             high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
             step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
             moved = at - step
             lowest, highest = low[active], high[active]
             outside = (moved < lowest) | (moved > highest)
-            # on this side of a corner, whose other side has a tangent of its own
+            # just inside, as a corner has another tangent on its other side
             end = np.where(ahead > 0, first[active] + _INSIDE, last[active] - _INSIDE)
             first_time = outside & ~tried[active] & (lowest < end) & (end < highest)
             moved[outside] = np.where(first_time, end, 0.5 * (lowest + highest))[outside]
             tried[active] |= outside
             s[active] = moved
-            # after the last step, which is short, the path is straight enough to go there from here
-            offset[active] = -back - (moved - at)[:, None] * way
-            normal[active], tangent[active] = local.normal, way
+            # the last step is so short that the path is straight along it
+            offset[active] = -back - (moved - at)[:, None] * along_path
+            normal[active], tangent[active] = local.normal, along_path
             active = active[np.abs(moved - at) > np.where(outside, _TOLERANCE, _LAST_STEP)]
             if not active.size:
                 break
-        else:  # to and fro about a corner that has no foot on either side
+        else:  # no convergence about a corner without a foot on either side
             local = self.local(s[active])
             offset[active], normal[active], tangent[active] = p[active] - local.position, local.normal, local.tangent
         s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))

@@ -1,4 +1,4 @@
-"""The pieces of a chain: lines and coils, in a plane or out of it."""
+"""The pieces of a chain: lines and coils, in or out of a plane."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.lengths import arc_length
 from gantrysim.errors import InputError
 
 Vector = tuple[float, float, float]
-Frame = tuple[Vector, Vector]  # first and second direction of a plane; a right-handed third is its normal
+Frame = tuple[Vector, Vector]  # the directions u and v of a plane; its normal is u x v
 
 XY: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 ZX: Frame = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 YZ: Frame = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
-SHORTEST = 1e-9  # [mm], of a piece that is kept
-_SQUARE = 1e-9  # scalar products of a frame's directions
+SHORTEST = 1e-9  # length of a piece that is kept [mm]
+_SQUARE = 1e-9  # tolerance of a frame's scalar products
 
 # a piece as a row of numbers
 ROW = np.dtype(
@@ -29,14 +29,14 @@ ROW = np.dtype(
         ("coil", bool),
         ("frame", float, (3, 3)),
         ("origin", float, (3,)),  # a line's start, a coil's centre
-        ("way", float, (3,)),  # direction of a line
+        ("direction", float, (3,)),  # of a line
         ("radius", float),  # of a coil at its start
         ("growth", float),  # of the radius, per radian
         ("rise", float),  # per radian
         ("begin", float),
         ("turn", float),  # -1 or 1
-        ("angle", float),  # swept in all
-        ("heading", float),  # of a line; of a coil, what its own is short of
+        ("angle", float),  # swept
+        ("heading", float),  # of a line; of a coil, an offset in whole turns
     ]
 )
 
@@ -47,7 +47,7 @@ class Line:
 
     Args:
         start, end: (3,) [mm].
-        frame: the plane in which headings are taken.
+        frame: the plane of its heading.
     """
 
     start: Vector
@@ -60,17 +60,17 @@ class Line:
 
 @dataclass(frozen=True)
 class Coil:
-    """A curve about an axis whose distance from it and whose height change evenly with the angle.
+    """A curve about an axis whose radius and height are linear in the angle.
 
-    An arc where neither changes, a helix where the height does, Archimedes' spiral where the radius does, a
-    conical spiral where both do.
+    It is an arc if neither changes, a helix if the height does, an Archimedean spiral if the radius does, and a
+    conical spiral if both do.
 
     Args:
-        centre: of the start's plane, (3,) [mm].
+        centre: at the height of the start, (3,) [mm].
         radius: distance from the axis at the start and at the end [mm].
         begin: angle of the start about the centre, from the plane's first direction [rad].
         angle: swept, counter-clockwise positive about the plane's normal [rad].
-        rise: height gained along the plane's normal [mm].
+        rise: height along the plane's normal [mm].
         frame: the plane.
     """
 
@@ -86,11 +86,17 @@ class Coil:
         if min(self.radius) < -SHORTEST:
             raise InputError(f"coil: radius = {min(self.radius):g} mm: must be at least 0 mm")
         if not self.angle and (self.rise or self.radius[0] != self.radius[1]):
-            raise InputError("coil: angle = 0 rad: must turn where the radius or the height changes")
+            raise InputError("coil: angle = 0 rad: must not be 0 where the radius or the height changes")
+
+
+def vector(point: ArrayLike) -> Vector:
+    """Return the first three numbers of an array as a vector."""
+    x, y, z = np.asarray(point)[:3].tolist()
+    return x, y, z
 
 
 def piece_from(arguments: Mapping[str, Any]) -> Line | Coil:
-    """Return the piece of a mapping of its arguments, with `kind` "Line" or "Coil"."""
+    """Return the piece with the given arguments, of the `kind` "Line" or "Coil"."""
     values = dict(arguments)
     kinds: dict[str, type[Line | Coil]] = {"Line": Line, "Coil": Coil}
     kind = values.pop("kind", None)
@@ -105,16 +111,11 @@ def _check(piece: str, frame: Frame, **values: Any) -> None:
             raise InputError(f"{piece}: {name} = {value}: must be finite")
     axes = np.array(frame, float)
     if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
-        raise InputError(f"{piece}: frame = {frame}: must be two unit vectors at a right angle")
-
-
-def _axes(frame: Frame) -> Floats:
-    u, v = np.array(frame, float)
-    return np.array([u, v, np.cross(u, v)])
+        raise InputError(f"{piece}: frame = {frame}: must be two orthogonal unit vectors")
 
 
 def _growth(coil: Coil) -> tuple[float, float]:
-    """Change of radius and of height per radian swept."""
+    """Change of radius and height per radian."""
     return (coil.radius[1] - coil.radius[0]) / abs(coil.angle), coil.rise / abs(coil.angle)
 
 
@@ -129,12 +130,13 @@ def length_of(piece: Line | Coil) -> float:
 
 
 def row_of(piece: Line | Coil) -> tuple[Any, ...]:
-    """Return a piece of some length as a row of numbers."""
-    frame = _axes(piece.frame)
+    """Return a piece of positive length as a row of numbers."""
+    u, v = np.array(piece.frame, float)
+    frame = np.array([u, v, np.cross(u, v)])
     if isinstance(piece, Line):
-        way = np.subtract(piece.end, piece.start) / length_of(piece)
-        heading = np.arctan2(way @ frame[1], way @ frame[0])
-        return False, frame, piece.start, way, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, heading
+        direction = np.subtract(piece.end, piece.start) / length_of(piece)
+        heading = np.arctan2(direction @ v, direction @ u)
+        return False, frame, piece.start, direction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, heading
     growth, rise = _growth(piece)
     turn, angle = np.sign(piece.angle), abs(piece.angle)
     return True, frame, piece.centre, (0.0, 0.0, 0.0), piece.radius[0], growth, rise, piece.begin, turn, angle, 0.0

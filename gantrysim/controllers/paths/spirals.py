@@ -1,8 +1,9 @@
-"""The involute of a circle: the spiral whose turns are evenly apart along its normal."""
+"""The involute of a circle: a spiral of constant normal pitch."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.lengths import arc_length, swept_angle
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.path import LastCall, Path
 from gantrysim.errors import InputError, finite, point, positive
 
 
@@ -18,20 +19,20 @@ from gantrysim.errors import InputError, finite, point, positive
 class Involute(Path):
     """The involute of a circle of radius a = pitch / 2 pi: its normal pitch is exactly `pitch`.
 
-    With the radius of curvature rho = R - a phi over the tangent's angle phi, in coordinates along the first
+    With the angle phi of the tangent and the radius of curvature rho = R - a phi, in coordinates along the first
     tangent (u) and towards the centre (w),
 
         u = a - a cos(phi) + rho sin(phi),    w = R - a sin(phi) - rho cos(phi).
 
-    The true centre, that of the base circle, is (u, w) = (a, R). A height makes it climb evenly with phi.
+    The centre of the base circle is (u, w) = (a, R). With a height it climbs in proportion to phi.
 
     Args:
         radius: radius of curvature at the start, R [mm].
-        pitch: normal distance of neighbouring turns in the XY plane [mm].
-        turns: number of turns, of the tangent's angle.
+        pitch: normal distance of adjacent turns in the XY plane [mm].
+        turns: number of turns of the tangent.
         start: first point (x, y), at z = 0 [mm].
-        heading_start: direction of the first tangent from +x, counter-clockwise [rad].
-        clockwise: sense of the turning.
+        heading_start: of the first tangent, from +x counter-clockwise [rad].
+        clockwise: sense of rotation.
         height: z at the end [mm].
     """
 
@@ -42,7 +43,6 @@ class Involute(Path):
     heading_start: float = 0.5 * np.pi
     clockwise: bool = True
     height: float = 0.0
-    _last: tuple[Floats, Floats] = field(default=(np.zeros(0), np.zeros(0)), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         positive("radius", self.radius, "mm")
@@ -58,7 +58,7 @@ class Involute(Path):
             )
 
     def parameters(self) -> dict[str, Any]:
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.init}
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @property
     def turn_spacing(self) -> float:
@@ -71,7 +71,7 @@ class Involute(Path):
 
     @property
     def angle(self) -> float:
-        """Angle from start to end [rad]."""
+        """Angle of the tangent at the end [rad]."""
         return 2 * np.pi * self.turns
 
     @property
@@ -94,16 +94,19 @@ class Involute(Path):
 
     def phi(self, s: ArrayLike) -> Floats:
         """Angle of the tangent since the start, (n,) [rad]."""
-        at = np.atleast_1d(np.asarray(s, float))
-        # position, heading, curvature and climb ask for the same ones in turn
-        if not np.array_equal(self._last[0], at):
-            angles = swept_angle(self.radius, -self.a, abs(self._rise), at, self.angle)
-            angles.flags.writeable = False
-            object.__setattr__(self, "_last", (at.copy(), angles))
-        return self._last[1]
+        return self._angles(np.atleast_1d(np.asarray(s, float)))
+
+    @cached_property
+    def _angles(self) -> LastCall[Floats]:
+        return LastCall(self._swept)
+
+    def _swept(self, s: Floats) -> Floats:
+        angles = swept_angle(self.radius, -self.a, abs(self._rise), s, self.angle)
+        angles.flags.writeable = False
+        return angles
 
     def _place(self, along: Floats, inward: Floats, up: Floats) -> Floats:
-        """Turn coordinates along the first heading and square to it, towards the centre, into points."""
+        """Points of coordinates along the first tangent, and towards the centre."""
         c, s = np.cos(self.heading_start), np.sin(self.heading_start)
         left = self._turn * inward
         return np.stack([self.start[0] + along * c - left * s, self.start[1] + along * s + left * c, up], axis=-1)

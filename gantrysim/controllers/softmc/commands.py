@@ -1,16 +1,19 @@
-"""The commands of a program, as values: CIRCLE by angle or through points, and MOVE."""
+"""The commands of a program as values: CIRCLE by angle or through points, and MOVE."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gantrysim.controllers.softmc.errors import SoftMCError
 from gantrysim.controllers.softmc.group import Nodal
-from gantrysim.errors import finite
+from gantrysim.errors import InputError, finite
 
-Coordinates = tuple[float, ...]  # x, y[, z[, r]]; what is left out at the end stays as it is
+Coordinates = tuple[float, ...]  # x, y[, z[, r]]; omitted ones stay
 
 PLANES = ("XY", "XZ", "YZ")
+
+
+class SoftMCError(InputError):
+    """A command that cannot be run, with its line, its text and the reason."""
 
 
 @dataclass(frozen=True)
@@ -20,10 +23,10 @@ class Circle(Nodal):
     Args:
         angle: swept, counter-clockwise positive; more than 360 makes several turns (Angle) [deg].
         centre: (CircleCenter) [mm]. Its component outside the plane is the height at the end, to which the axis
-            climbs evenly with the angle; its fourth the orientation at the end [deg]. Both are assumptions.
+            climbs in proportion to the angle; its fourth the orientation at the end [deg]. Both are assumptions.
         plane: 0 XY, 1 XZ, 2 YZ; positive angles turn the first axis towards the second (CirclePlane).
-        via: a point between here and the target, in any plane (CirclePoint) [mm]; its orientation is not used.
-        target: the end (TargetPoint) [mm], and the orientation there [deg].
+        via: a point between the start and the target, in any plane (CirclePoint) [mm]; its orientation is not used.
+        target: end point (TargetPoint) [mm], and the orientation there [deg].
     """
 
     angle: float | None = None
@@ -34,11 +37,8 @@ class Circle(Nodal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        by_angle, by_points = (self.angle, self.centre), (self.via, self.target)
-        if not (None not in by_angle and by_points == (None, None)) and not (
-            None not in by_points and by_angle == (None, None)
-        ):
-            given = [name for name in ("angle", "centre", "via", "target") if getattr(self, name) is not None]
+        given = [name for name in ("angle", "centre", "via", "target") if getattr(self, name) is not None]
+        if given not in (["angle", "centre"], ["via", "target"]):
             raise SoftMCError(
                 f"circle by {' and '.join(given) or 'nothing'}: must be by angle and centre, or by via and target; "
                 "in text Angle and CircleCenter, or CirclePoint and TargetPoint"
@@ -51,10 +51,11 @@ class Circle(Nodal):
                 raise SoftMCError("angle = 0 deg: must not be 0 deg; positive is counter-clockwise")
         elif self.plane:
             raise SoftMCError(
-                f"plane = {self.plane} ({PLANES[self.plane]}) with a circle through points: must be left out; "
-                "the three points make the plane"
+                f"plane = {self.plane} ({PLANES[self.plane]}) with a circle through points: must be omitted; "
+                "the three points define the plane"
             )
-        _check_coordinates(self, "centre", "via", "target")
+        for name in ("centre", "via", "target"):
+            object.__setattr__(self, name, _coordinates(name, getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -62,24 +63,22 @@ class Move(Nodal):
     """A straight line to a point.
 
     Args:
-        target: the end [mm], and the orientation there [deg].
+        target: end point [mm], and the orientation there [deg].
     """
 
     target: Coordinates
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_coordinates(self, "target")
+        object.__setattr__(self, "target", _coordinates("target", self.target))
 
 
 Command = Circle | Move
 
 
-def _check_coordinates(command: Command, *names: str) -> None:
-    for name in names:
-        values = getattr(command, name)
-        if values is None:
-            continue
-        if isinstance(values, str) or not hasattr(values, "__iter__"):
-            raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
-        object.__setattr__(command, name, tuple(finite(f"coordinate of {name}", value) for value in values))
+def _coordinates(name: str, values: Coordinates | None) -> Coordinates | None:
+    if values is None:
+        return None
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
+        raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
+    return tuple(finite(f"coordinate of {name}", value) for value in values)

@@ -1,34 +1,32 @@
-"""From a command and where it begins to the piece of path that it runs."""
+"""The path of a command, given its start."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, Vector
-from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates
-from gantrysim.controllers.softmc.errors import SoftMCError
+from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, vector
+from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates, SoftMCError
 
 AXES = "xyzr"
 
-_NEAR = 1e-6  # [mm], of points that are taken for one
-_STRAIGHT = 1e-6  # sine of an angle of three points that are taken to lie on a line
-_UPRIGHT = 1e-12  # of a normal that is taken for the z axis
+_NEAR = 1e-6  # [mm], between points taken as one
+_STRAIGHT = 1e-6  # sine of an angle of three points taken as collinear
+_UPRIGHT = 1e-12  # x and y of a normal taken as the z axis
 
 _FRAMES = (XY, XZ, YZ)
-_ORDER = ((0, 1, 2), (0, 2, 1), (1, 2, 0))  # axes of each plane, and the one outside of it
+_ORDER = ((0, 1, 2), (0, 2, 1), (1, 2, 0))  # axes of each plane, and the one outside it
 
 
 @dataclass(frozen=True)
-class Way:
-    """Where a command runs.
+class Segment:
+    """The path of a command.
 
     Attributes:
-        piece: of the path; None where only the orientation changes, or nothing.
+        piece: of the path; None where at most the orientation changes.
         end: x, y, z [mm] and r [deg], (4,).
     """
 
@@ -36,17 +34,17 @@ class Way:
     end: Floats
 
 
-def way(command: Command, here: Floats, axes: int, absolute: bool) -> Way:
-    """Return the way of a command.
+def segment(command: Command, here: Floats, axes: int, absolute: bool) -> Segment:
+    """Return the path of a command.
 
     Args:
-        command: what to run.
-        here: x, y, z [mm] and r [deg] at which it begins, (4,).
-        axes: how many of them there are, 2 to 4.
-        absolute: whether its coordinates are absolute, or from `here`.
+        command: to run.
+        here: its start, x, y, z [mm] and r [deg], (4,).
+        axes: number of axes, 2 to 4.
+        absolute: whether its coordinates are absolute, or relative to `here`.
 
     Raises:
-        SoftMCError: no circle, or coordinates of axes that are not there.
+        SoftMCError: not a circle, or coordinates of missing axes.
     """
 
     def place(name: str, values: Coordinates) -> Floats:
@@ -76,13 +74,13 @@ def way(command: Command, here: Floats, axes: int, absolute: bool) -> Way:
     return _by_angle(here, centre, command.angle, (i, j, k), _FRAMES[command.plane])
 
 
-def _line(here: Floats, end: Floats) -> Way:
+def _line(here: Floats, end: Floats) -> Segment:
     if np.linalg.norm(end[:3] - here[:3]) <= _NEAR:
-        return Way(None, np.array([*here[:3], end[3]]))
-    return Way(Line(_vector(here), _vector(end)), end)
+        return Segment(None, np.array([*here[:3], end[3]]))
+    return Segment(Line(vector(here), vector(end)), end)
 
 
-def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int, int], frame: Frame) -> Way:
+def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int, int], frame: Frame) -> Segment:
     i, j, k = order
     out = here[[i, j]] - centre[[i, j]]
     radius = float(np.hypot(*out))
@@ -97,26 +95,26 @@ def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int,
     end[j] += out[0] * math.sin(turned) + out[1] * math.cos(turned)
     middle = centre.copy()
     middle[k] = here[k]
-    up = float(np.cross(*frame)[k])  # the plane's normal points along the axis outside of it, or back
+    up = float(np.cross(*frame)[k])  # the plane's normal is parallel or antiparallel to the axis outside it
     begin = math.atan2(out[1], out[0])
-    piece = Coil(_vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
-    return Way(piece, end)
+    piece = Coil(vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
+    return Segment(piece, end)
 
 
-def _through(here: Floats, via: Floats, end: Floats) -> Way:
+def _through(here: Floats, via: Floats, end: Floats) -> Segment:
     """Return the arc through three points, about c = h + ((a.a b - b.b a) x n) / 2 n.n, n = a x b.
 
-    Here a and b are the via point and the end, seen from the start h. The arc turns to the left about n.
+    a and b are the via point and the end relative to the start h. The arc turns left about n.
     """
     a, b = via[:3] - here[:3], end[:3] - here[:3]
     sides = np.sort([np.linalg.norm(a), np.linalg.norm(b), np.linalg.norm(b - a)])
-    three = f"the three points ({_told(here)}), ({_told(via)}) and ({_told(end)})"
+    three = f"the three points ({_point_text(here)}), ({_point_text(via)}) and ({_point_text(end)})"
     if sides[0] <= _NEAR:
-        raise SoftMCError(f"{three} coincide: must be distinct; a full circle goes by Angle and CircleCenter")
+        raise SoftMCError(f"{three} coincide: must be distinct; use Angle and CircleCenter for a full circle")
     n = np.cross(a, b)
     size = float(np.linalg.norm(n))
     if size <= _STRAIGHT * sides[0] * sides[2]:
-        raise SoftMCError(f"{three} lie on one line: must not be collinear; a straight line is a Move")
+        raise SoftMCError(f"{three} are collinear: must not be; use Move for a straight line")
     out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)  # from the centre to the start
     centre, radius = here[:3] - out, float(np.linalg.norm(out))
     first, normal = out / radius, n / size
@@ -124,17 +122,13 @@ def _through(here: Floats, via: Floats, end: Floats) -> Way:
     angle = math.atan2(to_end @ np.cross(normal, first), to_end @ first) % (2 * math.pi)
     if normal[2] < -_UPRIGHT:
         normal, angle = -normal, -angle
-    frame, begin = (_vector(first), _vector(np.cross(normal, first))), 0.0
+    frame, begin = (vector(first), vector(np.cross(normal, first))), 0.0
     if np.hypot(*normal[:2]) <= _UPRIGHT:
         frame, begin = XY, math.atan2(out[1], out[0])
-    return Way(Coil(_vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
+    return Segment(Coil(vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
 
 
-def _vector(point: Floats) -> Vector:
-    return cast(Vector, tuple(point[:3].tolist()))
-
-
-def _told(point: Floats) -> str:
+def _point_text(point: Floats) -> str:
     return ", ".join(f"{value:g}" for value in point[:3])
 
 

@@ -1,4 +1,4 @@
-"""The motion group: its speeds, ramps and limits, and what one command overrides of them."""
+"""The motion group: its speeds, ramps and limits, and their overrides by single commands."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
+from gantrysim.controllers.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Shape, Sine
 from gantrysim.controllers.setpoints import Supervision
 from gantrysim.errors import InputError, at_least, finite, positive, unknown, whole
 
@@ -19,12 +20,12 @@ PROFILE_TYPES: dict[int, ProfileType] = {
     -1: "smooth",
 }
 
-_SMOOTHEST = 100
+_MAX_SMOOTH = 100
 
 
 @dataclass(frozen=True, kw_only=True)
 class Nodal:
-    """Properties of the group that one command overrides, for itself alone; None leaves the group's own.
+    """Properties of the group that a command overrides for itself; None for the group's own.
 
     Args:
         velocity: Vtran or VCruise [mm/s].
@@ -32,9 +33,9 @@ class Nodal:
         deceleration: Dec [mm/s²].
         jerk: Jerk [mm/s³].
         profile: PrfType.
-        smooth: Smooth; counts where the profile is "smooth" only.
+        smooth: Smooth; with the profile "smooth" only.
         absolute: Abs.
-        dispense: whether glue is laid during this command; not softMC's, where a program sets an output.
+        dispense: whether glue is laid during this command; an addition to the language, where a program sets an output.
     """
 
     velocity: float | None = None
@@ -61,28 +62,27 @@ class Nodal:
 class Group:
     """A group of axes that move together; the names of MC-Basic stand in brackets.
 
-    What the manual leaves open is chosen here: rotation limits, the time in which a move must settle, and that
-    "trapezoidal acceleration" takes its jerk from `jerk`.
+    The manual leaves open the rotation limits, the settling timeout, and the jerk of "trapezoidal acceleration";
+    the choices here are assumptions.
 
     Args:
-        velocity: path speed asked for (Vtran) [mm/s].
-        vmax: largest path speed, to which the one asked for is capped without a word (VMax) [mm/s].
+        velocity: programmed path speed (Vtran) [mm/s].
+        vmax: maximum path speed, to which the programmed one is silently capped (VMax) [mm/s].
         acceleration: along the path (Acc) [mm/s²].
         deceleration: along the path; the acceleration by default (Dec) [mm/s²].
         jerk: of the profiles "trapezoidal acceleration" and "smooth" with -1 (Jerk) [mm/s³].
         profile: shape of the ramps (PrfType): "trapezoid" of the speed 0, "sine" acceleration 1, "trapezoidal
             acceleration" 2, "constant" velocity without ramps 3, "smooth" as `smooth` says -1.
         smooth: 0 is a trapezoid, 1 to 100 ever smoother, -1 takes the jerk (Smooth).
-        vrot: largest speed of the orientation axis r [deg/s].
-        arot: its largest acceleration [deg/s²].
-        absolute: whether coordinates are absolute, or from where the command begins (Abs).
-        position_error: largest group error, the root of the sum of the squares of the linear axes' (PEMax) [mm].
-        position_error_delay: age of the command that is compared with the measured position, in servo periods
+        vrot: speed limit of the orientation axis r [deg/s].
+        arot: its acceleration limit [deg/s²].
+        absolute: whether coordinates are absolute, or relative to the command's start (Abs).
+        position_error: limit of the group error, the root sum of squares of the linear axes' errors (PEMax) [mm].
+        position_error_delay: age of the command compared with the measured position, in servo periods
             (PositionErrorDelay).
-        settle_error: error of every axis within which a command has settled; inf does not wait (PESettle) [mm or
-            deg].
-        settle_time: for which it must stay within (TimeSettle) [s].
-        settle_timeout: within which it must have settled [s].
+        settle_error: largest error of a settled axis; inf for no wait (PESettle) [mm or deg].
+        settle_time: time for which the error must stay below that (TimeSettle) [s].
+        settle_timeout: longest wait for settling [s].
         velocity_safety_limit: speed of a linear axis above which its drive is disabled (VelocitySafetyLimit) [mm/s].
     """
 
@@ -122,7 +122,7 @@ class Group:
 
     @property
     def supervision(self) -> Supervision:
-        """What the controller watches while the group moves."""
+        """What the controller monitors during motion."""
         return Supervision(
             self.position_error,
             self.position_error_delay,
@@ -133,7 +133,7 @@ class Group:
         )
 
     def overridden(self, command: Nodal) -> Group:
-        """Return the group with what the command overrides."""
+        """Return the group with a command's overrides."""
         names = [field.name for field in fields(Nodal) if field.name != "dispense"]
         given = {name: value for name in names if (value := getattr(command, name)) is not None}
         group = replace(self, **given)
@@ -142,6 +142,50 @@ class Group:
                 f"smooth = {group.smooth} with the profile {group.profile!r}: must be the profile 'smooth', PrfType=-1"
             )
         return group
+
+    def along(self, length: float, rotation: float) -> Profile:
+        """Return the speed profile along a path, slowed to what the orientation axis can follow.
+
+        Over the length L [mm] the axis turns by dr [deg], so that v <= vrot L / |dr|; acceleration and jerk likewise.
+        """
+        speed = min(self.velocity, self.vmax)
+        down = self.acceleration if self.deceleration is None else self.deceleration
+        if not rotation:
+            return self._profile(length, speed, self.acceleration, down, self.jerk)
+        ratio = length / abs(rotation)
+        vrot, arot, jrot = self.vrot * ratio, self.arot * ratio, self._rotary_jerk * ratio
+        speed, up, down, jerk = min(speed, vrot), min(self.acceleration, arot), min(down, arot), min(self.jerk, jrot)
+        return self._profile(length, speed, up, down, jerk)
+
+    def in_place(self, rotation: float) -> Profile:
+        """Return the profile of the orientation axis alone [deg]."""
+        return self._profile(abs(rotation), self.vrot, self.arot, self.arot, self._rotary_jerk)
+
+    @property
+    def _rotary_jerk(self) -> float:
+        """Jerk that builds up `arot` in the time in which `jerk` builds up the acceleration [deg/s³]."""
+        return self.jerk * self.arot / self.acceleration
+
+    def _profile(self, length: float, speed: float, up: float, down: float, jerk: float) -> Profile:
+        if self.profile == "constant":
+            return Constant(length, speed)
+        return PointToPoint(length, speed, up, down, self._shape(jerk))
+
+    def _shape(self, jerk: float) -> Shape:
+        if self.profile == "sine":
+            return Sine()
+        if self.profile == "trapezoidal acceleration" or (self.profile == "smooth" and self.smooth < 0):
+            return Jerk(jerk)
+        return _smoothed(self.smooth) if self.profile == "smooth" else Ramp()
+
+
+def _smoothed(n: int) -> Ramp:
+    """Return the ramp of Smooth = n, 0 to 100, whose time is (1 + 2 n / 100) V / A.
+
+    Up to 50 the acceleration rises to A ever more slowly; above, it is a triangle with a falling peak.
+    """
+    longer = 1 + 2 * n / 100
+    return Ramp(1 - 1 / longer) if longer <= 2 else Ramp(0.5, 2 / longer)
 
 
 _UNITS = {
@@ -167,6 +211,6 @@ def _check_profile(profile: str) -> None:
 
 def _checked_smooth(value: float) -> int:
     number = finite("smooth", value)
-    if number != int(number) or not -1 <= number <= _SMOOTHEST:
-        raise InputError(f"smooth = {number:g}: must be a whole number, 0 to {_SMOOTHEST}, or -1 for the jerk's")
+    if number != int(number) or not -1 <= number <= _MAX_SMOOTH:
+        raise InputError(f"smooth = {number:g}: must be a whole number, 0 to {_MAX_SMOOTH}, or -1 to use the jerk")
     return int(number)

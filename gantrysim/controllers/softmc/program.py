@@ -2,80 +2,83 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.profile import Profile
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
-from gantrysim.controllers.softmc.commands import Circle, Command, Move
-from gantrysim.controllers.softmc.errors import SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES, Way, way
+from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
+from gantrysim.controllers.softmc.geometry import AXES, Segment, segment
 from gantrysim.controllers.softmc.group import Group
-from gantrysim.controllers.softmc.law import along, in_place
 from gantrysim.controllers.softmc.record import Record
-from gantrysim.controllers.softmc.text import SourceLine, read
+from gantrysim.controllers.softmc.text import SPEEDS, SourceLine, read
 from gantrysim.errors import InputError, finite
 
 
 @dataclass(frozen=True)
 class Leg:
-    """One command as it is run.
+    """The motion of one command.
 
     Attributes:
-        start: x, y, z [mm] and r [deg] at which it begins, (4,).
-        way: where it runs.
-        law: the way [mm] over time, or the angle of r [deg] where only that moves.
+        start: x, y, z [mm] and r [deg], (4,).
+        path: its path, and its end.
+        profile: its speed profile along the path [mm], or of r [deg] where only that moves.
         dispense: whether glue is laid.
     """
 
     start: Floats
-    way: Way
-    law: Profile
+    path: Segment
+    profile: Profile
     dispense: bool
 
     def coordinates(self, t: Floats) -> Floats:
-        """Return x, y, z [mm] and r [deg] at times since the command began, (n, 4)."""
-        s = self.law.position(t)
-        share = s / self.law.length if self.law.length > 0 else np.ones(s.shape)
+        """Return x, y, z [mm] and r [deg] at times since the start of the command, (n, 4)."""
+        s = self.profile.position(t)
+        share = s / self.profile.length if self.profile.length > 0 else np.ones(s.shape)
         place = np.tile(self.start, (s.size, 1))
-        if self.way.piece is not None:
-            place[:, :3] = Chain([self.way.piece]).position(s)
-        place[:, 3] += share * (self.way.end[3] - self.start[3])
+        if self.path.piece is not None:
+            place[:, :3] = Chain([self.path.piece]).position(s)
+        place[:, 3] += share * (self.path.end[3] - self.start[3])
         return place
 
 
 @dataclass(frozen=True)
-class Program:
+class Program(Controller):
     """A program of CIRCLE and MOVE commands for one group of axes x, y[, z[, r]].
 
-    Every command runs from rest to rest, as its final velocity is 0; the next one starts at the first servo tick
-    at which it has ended, and where the group has a `settle_error` has settled too. The way of the linear axes is
-    run with the group's path speed and ramps, and the orientation r turns in proportion to it, which on a circle is
-    in proportion to the angle; where r would exceed its limits the path slows. A command that moves r alone turns
-    it in place.
+    Every command runs from rest to rest; the next one starts at the first servo tick after its end, and with a
+    `settle_error` after settling. The linear axes move with the group's path speed and ramps; the orientation r
+    turns in proportion to the path length, and the path slows where r would exceed its limits. A command that
+    moves r alone turns it in place.
 
-    In text one line is one command:
+    In text every line is a command:
 
         Circle G1 Angle=180 CircleCenter={0, 0, 5} CirclePlane=0 Vtran=500   ' comment
         Circle G1 CirclePoint={0, 100} TargetPoint={-100, 0}
         Move G1 {25, 0, 0}
 
-    Source: softMC, MC-Basic reference, CIRCLE and the properties of elements. What it leaves open is chosen as
-    `Circle` and `Group` say.
+    Source: softMC, MC-Basic reference, CIRCLE and the properties of elements; `Circle` and `Group` state the
+    assumptions where it leaves something open.
 
     Args:
         program: text, or commands.
         group: properties of the group.
-        start: position at which the program begins, 2 to 4 numbers, one per axis [mm, mm, mm, deg].
+        start: initial position, 2 to 4 numbers, one per axis [mm, mm, mm, deg].
         record: what the controller records.
 
     Raises:
-        SoftMCError: a command that cannot be run, with its line and text. Nothing moves then.
+        SoftMCError: a command that cannot be run, with its line and text.
     """
+
+    speed_scaling: ClassVar[str] = "the group's velocity and every command's own Vtran, changed in one proportion"
 
     program: str | tuple[Circle | Move, ...]
     group: Group = field(default_factory=Group)
@@ -89,73 +92,72 @@ class Program:
             raise InputError(f"start = {self.start!r}: must be 2 to 4 numbers, x, y[, z[, r]]")
         start = tuple(finite(f"start {name}", value) for name, value in zip(AXES, self.start, strict=False))
         object.__setattr__(self, "start", start)
-        if all(leg.way.piece is None for leg in self.legs):
+        if all(leg.path.piece is None for leg in self.legs):
             raise SoftMCError("program moves none of x, y, z: must have at least one command that does")
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes."""
         return tuple(AXES[: len(self.start)])
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Nothing: the controller caps and slows without a word."""
-        return ()
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
-        """The commands as they are run."""
+        """The motions of the commands."""
         here = np.zeros(len(AXES))
         here[: len(self.start)] = self.start
         legs = []
-        for sourced in self._sourced():
+        for line in self._lines():
             try:
-                leg = _leg(sourced.command, here, len(self.start), self.group)
+                leg = _leg(line.command, here, len(self.start), self.group)
             except InputError as error:
-                raise SoftMCError(f"{sourced.where}: {error}") from None
+                raise SoftMCError(f"{line.where}: {error}") from None
             legs.append(leg)
-            here = leg.way.end
+            here = leg.path.end
         return tuple(legs)
 
-    def _sourced(self) -> tuple[SourceLine, ...]:
+    def _lines(self) -> tuple[SourceLine, ...]:
         if isinstance(self.program, str):
             return read(self.program)
         for k, command in enumerate(self.program, 1):
             if not isinstance(command, Circle | Move):
                 raise SoftMCError(f"command {k} = {command!r}: must be a Circle or a Move")
         return tuple(
-            SourceLine(f"command {k} {_called(command)}", command) for k, command in enumerate(self.program, 1)
+            SourceLine(f"command {k} {_command_text(command)}", command) for k, command in enumerate(self.program, 1)
         )
 
     @cached_property
     def requested(self) -> Chain:
         """The path of all commands."""
-        return Chain(leg.way.piece for leg in self.legs if leg.way.piece is not None)
-
-    @property
-    def generated(self) -> Chain:
-        """The path that the controller commands: the requested one, exactly."""
-        return self.requested
+        return Chain(leg.path.piece for leg in self.legs if leg.path.piece is not None)
 
     @property
     def duration(self) -> float:
-        """Time of all motion, without the waits for the next servo tick and for settling [s]."""
-        return sum(leg.law.duration for leg in self.legs)
+        """Duration of the motion, without waits for the next servo tick and for settling [s]."""
+        return sum(leg.profile.duration for leg in self.legs)
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """As VelocityOverride on the controller does; ramps and limits stay."""
+        program = SPEEDS.changed(self.arguments()["program"], change)
+        return {"group.velocity": change(self.group.velocity), "program": program}
+
+    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+        if self.record is None:
+            return False
+        self.record.write(run, file, self.group.position_error_delay)
+        return True
 
     def setpoints(self, period: float) -> Setpoints:
-        """Return the commanded positions of the axes at every servo period [s]."""
-        counts = [ticks(leg.law.duration, period) for leg in self.legs]
+        counts = [ticks(leg.profile.duration, period) for leg in self.legs]
         if sum(counts) > MAX_TICKS:
             raise InputError(f"program of {sum(counts):.3g} ticks of {period:g} s: must be at most {MAX_TICKS:g}")
         position = np.tile(self.legs[0].start, (sum(counts) + 1, 1))
         for leg, n, last in zip(self.legs, counts, np.cumsum(counts), strict=True):
             position[last - n + 1 : last] = leg.coordinates(np.arange(1, n, dtype=np.float64) * period)
-            position[last] = leg.way.end
+            position[last] = leg.path.end
         dispense = np.repeat([leg.dispense for leg in self.legs], counts)
         dispense = np.append(dispense, dispense[-1])
         ends = np.unique(np.cumsum(counts))
         gates = ends[(ends > 0) & (self.group.settle_error < np.inf)]
-        dispense[gates] = dispense[gates - 1]  # while a command settles its glue is on or off as before
+        dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while a command settles
         return Setpoints(
             period,
             self.axes,
@@ -169,12 +171,12 @@ class Program:
 
 def _leg(command: Command, here: Floats, axes: int, group: Group) -> Leg:
     own = group.overridden(command)
-    run = way(command, here, axes, own.absolute)
-    rotation = float(run.end[3] - here[3])
-    law = in_place(own, rotation) if run.piece is None else along(own, Chain([run.piece]).length, rotation)
-    return Leg(here, run, law, command.dispense is not False)
+    path = segment(command, here, axes, own.absolute)
+    rotation = float(path.end[3] - here[3])
+    profile = own.in_place(rotation) if path.piece is None else own.along(Chain([path.piece]).length, rotation)
+    return Leg(here, path, profile, command.dispense is not False)
 
 
-def _called(command: Command) -> str:
+def _command_text(command: Command) -> str:
     given = {f.name: getattr(command, f.name) for f in fields(command) if getattr(command, f.name) != f.default}
     return f"{type(command).__name__}({', '.join(f'{name}={value}' for name, value in given.items())})"

@@ -1,4 +1,4 @@
-"""RECORD: what the controller writes down of a run, every so many servo ticks."""
+"""RECORD: samples of a run, taken by the controller at a multiple of the servo period."""
 
 from __future__ import annotations
 
@@ -6,59 +6,27 @@ import csv
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Recorded
 from gantrysim.errors import unknown, whole
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
-
-
-class Recorded(Protocol):
-    """What a record must know of a run; the arrays have one row per servo tick."""
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the axes."""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their units, "mm" or "deg"; u below."""
-
-    @property
-    def period(self) -> float:
-        """Servo period [s]."""
-
-    @property
-    def time(self) -> Floats:
-        """(n,) [s]."""
-
-    @property
-    def commanded(self) -> Floats:
-        """Positions sent, (n, axes) [u]."""
-
-    @property
-    def commanded_tip(self) -> Floats:
-        """Where they would put the nozzle, (n, 3) [mm]."""
-
-    @property
-    def encoder(self) -> Floats:
-        """Positions measured, (n, axes) [u]."""
 
 
 @dataclass(frozen=True)
 class Record:
     """Samples expressions every `gap` servo ticks, from the first tick on.
 
-    The expressions, one column per axis: PCMD the position commanded, PFB the one measured, PE their difference,
-    VCMD and VFB the change of PCMD and PFB since the tick before, over the period; and SETPOINT, the nozzle's
-    place that is commanded, by x, y and z.
+    The expressions, one column per axis: PCMD, the commanded position; PFB, the measured position; PE, their
+    difference; VCMD and VFB, the change of PCMD and PFB per period; and SETPOINT, the commanded nozzle position in
+    x, y and z.
 
     Args:
-        points: samples at most.
-        gap: ticks from one sample to the next.
+        points: maximum number of samples.
+        gap: servo ticks per sample.
         what: expressions, in the order of the columns.
     """
 
@@ -79,8 +47,8 @@ class Record:
         """Return the columns: "time" [s], and one per expression and axis, as "PCMD x".
 
         Args:
-            run: the record of a run.
-            delay: age of the command that PE compares, in servo periods: the group's `position_error_delay`.
+            run: to sample.
+            delay: age of the command in PE, in servo periods: the group's `position_error_delay`.
         """
         columns = {"time": run.time[: self.points * self.gap : self.gap]}
         for name in self.what:
@@ -90,7 +58,7 @@ class Record:
         return columns
 
     def write(self, run: Recorded, file: str | os.PathLike[str], delay: int = 0) -> None:
-        """Write the columns as CSV, with their units in the first line."""
+        """Write the columns as CSV, with units in the header."""
         columns = self.of(run, delay)
         units = {"time": "s", **{f"SETPOINT {axis}": "mm" for axis in "xyz"}}
         for axis, unit in zip(run.axes, run.units, strict=True):

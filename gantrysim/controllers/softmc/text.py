@@ -1,4 +1,4 @@
-"""MC-Basic lines into commands."""
+"""Parser of MC-Basic lines."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from gantrysim.controllers.softmc.commands import Circle, Command, Move
-from gantrysim.controllers.softmc.errors import SoftMCError
+from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES
+from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.errors import InputError, unknown
 
 _TOKEN = re.compile(r"\s*(?:(?P<word>[A-Za-z_]\w*)|(?P<point>\{[^{}]*\})|(?P<equals>=)|(?P<number>[^\s={}]+))")
@@ -36,9 +36,12 @@ _POINTS = ("CircleCenter", "CirclePoint", "TargetPoint")
 _SWITCHES = ("Abs", "Dispense")
 
 
+SPEEDS = SpeedWords(word=r"\b(?:Vtran|VCruise)\s*=", comment=r"'[^\n]*", key="velocity")
+
+
 @dataclass(frozen=True)
 class SourceLine:
-    """A command, and how an error is to call it."""
+    """A command, and its name in error messages."""
 
     where: str
     command: Command
@@ -47,10 +50,10 @@ class SourceLine:
 def read(program: str) -> tuple[SourceLine, ...]:
     """Return the commands of a text of MC-Basic lines.
 
-    Every line is a command, the group's name if any, and words with their values; what follows a ' is comment.
+    A line is a command, optionally the group's name, and words with values; a comment begins with an apostrophe.
 
     Raises:
-        SoftMCError: a line that is none of this.
+        SoftMCError: a line that is not a command.
     """
     commands, group = [], None
     for number, line in enumerate(program.splitlines(), 1):
@@ -74,7 +77,8 @@ def _command(text: str) -> tuple[Command, str | None]:
     verb = _known("command", tokens.pop(0)[1], _WORDS)
     words = _WORDS[verb]
     named = None
-    if tokens and tokens[0][0] == "word" and not _is_word(tokens[0][1], words) and tokens[1:2] != [("equals", "=")]:
+    is_name = tokens and tokens[0][0] == "word" and tokens[1:2] != [("equals", "=")]
+    if is_name and tokens[0][1].lower() not in map(str.lower, words):
         named = tokens.pop(0)[1]
     arguments: dict[str, Any] = {}
     if verb == "Move":
@@ -104,10 +108,6 @@ def _tokens(text: str) -> list[tuple[str, str]]:
         tokens.append((str(match.lastgroup), match[str(match.lastgroup)]))
         at = match.end()
     return tokens
-
-
-def _is_word(found: str, words: dict[str, str]) -> bool:
-    return found.lower() in map(str.lower, words)
 
 
 def _known(kind: str, found: str, words: dict[str, Any]) -> str:

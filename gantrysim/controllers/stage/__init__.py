@@ -1,3 +1,3 @@
-"""Outline tracing on an XY stage that rides on a rotary table, under a needle that stands still."""
+"""Outline tracing on an XY stage on top of a rotary table, under a stationary needle."""
 
 from gantrysim.controllers.stage.trace import OutlineTrace

@@ -1,4 +1,4 @@
-"""Limits of the stage's axes: as they are given, and as the speed along the outline has to keep them."""
+"""Limits of the stage's axes, and the speed along the outline that keeps to them."""
 
 from __future__ import annotations
 
@@ -17,28 +17,27 @@ FREE = (math.inf, math.inf, math.inf)
 _UNITS = ("deg", "mm", "mm")
 
 
-def held(s: Floats, rate: Floats, velocity: Three) -> Floats:
-    """Return the speed at which no axis passes its velocity, at the nodes and between them, (m,) [mm/s].
+def velocity_bound(s: Floats, first: Floats, velocity: Three) -> Floats:
+    """Return the speed that keeps the axes to their velocity limits, at and between nodes, (m,) [mm/s].
 
-    A node's speed is held to the largest rate of its neighbours as well, as the speed changes evenly from node to node.
+    It allows for the derivatives at a node's neighbours too.
 
     Args:
-        s: nodes, (m,), twice the same where two pieces meet [mm].
-        rate: derivatives of th, x and y over the way, (m, 3).
+        s: nodes, (m,), the same value twice where two pieces meet [mm].
+        first: derivatives of th, x and y by the arc length, (m, 3).
         velocity: limits of th, x and y.
     """
-    largest = np.abs(rate)
+    largest = np.abs(first)
     inside = np.diff(s) > 0
     for here, there in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-        neighbour = np.abs(rate)[there][inside]
+        neighbour = np.abs(first)[there][inside]
         largest[here][inside] = np.maximum(largest[here][inside], neighbour)
     with np.errstate(divide="ignore"):
-        speed: Floats = (np.array(velocity) / largest).min(axis=1)
-    return speed
+        return (np.array(velocity) / largest).min(axis=1)
 
 
 def axis_limits(name: str, values: Three, unit: str) -> Three:
-    """Return limits of th, x and y as floats, or raise InputError where one is not above zero; inf is none."""
+    """Return positive limits of th, x and y, inf for none, as floats, or raise InputError."""
     if len(values) != 3:
         raise InputError(f"{name} of {len(values)} values: must be three, of th, x and y")
     for axis, length, value in zip(AXES, _UNITS, values, strict=True):
@@ -49,9 +48,9 @@ def axis_limits(name: str, values: Three, unit: str) -> Three:
 
 
 def travel(name: str, values: Place) -> Place:
-    """Return a lower and a higher limit as floats [mm], or raise InputError."""
+    """Return a lower and an upper limit as floats [mm], or raise InputError."""
     if len(values) != 2 or not values[0] < values[1]:
-        raise InputError(f"{name} = {tuple(values)} mm: must be a lower and a higher limit")
+        raise InputError(f"{name} = {tuple(values)} mm: must be a lower and an upper limit")
     for value in values:
         if math.isnan(value):
             finite(name, value, "mm")

@@ -1,4 +1,4 @@
-"""The outline of a work piece: a polygon whose corners are rounded."""
+"""The outline of a work piece: a polygon with rounded corners."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
     """Return the corners of a polygon as complex numbers, (m,) [mm].
 
     Raises:
-        InputError: fewer than three, two at one place, no area, or edges that cross.
+        InputError: fewer than three, coincident ones, no area, or crossing edges.
     """
     if len(corners) < 3:
         raise InputError(f"outline of {len(corners)} corners: must have at least 3")
@@ -27,9 +27,9 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
     edges = np.roll(z, -1) - z
     short = np.flatnonzero(np.abs(edges) < _ROUNDING)
     if short.size:
-        raise InputError(f"outline: corners {short[0] + 1} and {(short[0] + 1) % z.size + 1} are one point")
+        raise InputError(f"outline: corners {short[0] + 1} and {(short[0] + 1) % z.size + 1} coincide")
     if abs(_area(z)) < _ROUNDING:
-        raise InputError("outline: encloses no area; its corners must not lie on one line, nor its edges cross")
+        raise InputError("outline: has no area: its corners must not be collinear, nor its edges cross")
     crossing = _crossing(z)
     if crossing is not None:
         raise InputError(f"outline: edges {crossing[0] + 1} and {crossing[1] + 1} cross: must not")
@@ -37,10 +37,10 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
 
 
 def _crossing(z: Floats) -> tuple[int, int] | None:
-    """Two edges that cross each other, or None: each has the ends of the other on its two sides."""
+    """Two crossing edges, or None: each has the ends of the other on different sides."""
 
     def side(at: Floats) -> Floats:
-        """Of points to the edges, positive on the left, (edges, points)."""
+        """Positive for points to the left of the edges, (edges, points)."""
         return (np.conj(np.roll(z, -1) - z)[:, None] * (at[None] - z[:, None])).imag
 
     apart = side(z) * side(np.roll(z, -1)) < 0
@@ -54,20 +54,20 @@ def _area(z: Floats) -> float:
 
 
 def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
-    """Return the closed path along a polygon's edges, each followed by the arc round the corner at its end.
+    """Return the closed path along a polygon's edges, each followed by the arc of the corner at its end.
 
-    It begins where the first edge leaves the corner behind it.
+    It begins at the start of the first edge, after its corner.
 
     Args:
         z: corners in the order of the motion, as complex numbers, (m,) [mm].
         radius: of the corners [mm].
 
     Returns:
-        path: edges and arcs in turns, (2 m) pieces.
-        outward: side on which the outside lies, 1 for left and -1 for right.
+        path: edges and arcs alternately, 2 m pieces.
+        outward: side of the outside, 1 for left and -1 for right.
 
     Raises:
-        InputError: edges that double back or cross, or one that is too short for the arcs at its ends.
+        InputError: edges that double back or cross, or an edge too short for the arcs at its ends.
     """
     edges = np.roll(z, -1) - z
     turn = np.angle(np.roll(edges, -1) / edges)  # at the end of each edge
@@ -75,15 +75,14 @@ def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
     if back.size:
         raise InputError(f"outline: doubles back at corner {(back[0] + 1) % z.size + 1}")
     if abs(abs(turn.sum()) - 2 * math.pi) > _STRAIGHT:
-        raise InputError(f"outline: turns by {math.degrees(turn.sum()):.0f} deg in all: must not cross itself")
+        raise InputError(f"outline: turns by {math.degrees(turn.sum()):.0f} deg in total: must not cross itself")
     cut = radius * np.tan(0.5 * np.abs(turn))
     straight = np.abs(edges) - cut - np.roll(cut, 1)
     if straight.min() < -_ROUNDING:
         room = radius * np.abs(edges) / (cut + np.roll(cut, 1))
         k = int(room.argmin())
         raise InputError(
-            f"corner_radius = {radius:g} mm: must be at most {room[k]:.6g} mm, "
-            f"for which edge {k + 1} of {abs(edges[k]):g} mm has room"
+            f"corner_radius = {radius:g} mm: must be at most {room[k]:.6g} mm for edge {k + 1} of {abs(edges[k]):g} mm"
         )
     lengths = np.stack([np.maximum(straight, 0.0), radius * np.abs(turn)], axis=1).ravel()
     curvature = np.stack([np.zeros(z.size), np.sign(turn) / radius], axis=1).ravel()

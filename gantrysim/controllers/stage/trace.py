@@ -1,49 +1,50 @@
-"""An outline traced at constant speed relative to the work, its normal held in one direction at the needle."""
+"""An outline traced at constant speed relative to the work, its normal at the needle in a constant direction."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.profile import Constant
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, held, travel
+from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, travel, velocity_bound
 from gantrysim.controllers.stage.outline import outline, polygon
-from gantrysim.controllers.stage.table import Complex, Table
-from gantrysim.controllers.stage.turning import Turning
+from gantrysim.controllers.stage.table import Complex, Table, Turning
 from gantrysim.errors import InputError, at_least, point, positive, whole
 
 _ANYWHERE = (-math.inf, math.inf)
-_STEP = 0.05  # of the way between places where the limits are looked at [mm]
-_NUDGE = 1e-9  # [mm], into a piece from its ends
+_STEP = 0.05  # distance of the nodes for the axes' limits [mm]
+_NUDGE = 1e-9  # from a piece's ends to its inside [mm]
 _ZOOMS = 4  # each by 50
-_LOOKS = 101  # on a piece, for its furthest place
-_JUMP = 1e-5  # of an axis' rate, that is none
+_SAMPLES = 101  # of a piece, for an axis' extreme
+_JUMP = 1e-5  # largest jump of an axis' derivative taken as none
 
 
 @dataclass(frozen=True)
-class OutlineTrace:
-    """Traces the outline of a work piece on an XY stage that rides on a rotary table.
+class OutlineTrace(Controller):
+    """Traces the outline of a work piece on an XY stage on top of a rotary table.
 
-    The work piece is a polygon with rounded corners. Along an edge the table stands and the stage moves at the path
-    speed; in a corner of radius r the table turns at speed / r while the stage runs on an arc, so that the needle's
-    place on the work goes round the corner at the path speed and the outward normal keeps its direction at the
-    needle. With u and n on the outline and the geometry of `Table`,
+    The work piece is a polygon with rounded corners. Along an edge the table stands still and the stage moves at the
+    path speed; in a corner of radius r the table turns at speed / r and the stage moves on an arc, so that the
+    needle follows the outline at the path speed and the outward normal keeps its direction. With u and n on the
+    outline and the geometry of `Table`,
 
         TH = angle(n_K) - angle(n),    S = sigma [C + R(-TH) (K - C) - W - u].
 
-    Where edge meets corner the velocities of all axes jump. Where an acceleration is limited the stage stops there,
-    unless `blend` eases the table into the corner: TH is then the mean of the above over that length of the
-    way. The needle stays on the outline, whatever TH; only the normal is off, by up to an eighth of the corner's angle
-    per millimetre times the length.
+    Between edges and corners the velocities of all axes jump. With limited accelerations the stage stops there,
+    unless `blend` smooths the table's motion: TH is then a moving average of the above. The needle stays on the
+    outline; only the normal deviates, by up to an eighth of the corner's angle per millimetre times `blend`.
 
     Args:
         width: along x, and
@@ -51,23 +52,22 @@ class OutlineTrace:
         corners: of any polygon in the work frame, in the order of the motion (m, 2) [mm].
         corner_radius: [mm].
         speed: of the needle relative to the work, LSP [mm/s].
-        clockwise: sense in which a rectangle is run; it begins on its left edge, given clockwise at its lower end.
+        clockwise: sense in which a rectangle is traced, from its left edge, if clockwise at the lower end.
         needle: K in the base frame [mm].
         centre: of the rotation, C, in the base frame [mm].
-        work_centre: place of the work's origin when all axes are at zero, W [mm].
-        normal: direction in the base frame of the outline's outward normal at the needle, n_K.
-        sigma: 1 where a positive stage move moves the work in the positive direction, -1 where it reads the needle
-            relative to the work.
+        work_centre: the work's origin with all axes at zero, W [mm].
+        normal: direction of the outline's outward normal at the needle, in the base frame, n_K.
+        sigma: 1 if a positive stage move moves the work in the positive direction, -1 if in the negative one, as
+            the axes then read the needle relative to the work.
         velocity: limits of the axes th, x, y [deg/s, mm/s, mm/s].
         acceleration: limits of the axes th, x, y [deg/s², mm/s², mm/s²].
         travel_x: software limits of the stage's x [mm].
         travel_y: software limits of the stage's y [mm].
-        blend: length of the way over which the table's turning is eased, 0 to stop where edge meets corner [mm].
-        corner_pieces: for comparison, number of pieces that each corner is cut into, with all axes moving linearly
-            in each; 0 for the exact arcs.
+        blend: length of the moving average of the table's angle, 0 to stop between edges and corners [mm].
+        corner_pieces: for comparison, number of linear moves of all axes per corner; 0 for exact arcs.
 
     Raises:
-        InputError: a value out of its bounds, an edge too short for its arcs, or a place that the stage cannot reach.
+        InputError: a value out of bounds, an edge too short for its arcs, or an outline beyond the stage's travel.
     """
 
     width: float = 100.0
@@ -108,10 +108,12 @@ class OutlineTrace:
         if self.blend > 0 and self.corner_pieces > 0:
             raise InputError(
                 f"blend = {self.blend:g} mm: must be 0 mm where corner_pieces is {self.corner_pieces}; "
-                "linear pieces are not eased"
+                "linear pieces are not blended"
             )
         if self.blend > self.requested.length:
-            raise InputError(f"blend = {self.blend:g} mm: must be at most the outline, {self.requested.length:g} mm")
+            raise InputError(
+                f"blend = {self.blend:g} mm: must be at most the length of the outline, {self.requested.length:g} mm"
+            )
         self._check_travel()
 
     @cached_property
@@ -155,7 +157,7 @@ class OutlineTrace:
 
     @cached_property
     def _knots(self) -> Floats:
-        """Arc lengths between which the linear variant runs straight."""
+        """Ends of the linear moves of `corner_pieces`, by arc length."""
         s, turns = self.turning.s, np.diff(self.turning.angle) != 0
         parts = [
             np.linspace(low, high, (self.corner_pieces if turned else 1) + 1)[:-1]
@@ -169,8 +171,8 @@ class OutlineTrace:
         return np.stack([np.degrees(theta), stage.real, stage.imag], axis=1)
 
     @cached_property
-    def law(self) -> Constant | Limited:
-        """Way along the outline over time."""
+    def profile(self) -> Constant | Limited:
+        """Speed profile along the outline."""
         if all(math.isinf(limit) for limit in (*self.velocity, *self.acceleration)):
             return Constant(self.requested.length, self.speed)
         breaks = self._knots if self.corner_pieces else np.concatenate([self.turning.s, self.turning.breaks])
@@ -178,98 +180,98 @@ class OutlineTrace:
         breaks = breaks[np.diff(breaks, prepend=-1.0) > 2 * _NUDGE]
         ends = np.append(breaks[1:-1], self.requested.length)
         s, piece = nodes(ends, _STEP)
-        rate, bend = self._derivatives(s, piece, np.concatenate([[0.0], ends]))
-        speed = np.minimum(self.speed, held(s, rate, self.velocity))
+        first, second = self._derivatives(s, piece, np.concatenate([[0.0], ends]))
+        speed = np.minimum(self.speed, velocity_bound(s, first, self.velocity))
         if any(math.isfinite(limit) for limit in self.acceleration):
-            jump = (np.diff(s) == 0) & (np.abs(np.diff(rate, axis=0)).max(axis=1) > _JUMP)
+            jump = (np.diff(s) == 0) & (np.abs(np.diff(first, axis=0)).max(axis=1) > _JUMP)
             speed[:-1][jump] = speed[1:][jump] = 0.0
-        return fastest(s, speed, rate, bend, self.velocity, self.acceleration)
+        return fastest(s, speed, first, second, self.velocity, self.acceleration)
 
-    def _derivatives(self, s: Floats, piece: np.ndarray[tuple[int], np.dtype[np.intp]], edges: Floats) -> list[Floats]:
-        """First and second derivatives of th, x and y over the way, from within each piece, (m, 3)."""
+    def _derivatives(self, s: Floats, piece: NDArray[np.intp], edges: Floats) -> list[Floats]:
+        """First and second derivatives of th, x and y by the arc length, inside each piece, (m, 3)."""
         if self.corner_pieces:
             slope = np.diff(self._exact(edges), axis=0) / np.diff(edges)[:, None]
             return [slope[piece], np.zeros((s.size, 3))]
         at = np.clip(s, edges[piece] + _NUDGE, edges[piece + 1] - _NUDGE)
-        theta, turning, change = self.turning.value(at), self.turning.rate(at), self.turning.change(at)
+        theta, rate, change = self.turning.value(at), self.turning.rate(at), self.turning.change(at)
         tangent = _complex(self.requested.tangent(at))
-        rate = self._table.rate(tangent, theta, turning)
-        bend = self._table.bend(tangent, self.requested.curvature(at), theta, turning, change)
+        first = self._table.first(tangent, theta, rate)
+        second = self._table.second(tangent, self.requested.curvature(at), theta, rate, change)
         return [
-            np.stack([np.degrees(first), second.real, second.imag], axis=1)
-            for first, second in ((turning, rate), (change, bend))
+            np.stack([np.degrees(table), stage.real, stage.imag], axis=1)
+            for table, stage in ((rate, first), (change, second))
         ]
 
     @property
     def duration(self) -> float:
-        """Time of the motion [s]."""
-        return self.law.duration
+        return self.profile.duration
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes that move."""
         return AXES
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What limits and blending cost, in words."""
-        said = []
+        """Effects of limits, blending and linear pieces."""
+        notes = []
         ideal = self.requested.length / self.speed
-        if isinstance(self.law, Limited) and self.duration > ideal * (1 + 1e-6):
-            slowest, where = self.law.slowest
-            place = f"down to {slowest:.3g} mm/s at {where:.1f} mm of the outline"
-            said.append(
-                f"speed: the axes' limits make it {self.duration:.3f} s instead of {ideal:.3f} s, "
-                f"{100 * (1 - ideal / self.duration):.0f} % of the mean speed lost, {place}"
+        if isinstance(self.profile, Limited) and self.duration > ideal * (1 + 1e-6):
+            slowest, where = self.profile.slowest
+            lost = 100 * (1 - ideal / self.duration)
+            notes.append(
+                f"speed: the axes' limits increase the duration from {ideal:.3f} s to {self.duration:.3f} s and reduce "
+                f"the mean speed by {lost:.0f} %; lowest speed {slowest:.3g} mm/s at {where:.1f} mm of the outline"
             )
         if self.blend > 0:
             s = np.concatenate([self.turning.s, np.linspace(0.0, self.requested.length, 20001)])
             off = self.turning.value(s) - Turning(self.turning.s, self.turning.angle).value(s)
-            said.append(f"blend: the normal at the needle is off by up to {np.degrees(np.abs(off).max()):.2f} deg")
+            notes.append(f"blend: the normal at the needle deviates by up to {np.degrees(np.abs(off).max()):.2f} deg")
         if self.corner_pieces:
             step = np.diff(self.turning.angle)
             inward = self.corner_radius * self._outline[1] * np.sign(step) * _unit(self.normal)
             reach = np.abs(self._table.needle - self._table.centre - inward)
             sag = (reach * (1 - np.cos(0.5 * step / self.corner_pieces))).max()
-            said.append(f"corners: {self.corner_pieces} linear pieces each are off the arc by up to {sag:.4g} mm")
-        return tuple(said)
+            notes.append(f"corners: {self.corner_pieces} linear pieces each deviate from the arc by up to {sag:.4g} mm")
+        return tuple(notes)
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        return {"speed": change(self.speed)}
 
     def setpoints(self, period: float) -> Setpoints:
-        """Return the commanded positions of the axes th, x and y at every servo period [s]."""
-        return Setpoints.along(self.requested, self.law, period, axes=AXES, coordinates=self.coordinates)
+        return Setpoints.along(self.requested, self.profile, period, axes=AXES, coordinates=self.coordinates)
 
     def _check_travel(self) -> None:
         edges = self.turning.s
-        ways = np.linspace(edges[:-1], edges[1:], _LOOKS, axis=1)
-        seen = self.coordinates(ways.ravel()).reshape(*ways.shape, 3)
-        margin = np.abs(np.diff(seen, 2, axis=1)).max()  # of what lies between two looks
+        s = np.linspace(edges[:-1], edges[1:], _SAMPLES, axis=1)
+        sampled = self.coordinates(s.ravel()).reshape(*s.shape, 3)
+        margin = np.abs(np.diff(sampled, 2, axis=1)).max()  # for extremes between two samples
         for piece, (begin, end) in enumerate(pairwise(edges)):
             for column, (low, high) in ((1, self.travel_x), (2, self.travel_y)):
                 for side, limit in ((-1, low), (1, high)):
-                    if (side * seen[piece, :, column]).max() < side * limit - margin:
+                    if (side * sampled[piece, :, column]).max() < side * limit - margin:
                         continue
-                    s = self._furthest(column, side, begin, end)
-                    th, *stage = self.coordinates(s)[0]
+                    extreme = self._extreme(column, side, begin, end)
+                    th, *stage = self.coordinates(extreme)[0]
                     if side * (stage[column - 1] - limit) > _NUDGE:
                         x, y = self.needle
                         raise InputError(
-                            f"outline piece {piece + 1} of {edges.size - 1}, at {s:.4g} mm: "
+                            f"outline piece {piece + 1} of {edges.size - 1}, at {extreme:.4g} mm: "
                             f"needle ({x:g}, {y:g}) mm needs stage {AXES[column]} = {stage[column - 1]:.6g} mm "
-                            f"at th = {th:.4g} deg: must lie in {low:g} to {high:g} mm; "
+                            f"at th = {th:.4g} deg: must be from {low:g} to {high:g} mm; "
                             "move the needle, the work centre or the centre of rotation"
                         )
 
-    def _furthest(self, column: int, side: int, begin: float, end: float) -> float:
-        """Place within a piece of the outline where an axis stands furthest to one side [mm]."""
+    def _extreme(self, column: int, side: int, begin: float, end: float) -> float:
+        """Arc length within a piece of the outline at which an axis is furthest to one side [mm]."""
         for _ in range(_ZOOMS):
-            s = np.linspace(begin, end, _LOOKS)
+            s = np.linspace(begin, end, _SAMPLES)
             k = int((side * self.coordinates(s)[:, column]).argmax())
-            begin, end = s[max(k - 1, 0)], s[min(k + 1, _LOOKS - 1)]
+            begin, end = s[max(k - 1, 0)], s[min(k + 1, _SAMPLES - 1)]
         return float(s[k])
 
 
 def _complex(vectors: Floats) -> Complex:
-    return np.asarray(vectors[:, 0] + 1j * vectors[:, 1], np.complex128)
+    return vectors[:, 0] + 1j * vectors[:, 1]
 
 
 def _unit(direction: Place) -> complex:

@@ -1,4 +1,4 @@
-"""The program loop of the method: when it changes the ratio and the virtual speed, and what the axes then do."""
+"""The program loop of the method: when it changes the ratio and the virtual speed, and how the real axes move."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.trio.virtual import Law, VirtualAxis
+from gantrysim.controllers.paths.arcs import ArcChain
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.pieces import Coil, Line, Vector, vector
+from gantrysim.controllers.trio.virtual import Phases, VirtualAxis
 
 MAX_PASSES = 2_000_000
 
@@ -19,7 +23,7 @@ _ROUNDING = 1e-12
 
 
 class RatioTooSmallError(Exception):
-    """The ratio x falls below what CONNECT can hold while the virtual axes still run at SPEED."""
+    """The ratio x falls below the resolution of CONNECT while the virtual axes still run at SPEED."""
 
     def __init__(self, number: int, ratio: float) -> None:
         super().__init__(number, ratio)
@@ -36,64 +40,96 @@ class EndlessError(Exception):
 
 @dataclass(frozen=True)
 class Passes:
-    """What the loop did, pass by pass.
+    """The passes of the loop.
 
     Attributes:
-        ratio: x as the program has it, (p,).
+        ratio: x of the program, (p,).
         connected: the ratio that CONNECT holds, (p,).
-        time: at which the pass took effect, (p,) [s].
-        way: of the virtual axis there, and at the end, (p + 1,) [mm].
-        law: of the virtual axis.
-        halted: whether the program stopped at a division by zero.
+        time: at which the pass takes effect, (p,) [s].
+        distance: of the virtual axis then, and at the end, (p + 1,) [mm].
+        profile: of the virtual axis.
+        halted: whether a division by zero stopped the program.
     """
 
     ratio: Floats
     connected: Floats
     time: Floats
-    way: Floats
-    law: Law
+    distance: Floats
+    profile: Phases
     halted: bool
 
     def connect(self, lengths: Floats) -> Connected:
-        """Return the real axes' law, given the length of their path in every pass, (p,) [mm]."""
-        return Connected(self.law, self.way, np.concatenate([[0.0], np.cumsum(lengths)]))
+        """Return the real axes' profile, given the length of their path in every pass, (p,) [mm]."""
+        return Connected(self.profile, self.distance, np.concatenate([[0.0], np.cumsum(lengths)]))
+
+    def path(self, start: Vector, radius: float, climb: float, clockwise: bool) -> Path:
+        """Return the commanded path of the real axes: the virtual circles scaled by the ratio of every pass.
+
+        Args:
+            start: first point; the first motion is towards +y [mm].
+            radius: of the virtual circles [mm].
+            climb: height per radian of the virtual circles [mm/rad].
+            clockwise: sense of rotation.
+        """
+        ratio, angle = self.connected, np.diff(self.distance) / radius
+        turn = -1.0 if clockwise else 1.0
+        if np.all(ratio > 0):
+            return ArcChain(start, 0.5 * math.pi, turn / (ratio * radius), angle * ratio * radius, climb * angle)
+        return _with_cusps(start, -turn * ratio * radius, turn * angle, climb * angle)
+
+
+def _with_cusps(start: Vector, radius: Floats, angle: Floats, rise: Floats) -> Chain:
+    """Arcs of signed radii: a negative radius runs backwards, radius zero is a straight climb.
+
+    A point of the virtual circle at the angle psi is at centre + r (cos psi, sin psi) with the signed radius r.
+    """
+    pieces: list[Line | Coil] = []
+    at = np.array(start)
+    psi = math.pi
+    for r, swept, up in zip(radius.tolist(), angle.tolist(), rise.tolist(), strict=True):
+        centre = at - r * np.array([math.cos(psi), math.sin(psi), 0.0])
+        begin = psi if r >= 0 else psi + math.pi
+        psi += swept
+        end = centre + np.array([r * math.cos(psi), r * math.sin(psi), up])
+        if r:
+            pieces.append(Coil(vector(centre), (abs(r), abs(r)), begin, swept, up))
+        else:
+            pieces.append(Line(vector(at), vector(end)))
+        at = end
+    return Chain(pieces)
 
 
 @dataclass(frozen=True)
 class Connected:
-    """The way of the real axes: in every pass in proportion to that of the virtual axis.
+    """Speed profile of the real axes: in every pass in proportion to that of the virtual axis.
 
     Attributes:
-        law: of the virtual axis.
-        virtual: its way at the begin of every pass and at the end, (p + 1,) [mm].
-        real: way of the real axes there, (p + 1,) [mm].
+        virtual_profile: of the virtual axis.
+        virtual: its distance at the start of every pass and at the end, (p + 1,) [mm].
+        real: distance of the real axes there, (p + 1,) [mm].
     """
 
-    law: Law
+    virtual_profile: Phases
     virtual: Floats
     real: Floats
 
     @property
     def length(self) -> float:
-        """Way in all [mm]."""
         return float(self.real[-1])
 
     @property
     def duration(self) -> float:
-        """Time in all [s]."""
-        return self.law.duration
+        return self.virtual_profile.duration
 
     def position(self, t: ArrayLike) -> Floats:
-        """Way at the times t, (n,) [mm]."""
-        return np.interp(self.law.position(t), self.virtual, self.real)
+        return np.interp(self.virtual_profile.position(t), self.virtual, self.real)
 
     def velocity(self, t: ArrayLike) -> Floats:
-        """Speed at the times t, (n,) [mm/s]."""
-        at = np.searchsorted(self.virtual, self.law.position(t), side="right")
+        at = np.searchsorted(self.virtual, self.virtual_profile.position(t), side="right")
         k = np.clip(at, 1, self.virtual.size - 1)
         step = self.virtual[k] - self.virtual[k - 1]
         ratio = np.divide(self.real[k] - self.real[k - 1], step, out=np.zeros_like(step), where=step > 0)
-        return ratio * self.law.velocity(t)
+        return ratio * self.virtual_profile.velocity(t)
 
 
 @dataclass(frozen=True)
@@ -103,17 +139,17 @@ class Loop:
     Args:
         length: of the virtual circles [mm].
         speed: path speed V, as SPEED at x = 1 [mm/s].
-        change: decrease of x at every pass.
+        change: decrease of x per pass.
         period: T, the wait at x = 1 [s].
-        interpreter_time: d, what every pass takes besides its wait [s].
+        interpreter_time: d, execution time of a pass besides its wait [s].
         acceleration: ACCEL of the virtual axes [mm/s²].
-        deceleration: DECEL [mm/s²].
-        wait_resolution: the wait is cut to a multiple of it; 0 does not cut it [s].
+        deceleration: DECEL of the virtual axes [mm/s²].
+        wait_resolution: waits are truncated to a multiple of it; 0 for exact waits [s].
         ratio_bits: fractional bits of the ratio, None for an exact one.
-        servo_period: commands take effect at the next multiple of it; 0 has them do so at once [s].
-        guarded: x stays above zero: it is held where the last braking lasts beyond that. The published listing
-            has no such guard. A pass that does not wait takes one servo_period, or without ticks no time where
-            guarded, and one wait_resolution or period where not.
+        servo_period: commands take effect at its next multiple; 0 for at once [s].
+        guarded: whether x stays above zero, held while the last braking lasts longer; the published listing has
+            no such guard. A pass without a wait takes one servo_period; where that is 0, no time if guarded, else
+            one wait_resolution or period.
     """
 
     length: float
@@ -129,7 +165,7 @@ class Loop:
     guarded: bool = True
 
     def run(self) -> Passes:
-        """Run the loop until the virtual axes have come to the end of their circles.
+        """Run the loop until the virtual axes are at the end of their circles.
 
         Raises:
             RatioTooSmallError: x would fall below 2^-16 before the axes brake for the end.
@@ -138,15 +174,16 @@ class Loop:
         axis = VirtualAxis(self.length, self.acceleration, self.deceleration)
         ratio: list[float] = []
         time: list[float] = []
-        way: list[float] = []
+        distance: list[float] = []
         begun, halted = 0.0, False
         while not axis.done:
             x = 1 - self.change * (len(ratio) + 1)
             zero = abs(x) < _ROUNDING
-            if (self.guarded and x < LEAST_RATIO and not axis.braking) or (zero and not ratio):
+            too_small = self.guarded and x < LEAST_RATIO
+            if (too_small and not axis.braking) or (zero and not ratio):
                 raise RatioTooSmallError(len(ratio) + 1, x)
-            if zero or (self.guarded and x < LEAST_RATIO):
-                # the published program stops at SPEED = V / 0, a guarded one holds x; either way the axes go on
+            if zero or too_small:
+                # the published program stops at SPEED = V / 0, a guarded one holds x; the axes continue either way
                 halted = not self.guarded
                 axis.advance(math.inf, self.speed / abs(ratio[-1]))
                 break
@@ -154,19 +191,19 @@ class Loop:
                 raise EndlessError(ratio[-1], axis.time)
             ratio.append(x)
             time.append(axis.time)
-            way.append(axis.way)
+            distance.append(axis.distance)
             begun += self._wait(x) + self.interpreter_time
             axis.advance(self._effect(begun), self.speed / abs(x))
         held = connected = np.array(ratio)
         if self.ratio_bits is not None:
             connected = np.round(held * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
-        return Passes(held, connected, np.array(time), np.array([*way, axis.way]), axis.law(), halted)
+        return Passes(held, connected, np.array(time), np.array([*distance, axis.distance]), axis.profile(), halted)
 
     def _wait(self, x: float) -> float:
         wait = max(self.period * x, 0.0)  # WA of a negative time does not wait
         if self.wait_resolution > 0:
             wait = math.floor(wait / self.wait_resolution + 1e-9) * self.wait_resolution
-        if wait + self.interpreter_time <= 0:  # one pass a tick at most
+        if wait + self.interpreter_time <= 0:  # one pass per tick at most
             return self.servo_period or (0.0 if self.guarded else self.wait_resolution or self.period)
         return wait
 

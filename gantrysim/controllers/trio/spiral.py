@@ -1,47 +1,48 @@
-"""The inward spiral of AN-225: its parameters, the path asked for, and the one that its loop commands."""
+"""The inward spiral of AN-225: its parameters, the requested path, and the path that its loop commands."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
-from gantrysim.controllers.trio.track import track
 from gantrysim.errors import InputError, at_least, finite, point, positive, whole
 
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class MoveSpiral:
+class MoveSpiral(Controller):
     """An inward spiral by the loop method of AN-225.
 
     Two virtual axes run circles of the outer diameter. CONNECT(x, virtual axis) links each real axis to the
-    movement of its virtual axis, and a program loop lowers the ratio x while it raises the virtual SPEED to
-    V / x, so that the real path speed stays V. Between two passes of the loop the real axes therefore run an
-    arc of radius x R; the arcs meet with one tangent.
+    movement of its virtual axis; a program loop lowers the ratio x and raises the virtual SPEED to V / x, so
+    that the real path speed stays V. Between two passes the real axes run an arc of radius x R; the arcs are tangent.
 
-    The loop's k-th pass sets x_k = 1 - k change, with change = 2 thickness V T / (pi D^2), before the
-    k-th piece of motion, and waits WA(1000 T x_k) ms. A pass lasts T x_k + d and, at SPEED, turns the virtual circle
-    by V (T x_k + d) / (x_k R). As T and d go to zero the path tends to the involute of a circle of radius
-    thickness / 2 pi, whose normal pitch is exactly `thickness`: that is the requested path.
+    The k-th pass sets x_k = 1 - k change, with change = 2 thickness V T / (pi D^2), and waits WA(1000 T x_k) ms.
+    A pass lasts T x_k + d and, at SPEED, turns the virtual circle by V (T x_k + d) / (x_k R). As T and d go to
+    zero the path tends to the involute of a circle of radius thickness / 2 pi, whose normal pitch is exactly
+    `thickness`: that is the requested path.
 
-    The defaults are the method without its controller's limits. With ACCEL and DECEL the virtual axes start and
-    stop as they must, and x, which falls with time, makes the tail curl in while they brake. CONNECT adds
-    ratio times the virtual axis' step at every servo tick, so that the real axes lie on the arcs exactly at the
-    ticks, provided that the ratio changes at ticks: that is what `servo_period` does.
+    The defaults are the method without the controller's limits. With ACCEL and DECEL, x keeps falling with time
+    while the virtual axes brake, so that the end of the spiral curls in. CONNECT adds ratio times the virtual
+    axis' step at every servo tick, so that the real axes are exactly on the arcs at the ticks if the ratio
+    changes at ticks; `servo_period` does that.
 
     With a height, MHELICAL adds a third virtual axis that climbs evenly with the circles and drives the real
-    one directly. In mode 1 SPEED belongs to the circle alone; in mode 0 it is the speed in space, so that the circle
-    runs slower, x falls too far by its end and the turns come too far apart.
+    one directly. In mode 1 SPEED is that of the circle; in mode 0 it is the speed in space, so that the circle
+    is slower, x falls too far by its end and the turns are too far apart.
 
     Source: Trio Motion Technology, application note AN-225 (2008), and the Motion BASIC manual for CONNECT,
     MOVECIRC, MHELICAL, WA.
@@ -52,23 +53,22 @@ class MoveSpiral:
         thickness: distance of neighbouring turns [mm].
         speed: path speed V of the real axes [mm/s].
         loop_period: time T of one pass of the program loop at x = 1; 0 is the continuous limit [s].
-        interpreter_time: time d that the interpreter itself adds to every pass [s].
+        interpreter_time: time d that the interpreter adds to every pass [s].
         start: first point (x, y) [mm].
-        clockwise: sense of the turning; the first motion is towards +y, the centre lies at +x where
-            clockwise and at -x where not.
+        clockwise: sense of rotation; the first motion is towards +y, the centre at +x if clockwise, else at -x.
         height: climbed evenly over all circles, 0 for two axes [mm].
-        mhelical_mode: 0 or 1, what SPEED means where there is a height.
+        mhelical_mode: meaning of SPEED with a height: 0 for the speed in space, 1 for that of the circle.
         acceleration: ACCEL of the virtual axes [mm/s²].
         deceleration: DECEL of the virtual axes; by default ACCEL [mm/s²].
-        wait_resolution: WA waits whole multiples of it, cut off; 0.001 on the controller, 0 for exact waits [s].
+        wait_resolution: WA truncates its time to a multiple of it; 0.001 on the controller, 0 for exact waits [s].
         ratio_bits: fractional bits of CONNECT's ratio, 16 on the controller; None for an exact ratio.
-        servo_period: SERVO_PERIOD, to whose ticks the program's commands are bound: 0.0005, 0.001 or 0.002 on the
-            controller, 0 for a program that acts between ticks [s].
-        as_published: behave as the published listing does, errors and all; `notes` says in words how it differs.
+        servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller,
+            0 for a program that acts between ticks [s].
+        as_published: behave as the published listing, errors included; `notes` lists the differences.
 
     Raises:
-        InputError: a value out of its bounds, an inner diameter below zero, or a ratio x that would fall
-            to zero or below before the axes brake for the end.
+        InputError: a value out of bounds, a negative inner diameter, or a ratio x that would fall to zero or
+            below before the axes brake for the end.
     """
 
     diameter: float
@@ -130,7 +130,7 @@ class MoveSpiral:
             "wait_resolution": (self.wait_resolution, 0.0, "s"),
             "servo_period": (self.servo_period, 0.0, "s"),
         }
-        limit = "where loop_period is 0 s, the limit of a loop that takes no time"
+        limit = "where loop_period is 0 s, the continuous limit"
         for name, (value, free, unit) in needs_a_loop.items():
             if value != free:
                 raise InputError(f"{name} = {value:g} {unit}: must be {free:g} {unit} {limit}")
@@ -147,7 +147,7 @@ class MoveSpiral:
 
     @property
     def inner_diameter(self) -> float:
-        """Diameter less a thickness on both sides for every turn [mm]."""
+        """Diameter less a thickness on either side per turn [mm]."""
         return self.diameter - 2 * self.turns * self.thickness
 
     @property
@@ -162,7 +162,7 @@ class MoveSpiral:
 
     @property
     def change(self) -> float:
-        """Decrease of the ratio x at each pass of the loop."""
+        """Decrease of the ratio x per pass."""
         return 2 * self.thickness * self.speed * self.loop_period / (math.pi * self.diameter**2)
 
     @property
@@ -172,15 +172,15 @@ class MoveSpiral:
 
     @cached_property
     def passes(self) -> Passes:
-        """What the program loop does, pass by pass; there is none in the continuous limit."""
-        # without interpreter time every pass turns the circle by V T / R; with it the passes are fewer
+        """The passes of the program loop; not defined in the continuous limit."""
+        # with interpreter time the passes are fewer
         due = self.virtual_time / self.loop_period - 1e-9
         if due > MAX_PASSES:
             raise InputError(
                 f"loop_period = {self.loop_period:g} s: makes {due:.8g} passes, at most {MAX_PASSES} are run; "
                 f"use 0 s for the continuous limit or at least {self.virtual_time / MAX_PASSES:.3g} s"
             )
-        # SPEED and ACCEL of the circle where they belong to the motion in space
+        # SPEED and ACCEL of the circle, where they are those of the motion in space
         share = 1 / math.hypot(1.0, self.height / self.virtual_length) if self.mhelical_mode == 0 else 1.0
         loop = Loop(
             length=math.pi * self.diameter * self.circles,
@@ -201,7 +201,7 @@ class MoveSpiral:
             remedy = self._remedy(late=error.number > due + 1)
             raise InputError(
                 f"ratio x = {error.ratio:.4g} on pass {error.number} of {max(1, math.ceil(due))}: "
-                f"must be at least 2^-{RATIO_BITS}, the least that CONNECT can hold; {remedy}"
+                f"must be at least 2^-{RATIO_BITS}, the resolution of CONNECT; {remedy}"
             ) from None
         except EndlessError as error:
             raise InputError(
@@ -235,10 +235,10 @@ class MoveSpiral:
 
     @cached_property
     def generated(self) -> Path:
-        """The path that the controller really commands: an arc, or a helix, for every pass of the loop."""
+        """The commanded path: an arc, or a helix, per pass of the loop."""
         if self.loop_period == 0:
             return self.requested
-        return track((*self.start, 0.0), self.passes, self.radius, self._climb, self.clockwise)
+        return self.passes.path((*self.start, 0.0), self.radius, self._climb, self.clockwise)
 
     @property
     def _climb(self) -> float:
@@ -247,8 +247,7 @@ class MoveSpiral:
 
     @property
     def duration(self) -> float:
-        """Time of the motion [s]."""
-        return self._flat.length / self.speed if self.loop_period == 0 else self.passes.law.duration
+        return self._flat.length / self.speed if self.loop_period == 0 else self.passes.profile.duration
 
     @cached_property
     def _flat(self) -> Involute:
@@ -257,36 +256,39 @@ class MoveSpiral:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes that move."""
         return ("x", "y", "z") if self.height else ("x", "y")
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the published listing does otherwise, where it is asked for."""
+        """The published listing's differences, where it is run."""
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
-    def setpoints(self, period: float) -> Setpoints:
-        """Return the commanded positions of the axes x, y and, with a height, z at every servo period [s].
+    @property
+    def free_running(self) -> bool:
+        return self.servo_period == 0
 
-        Raises:
-            InputError: a period that is not the controller's servo_period.
-        """
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        return {"speed": change(self.speed)}
+
+    def setpoints(self, period: float) -> Setpoints:
         if self.servo_period > 0 and abs(period - self.servo_period) > 1e-12:
             raise InputError(
-                f"servo_period = {self.servo_period:g} s of the controller: must be that of the servo, {period:g} s; "
-                "or 0 s for a program that is not bound to its ticks"
+                f"servo_period = {self.servo_period:g} s of the controller: must be that of the servo, {period:g} s, "
+                "or 0 s for a program that acts between ticks"
             )
         if self.loop_period == 0:
             return Setpoints.along(
                 self._flat, self.speed, period, requested=self.requested, axes=self.axes, coordinates=self._climbing
             )
-        lengths = np.hypot(self.passes.connected * self.radius, self._climb) * np.diff(self.passes.way) / self.radius
+        lengths = (
+            np.hypot(self.passes.connected * self.radius, self._climb) * np.diff(self.passes.distance) / self.radius
+        )
         return Setpoints.along(
             self.generated, self.passes.connect(lengths), period, requested=self.requested, axes=self.axes
         )
 
     def _climbing(self, s: Floats) -> Floats:
-        """The axes at arc lengths of the flat path; SPEED belongs to the circle."""
+        """The axes at arc lengths of the flat path: SPEED is that of the circle."""
         points = self._flat.position(s)
         points[:, 2] = self._climb * self._flat.phi(s)
         return points[:, : len(self.axes)]

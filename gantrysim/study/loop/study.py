@@ -21,7 +21,6 @@ from gantrysim.study.runner import Measure
 from gantrysim.study.study import Plot, Rounds
 
 _DECADE = (1.0, 2.0, 3.0, 5.0)
-_SPIRAL = "trio.MoveSpiral"
 _FINER = 4  # times, the physics step against which a theory in continuous time is held
 _FRICTIONLESS = Perturbation(friction=1e-9)
 
@@ -76,7 +75,7 @@ class LoopStudy:
     @property
     def spiral(self) -> bool:
         """Whether the job's program has a loop."""
-        return bool(self.job.program["controller"] == _SPIRAL)
+        return "loop_period" in self.job.program
 
     def arcs(self, overrides: Mapping[str, Any]) -> SteppedArcs | None:
         """Return what is predicted of the job's spiral with some of its values changed, by their full dotted keys.

@@ -39,8 +39,8 @@ class RepeatCase(Case):
 
 
 def has_phase(job: Job) -> bool:
-    """Return whether a job's program may start anywhere between two servo ticks: a Trio program not bound to them."""
-    return job.program["controller"] == "trio.MoveSpiral" and not job.program["servo_period"]
+    """Return whether a job's program may start anywhere between two servo ticks."""
+    return job.controller.free_running
 
 
 def phased_setpoints(job: Job, phase: int) -> Setpoints:

@@ -55,11 +55,7 @@ def findings(study: SpeedStudy, rows: list[Row]) -> list[str]:
 
 
 def _what_speed_is(study: SpeedStudy) -> list[str]:
-    controller = study.job.program["controller"]
-    what = {
-        "softmc.Program": "the group's velocity and every command's own Vtran, changed in one proportion",
-        "fanuc.Program": "the feeds F of the program, changed in one proportion; rapid moves and clamps stay",
-    }.get(controller, "the program's speed")
+    what = study.job.controller.speed_scaling
     return [f"Speed here is {what}. Ramps and limits of the controller and of the axes are the job's."]
 
 

@@ -13,7 +13,6 @@ from gantrysim.study.criterion import Criterion
 from gantrysim.study.runner import Measure
 from gantrysim.study.speed.figures import figures
 from gantrysim.study.speed.findings import findings, speed_of
-from gantrysim.study.speed.pace import programmed_speed, speed_overrides
 from gantrysim.study.speed.search import DIGITS, next_speeds
 from gantrysim.study.study import Plot, Rounds
 
@@ -26,7 +25,7 @@ class SpeedStudy:
     tried is within the tolerance; a run that a fault ends, or that is refused, is not.
 
     Args:
-        job: whose speed is changed; see `gantrysim.study.speed.pace` for what that is.
+        job: whose speed is changed; its controller says how, see `Controller.arguments_at`.
         tolerance: of the figure, in its unit.
         figure: of a case's row, as contour_max.
         resolution: how closely the answer is looked for, relative.
@@ -54,7 +53,7 @@ class SpeedStudy:
     @cached_property
     def own(self) -> float:
         """The program's own speed [mm/s]."""
-        return programmed_speed(self.job)
+        return self.job.controller.programmed_speed
 
     @property
     def title(self) -> str:
@@ -66,21 +65,23 @@ class SpeedStudy:
         """What the study does with the job."""
         return {"tolerance": self.tolerance, "figure": self.figure, "resolution": self.resolution}
 
+    def overrides(self, speed: float) -> dict[str, Any]:
+        """Return the values that make the job run at another path speed [mm/s], by their dotted keys."""
+        return {f"program.{key}": value for key, value in self.job.controller.arguments_at(speed).items()}
+
     def rounds(self) -> Rounds:
         """Yield the speeds of one round after the other.
 
         Raises:
             InputError: there is no such figure.
         """
-        overrides = speed_overrides(self.job, self.own)
+        overrides = self.overrides(self.own)
         self.criterion.check(self.measure(Case.of(self.job, overrides, "perfect follower")))
         tried: dict[float, bool] = {}
         number = 0
         while speeds := next_speeds(tried, self.own, self.resolution):
             number += 1
-            rows = yield [
-                Case.of(self.job, speed_overrides(self.job, speed), round=number, speed_mm_s=speed) for speed in speeds
-            ]
+            rows = yield [Case.of(self.job, self.overrides(speed), round=number, speed_mm_s=speed) for speed in speeds]
             tried |= {speed_of(row): self.criterion.within(row) for row in rows}
 
     def findings(self, rows: list[Row]) -> list[str]:

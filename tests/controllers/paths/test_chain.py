@@ -140,7 +140,7 @@ def test_helix_in_closed_form(plane, sense):
     assert path.curvature(s) == pytest.approx(np.full(50, sense / speed), rel=1e-12)
     # the whole curvature vector of a helix points to its axis and is r / (r^2 + h^2)
     inward = -(np.cos(psi) * u + np.sin(psi) * v)
-    assert path.local(s).bend == pytest.approx(radius / speed**2 * inward, abs=UNIT)
+    assert path.local(s).curvature == pytest.approx(radius / speed**2 * inward, abs=UNIT)
 
 
 def test_archimedes_cone_in_closed_form():
@@ -287,14 +287,14 @@ def test_a_line_in_a_plane_of_its_own_climbs_from_it():
     assert flat.tangent(1)[0] == pytest.approx([0.6, 0, 0.8], abs=UNIT)
 
 
-def test_pieces_of_no_length_are_left_out():
+def test_pieces_of_zero_length_are_dropped():
     kept = [Line((0, 0, 0), (5, 0, 0)), Coil((5, 3, 0), (3, 3), -math.pi / 2, 1.0)]
     nothing = [Line((5, 0, 0), (5, 0, 0)), Coil((5, 3, 0), (3, 3), -math.pi / 2, 0.0), Line((5, 0, 0), (5, 0, 1e-12))]
     path = Chain([kept[0], *nothing, kept[1]])
     assert path.pieces == tuple(kept)
     assert path.ends == pytest.approx([5, 8], abs=POSITION)
     for empty in ([], nothing):
-        with pytest.raises(InputError, match=r"^chain: has no piece of any length$"):
+        with pytest.raises(InputError, match=r"^chain: must have a piece of positive length$"):
             Chain(empty)
 
 
@@ -323,7 +323,7 @@ def test_pieces_of_unknown_kind_or_arguments_are_named():
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"centre": (0, math.nan, 0)}, r"^coil: centre = \(0, nan, 0\): must be finite$"),
         ({"radius": (5.0, math.inf)}, r"^coil: radius = \(5\.0, inf\): must be finite$"),
@@ -331,19 +331,19 @@ def test_pieces_of_unknown_kind_or_arguments_are_named():
         ({"angle": -math.inf}, r"^coil: angle = -inf: must be finite$"),
         ({"rise": math.nan}, r"^coil: rise = nan: must be finite$"),
         ({"radius": (5.0, -1.0)}, r"^coil: radius = -1 mm: must be at least 0 mm$"),
-        ({"angle": 0.0, "rise": 1.0}, r"^coil: angle = 0 rad: must turn where the radius or the height changes$"),
+        ({"angle": 0.0, "rise": 1.0}, r"^coil: angle = 0 rad: must not be 0 where the radius or the height changes$"),
         ({"angle": 0.0, "radius": (5.0, 6.0)}, r"^coil: angle = 0 rad"),
-        ({"frame": ((1, 0, 0), (1, 1, 0))}, r"^coil: frame = .*: must be two unit vectors at a right angle$"),
+        ({"frame": ((1, 0, 0), (1, 1, 0))}, r"^coil: frame = .*: must be two orthogonal unit vectors$"),
         ({"frame": ((1, 0, 0), (0, 2, 0))}, r"^coil: frame = "),
         ({"frame": ((1, 0, 0), (0, math.nan, 0))}, r"^coil: frame = "),
     ],
 )
-def test_a_coil_that_is_none_is_refused(changed, said):
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_coil_is_refused(changed, text):
+    with pytest.raises(InputError, match=text):
         Coil(**{"centre": (0, 0, 0), "radius": (5.0, 5.0), "begin": 0.0, "angle": 1.0, **changed})
 
 
-def test_a_line_that_is_none_is_refused():
+def test_an_invalid_line_is_refused():
     with pytest.raises(InputError, match=r"^line: end = \(nan, 0, 0\): must be finite$"):
         Line((0, 0, 0), (math.nan, 0, 0))
     with pytest.raises(InputError, match=r"^line: start = \(0, 0, inf\): must be finite$"):
@@ -401,7 +401,7 @@ def test_point_off_a_coil_projects_onto_its_nearest_point(coil, fraction, across
     assert np.linalg.norm(foot.offset[0]) == pytest.approx(foot.distance[0], abs=POSITION)
     assert point - foot.offset[0] == pytest.approx(path.position(foot.s)[0], abs=POSITION)
     inside = 1e-6 < foot.s[0] < path.length - 1e-6
-    curved = np.linalg.norm(path.local(foot.s).bend[0]) * foot.distance[0] > 0.9
+    curved = np.linalg.norm(path.local(foot.s).curvature[0]) * foot.distance[0] > 0.9
     if inside and not curved:  # the offset is square to the path
         assert foot.offset[0] @ path.tangent(foot.s)[0] == pytest.approx(0, abs=1e-6)
 
@@ -418,7 +418,7 @@ CLIMBING = {
 
 @pytest.mark.parametrize("name", CLIMBING)
 @pytest.mark.parametrize("off", [0.0, 0.4, 2.0])
-def test_feet_of_points_off_a_climbing_path_are_where_they_were_taken(name, off):
+def test_projection_off_a_climbing_path_returns_the_arc_length_of_the_point(name, off):
     path = CLIMBING[name]
     s = np.linspace(0.5, path.length - 0.5, 400)
     tangent, normal = path.tangent(s), path.normal(s)
@@ -468,7 +468,7 @@ def test_points_near_a_corner_project_onto_the_nearer_of_its_sides(turn, climb, 
     assert path.follow(trace).distance[1] == pytest.approx(exact, abs=FOOT)
 
 
-def test_a_corner_of_lines_and_of_arcs_is_looked_at_from_both_sides():
+def test_both_sides_of_a_corner_are_searched():
     """On the path itself the distance is none, right up to the joints."""
     first = Coil((0, 5, 0), (5, 5), -math.pi / 2, 1.0)
     x, y, _ = on(first, 1)
@@ -480,7 +480,7 @@ def test_a_corner_of_lines_and_of_arcs_is_looked_at_from_both_sides():
     assert path.follow(path.position(np.linspace(0, path.length, 5000))).distance.max() < POSITION
 
 
-def test_ten_thousand_lines_take_no_time_to_speak_of():
+def test_ten_thousand_lines_are_projected_quickly():
     random = np.random.default_rng(1)
     heading = np.cumsum(random.uniform(-2, 2, 10_000))
     steps = np.stack([np.cos(heading), np.sin(heading), random.uniform(-0.5, 0.5, 10_000)], axis=1)
@@ -593,14 +593,14 @@ def test_an_arc_chain_that_climbs_is_built_again_through_json():
     assert np.array_equal(again.tangent(s), path.tangent(s))
 
 
-def test_rises_that_are_none_are_refused():
+def test_invalid_rises_are_refused():
     with pytest.raises(InputError, match=r"arc chain: 2 rises: must be one, or as many as the 3 pieces"):
         ArcChain([0, 0], 0, [0, 0, 0], [1, 1, 1], [1, 2])
     with pytest.raises(InputError, match=r"start, heading, curvatures, lengths and rises must be finite"):
         ArcChain([0, 0], 0, [0], [1], math.nan)
 
 
-def test_places_as_far_into_one_coil_as_into_another_are_told_apart():
+def test_places_at_the_same_length_of_different_coils_differ():
     """What is worked out for one call is kept for the next, where that asks for the very same places."""
     lead = Line((14, 0, 0), (10, 0, 0))  # 4 mm: the numbers into the pieces carry no rounding
     arc = Coil((0, 0, 0), (10, 10), 0, 0.8)  # 8 mm

@@ -62,7 +62,7 @@ def test_tangent_is_unit_and_the_derivative_of_position_curvature_that_of_headin
 @BOTH
 @given(spiral=spirals())
 @settings(max_examples=50, deadline=None)
-def test_starts_where_asked_and_turns_in_the_sense_asked(kind, spiral):
+def test_starts_at_the_given_point_and_turns_in_the_given_sense(kind, spiral):
     path = kind(*spiral)
     sense = -1 if spiral[5] else 1
     assert path.position(0)[0] == pytest.approx([*spiral[3], 0], abs=POSITION)
@@ -229,18 +229,18 @@ def test_spiral_into_its_very_centre_ends_there(kind):
 @pytest.mark.parametrize("value", [0, -1, math.nan, math.inf, "wide", None])
 def test_a_parameter_out_of_its_bound_is_named(name, value):
     unit = "" if name == "turns" else " mm"
-    said = {
+    text = {
         0: f"{name} = 0{unit}: must be greater than 0{unit}",
         -1: f"{name} = -1{unit}: must be greater than 0{unit}",
         math.inf: f"{name} = inf{unit}: must be finite",
         "wide": f"{name} = 'wide': must be a number",
         None: f"{name} = None: must be a number",
     }.get(value, f"{name} = nan{unit}: must be finite")
-    with pytest.raises(InputError, match=f"^{said}$"):
+    with pytest.raises(InputError, match=f"^{text}$"):
         Involute(**{"radius": 60, "pitch": 10, "turns": 4, name: value})
 
 
-def test_more_turns_than_the_radius_holds_are_named_with_the_sum():
+def test_too_many_turns_for_the_radius_are_named_with_the_sum():
     bound = r"end radius = -10 mm \(radius 60 - turns 7 x pitch 10\): must be at least 0 mm"
     with pytest.raises(InputError, match=bound):
         Involute(60, 10, 7)

@@ -1,0 +1,130 @@
+"""The base class of the motion controllers: the questions that the rest of the program asks them."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, ClassVar, Protocol
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.errors import InputError, positive
+
+
+class Recorded(Protocol):
+    """The attributes of a `Run` that a controller can record."""
+
+    @property
+    def axes(self) -> tuple[str, ...]: ...
+    @property
+    def units(self) -> tuple[str, ...]: ...
+    @property
+    def period(self) -> float: ...
+    @property
+    def time(self) -> Floats: ...
+    @property
+    def commanded(self) -> Floats: ...
+    @property
+    def commanded_tip(self) -> Floats: ...
+    @property
+    def encoder(self) -> Floats: ...
+
+
+class Controller(ABC):
+    """A motion controller with its program: a frozen dataclass, checked on construction.
+
+    Its fields are the keys of a job file's program.
+
+    Attributes:
+        speed_scaling: what `arguments_at` changes, in words.
+    """
+
+    speed_scaling: ClassVar[str] = "the program's speed"
+
+    @property
+    @abstractmethod
+    def requested(self) -> Path:
+        """The requested path in the work frame."""
+
+    @property
+    @abstractmethod
+    def duration(self) -> float:
+        """Duration of the motion [s]."""
+
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes that move."""
+
+    @abstractmethod
+    def setpoints(self, period: float) -> Setpoints:
+        """Return the commanded positions of the axes at every servo period [s]."""
+
+    @abstractmethod
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """Return the arguments that hold a speed, by dotted name, with every speed changed.
+
+        Args:
+            change: from a programmed path speed to another [mm/s].
+        """
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the program before it runs."""
+        return ()
+
+    @property
+    def free_running(self) -> bool:
+        """Whether the program may start between two servo ticks."""
+        return False
+
+    @property
+    def programmed_speed(self) -> float:
+        """The fastest programmed path speed [mm/s].
+
+        Raises:
+            InputError: the program states no speed.
+        """
+        speeds: list[float] = []
+
+        def note(speed: float) -> float:
+            speeds.append(speed)
+            return speed
+
+        self.with_speeds(note)
+        if not speeds:
+            raise InputError("program: states no path speed")
+        return max(speeds)
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments as plain values, without those that are None."""
+        return _without_none(asdict(self))  # type: ignore[call-overload]
+
+    def arguments_at(self, speed: float) -> dict[str, Any]:
+        """Return the arguments that change where the program runs at another speed, by dotted name.
+
+        They are not checked: the controller may refuse the program at that speed.
+
+        Args:
+            speed: of the fastest motion; slower ones change in proportion [mm/s].
+
+        Raises:
+            InputError: the program states no speed, or the speed is not positive.
+        """
+        factor = positive("speed", speed, "mm/s") / self.programmed_speed
+        return self.with_speeds(lambda programmed: programmed * factor)
+
+    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+        """Write the controller's own record of a run, if it keeps one; return whether it was written."""
+        return False
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value
