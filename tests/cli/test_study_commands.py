@@ -108,7 +108,7 @@ def test_repeat_by_command(gantrysim_command, tmp_path):
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, arguments, text, monkeypatch):
-    monkeypatch.setattr("gantrysim.study.study.run_cases", None)  # no case is run
+    monkeypatch.setattr("gantrysim.study.run.run_cases", None)  # no case is run
     status, printed, messages = gantrysim_command("study", *arguments, "--out", tmp_path / "out")
     assert status == 2
     assert text in messages
@@ -119,7 +119,7 @@ def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, a
 
 @pytest.mark.parametrize("study", ["loop", "speed", "machine", "repeat"])
 def test_a_job_that_never_dispenses_is_no_study(gantrysim_command, tmp_path, study, monkeypatch):
-    monkeypatch.setattr("gantrysim.study.study.run_cases", None)  # no case is run
+    monkeypatch.setattr("gantrysim.study.run.run_cases", None)  # no case is run
     job = tmp_path / "dry.toml"
     job.write_text('name = "dry"\n[program]\ncontroller = "fanuc.Program"\nprogram = "G00 X5 Y5 F600\\n"\n')
     status, printed, messages = gantrysim_command("study", study, job, "--out", tmp_path / "out")
@@ -135,6 +135,6 @@ def test_a_study_that_faults_end_has_the_exit_status_of_a_fault(gantrysim_comman
         "study", "circle", "--set", "following_error_limit=0.01", "--workers", 1, "--out", tmp_path / "out"
     )
     assert status == 3
-    assert messages.startswith("fault: none of the study's 2 cases has figures: fault: following error on axis")
+    assert messages.startswith("fault: none of the study's 2 cases has values: fault: following error on axis")
     assert messages.count("\n") == 1
     assert not (tmp_path / "out").exists()

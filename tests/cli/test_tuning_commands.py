@@ -130,7 +130,7 @@ def test_ctrl_c_keeps_the_runs_and_the_same_command_goes_on(gantrysim_command, t
     assert (process.returncode, output) == (130, "")
     done = spoken(folder)
     assert done >= 10
-    assert f"the rows of {done} finished cases are kept in {folder}/; the same command goes on" in said
+    assert f"the rows of {done} finished cases are kept in {folder}/; run the same command again to resume" in said
     assert list(content(folder)) == [LEDGER]
     settings = ("--budget", 30, "--robust", 1, "--unseen", 0, "--workers", 1)
     status, _, error = gantrysim_command("tune", file, *settings, "--out", folder)

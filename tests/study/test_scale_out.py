@@ -11,7 +11,17 @@ import pytest
 from conftest import RIGID, RIGID_DEFAULTS
 
 from gantrysim import InputError, Job
-from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, on_backend, run_cases, run_study
+from gantrysim.study import (
+    Case,
+    Ledger,
+    Report,
+    StudyInterrupted,
+    WorkerError,
+    measure,
+    on_backend,
+    run_cases,
+    run_study,
+)
 from gantrysim.study import worker as of_worker
 from gantrysim.study.cases import forget_jobs
 from gantrysim.study.worker import Origin
@@ -65,8 +75,8 @@ class Sweep(Toy):
         best = min(rows, key=lambda row: row["contour_rms_um"])["value"]
         yield cases_of(self.job, (0.9 * best, 1.1 * best))
 
-    def figures(self, rows):
-        return []
+    def report(self, rows):
+        return Report(f"{len(rows)} rows")
 
 
 class Kill:
@@ -232,7 +242,7 @@ def test_a_worker_s_machine_is_that_of_the_study(cluster, tmp_path, monkeypatch)
         return origin
 
     monkeypatch.setattr(Origin, "here", changed)
-    with pytest.raises(WorkerError, match=rf"^worker on .*, process \d+: machine {file} is not the study's there: "):
+    with pytest.raises(WorkerError, match=rf"^worker on .*, process \d+: machine {file} differs from the study's: "):
         rows(damping=50.0)
 
 
@@ -243,7 +253,7 @@ def test_a_worker_with_another_version_is_refused(cluster, gantrysim_command, tm
         command = ("study", "circle", "--radius", 10, "--speed", 80, "--out", tmp_path / "out")
         status, printed, said = gantrysim_command(*command, "--backend", f"dask={cluster.address}")
     assert (status, printed) == (2, "")
-    assert f": has scipy 0.0.9 instead of {version('scipy')}: every worker must have what the study has\n" in said
+    assert f": has scipy 0.0.9 instead of {version('scipy')}: must have the study's\n" in said
     assert said.startswith("error: worker on ")
     assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
@@ -253,12 +263,12 @@ def test_a_worker_that_lacks_gantrysim_is_refused(cluster, job, tmp_path):
     with cluster.odd_one(without_gantrysim(tmp_path)), on(cluster), pytest.raises(WorkerError) as refused:
         rows_of(cases_of(job))
     reason = "ModuleNotFoundError: No module named 'gantrysim.study'"
-    assert str(refused.value) == f"a worker cannot read its cases: {reason}: every worker must have what the study has"
+    assert str(refused.value) == f"a worker cannot read its cases: {reason}: must have all that the study has"
 
 
 def test_a_case_that_ends_its_workers_ends_the_study(cluster, job):
     workers = cluster.filled(2)
-    with on(cluster), pytest.raises(WorkerError, match=r"^2 workers have ended at the same case, the last at tcp://"):
+    with on(cluster), pytest.raises(WorkerError, match=r"^2 workers ended at the same case, the last at tcp://"):
         rows_of(cases_of(job)[:1], measure=deadly)
     assert [worker.wait(PATIENCE) for worker in workers] == [-9, -9]
 
@@ -279,6 +289,6 @@ def test_a_cluster_without_workers_and_a_scheduler_that_goes(cluster, job, monke
     log = logging.Handler()
     log.emit = logged.append
     monkeypatch.setattr(logging.getLogger("distributed.client"), "handlers", [log])
-    with on(cluster), pytest.raises(WorkerError, match=f"^the scheduler at {cluster.address} has gone$"):
+    with on(cluster), pytest.raises(WorkerError, match=f"^lost the scheduler at {cluster.address}$"):
         rows_of(cases_of(job), progress=end)
     assert logged == []  # the error says it

@@ -11,8 +11,8 @@ from conftest import RIGID, RIGID_DEFAULTS
 from gantrysim import InputError, Job
 from gantrysim.cli.study import carry_out
 from gantrysim.study import StudyInterrupted, measure, run_study
-from gantrysim.study.checks import NoValuesError
 from gantrysim.study.ledger import LEDGER
+from gantrysim.study.run import NoValuesError
 
 from support.studies import SHORT, Counted, Toy, cases_of, content
 
@@ -41,7 +41,7 @@ def test_a_study_writes_its_folder(tmp_path, job):
     assert Job.load(str(folder / "job.toml")).toml() == job.toml()
     report = (folder / "report.html").read_text()
     assert "A toy" in report
-    assert "a second paragraph" in report
+    assert "a note" in report
     assert "It rises." in report
 
 
@@ -129,13 +129,13 @@ class Ending(Counted):
         return {**super().__call__(case), "status": status}
 
 
-def test_a_study_in_which_no_case_has_figures_says_so_and_writes_nothing(tmp_path, job, capsys):
-    with pytest.raises(NoValuesError, match=r"^none of the study's 5 cases has figures: refused: no$"):
+def test_a_study_without_values_reports_it_and_writes_nothing(tmp_path, job, capsys):
+    with pytest.raises(NoValuesError, match=r"^none of the study's 5 cases has values: refused: no$"):
         carry_out(Toy(job, Ending("refused: no")), tmp_path / "new", 1)
     with pytest.raises(typer.Exit) as stopped:
         carry_out(Toy(job, Ending("refused: no", "fault: trip")), tmp_path / "new", 1)
     assert stopped.value.exit_code == 3
-    assert capsys.readouterr() == ("", "fault: none of the study's 5 cases has figures: fault: trip\n")
+    assert capsys.readouterr() == ("", "fault: none of the study's 5 cases has values: fault: trip\n")
     assert not list(tmp_path.iterdir())
     carry_out(Toy(job, Ending("refused: no", "fault: trip", "ok")), tmp_path / "new", 1)
     assert (tmp_path / "new" / "report.html").exists()

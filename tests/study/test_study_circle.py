@@ -9,8 +9,8 @@ import pytest
 from gantrysim.errors import InputError
 from gantrysim.metrics import Trace
 from gantrysim.study import OK, run_study
-from gantrysim.study.checks import NoValuesError
 from gantrysim.study.circle import CircleStudy
+from gantrysim.study.run import NoValuesError
 
 ROUND = 2e-4  # [mm], of a frictionless machine whose axes have one frequency
 
@@ -118,7 +118,7 @@ def test_a_fault_is_told(tmp_path):
     assert study.findings(measured(study))[0].startswith(
         "The circle run clockwise has no figures: fault: following error on axis"
     )
-    with pytest.raises(NoValuesError, match="none of the study's 2 cases has figures: fault: following error on axis"):
+    with pytest.raises(NoValuesError, match="none of the study's 2 cases has values: fault: following error on axis"):
         run_study(study, tmp_path / "out", workers=1)
     assert not (tmp_path / "out").exists()
 

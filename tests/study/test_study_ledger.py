@@ -49,4 +49,4 @@ def test_another_study_s_rows_are_discarded_and_said_so(tmp_path):
         assert ledger.discarded is None
     (tmp_path / LEDGER).write_text("[1]\n")
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        assert ledger.discarded == "they are no study's"
+        assert ledger.discarded == "they are not of a study"

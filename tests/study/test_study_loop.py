@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from gantrysim.study.loop.findings import findings, loop_knee
+from gantrysim.study.loop.integrator import convergence
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,8 +23,6 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
-from gantrysim.study.loop.findings import findings, loop_knee
-from gantrysim.study.loop.integrator import convergence
 from gantrysim.study.loop.trends import Convergence, crossing, knee, power
 
 SMALL = {

@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from gantrysim.study.machine.figures import _draw_yield
+from gantrysim.study.machine.findings import findings
 from scipy.stats import spearmanr
 
 from gantrysim.errors import InputError
@@ -13,8 +15,6 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, measure, run_study
 from gantrysim.study.machine import MachineStudy, Tolerances
-from gantrysim.study.machine.figures import _draw_yield
-from gantrysim.study.machine.findings import findings
 from gantrysim.study.machine.yields import influences, yield_of
 
 NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I

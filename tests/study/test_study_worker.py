@@ -65,7 +65,7 @@ def test_another_version_of_anything_that_numbers_depend_on_is_refused(job, name
     installed = dict(Origin.here(cases).installed)
     own = installed[name]
     other = elsewhere(cases, installed=tuple({**installed, name: "another"}.items()))
-    said = rf"has {name} {own} instead of another: every worker must have what the study has$"
+    said = rf"has {name} {own} instead of another: must have the study's$"
     with pytest.raises(WorkerError, match=NAME + said):
         measured(None, cases, other)
     # the study's own process, and one that it has begun as a copy, are as they are
@@ -111,7 +111,7 @@ def test_a_machine_that_is_not_the_study_s_is_refused(model):
     file = model()
     cases = cases_of(Job.load("an225", SHORT, str(file)))
     origin = elsewhere(cases)
-    said = rf"machine {file} is not the study's there: its files must be the same, at the same place, for every worker$"
+    said = rf"machine {file} differs from the study's: its files must be the same, at the same place, for every worker$"
     for change in (lambda: model(damping=20.0), file.unlink):
         change()
         forget_jobs()
