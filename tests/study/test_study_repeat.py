@@ -8,7 +8,7 @@ import pytest
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.study import OK, Case, run_study
+from gantrysim.study import OK, Case, Report, run_study
 from gantrysim.study.repeat import (
     PHASES,
     RepeatCase,
@@ -93,7 +93,8 @@ def test_repeats_that_differ_in_nothing_have_no_scatter(tmp_path):
     assert path.path_repeatability < 1e-12
     assert path.path_accuracy == pytest.approx(1e-3 * outcome.rows[0]["contour_max_um"], rel=1e-9)
     assert len(outcome.rows) == 3
-    assert "Varied from repeat to repeat: nothing" in outcome.findings[1]
+    _, variation = zip(*outcome.report.tables[1].rows, strict=True)
+    assert variation == ("0 % standard deviation", "none", "none, it starts on a servo tick")
 
 
 def test_home_offsets_alone_scatter_the_path_by_what_of_them_is_square_to_it(tmp_path):
@@ -163,10 +164,10 @@ def test_repeats_that_fault_are_left_out_and_counted():
     curve = {"s_mm": [0.0], **{f"offset_{name}_um": [1.0] * study.s.size for name in "xyz"}}
     good = {"varied": "all", "status": OK, **curve}
     rows = [good, {"varied": "all", "status": "fault: travel"}, good]
-    assert study.findings(rows)[-1].endswith("1 runs did not finish and are left out.")
-    assert "Over 2 repeats" in study.findings(rows)[0]
-    assert study.findings(rows[1:]) == ["Fewer than two of 3 repeats have figures: fault: travel"]
-    assert study.figures(rows[1:]) == []
+    report = study.report(rows)
+    assert report.notes[-1] == "1 failed runs are left out."
+    assert "over 2 repeats" in report.headline
+    assert study.report(rows[1:]) == Report("Fewer than two of 3 repeats have values: fault: travel")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.study import OK, measure, run_study
+from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
 from gantrysim.study.speed.pace import programmed_speed, speed_overrides
@@ -161,7 +161,7 @@ def test_below_the_answer_every_speed_tried_is_within_whatever_the_figure_does(e
 
 
 def synthetic(case, knee=130.0, fault=350.0):
-    """A figure of speed^2 / knee, and a fault beyond a speed."""
+    """An error of speed^2 / knee, and a fault beyond a speed."""
     speed = case.settings.get("program.speed", 100.0)  # the job's own where it is not changed
     if speed > fault:
         return {"status": "fault: overspeed on axis x"}
@@ -182,17 +182,22 @@ def test_the_study_finds_a_known_limit_and_says_so(tmp_path):
     outcome = run_study(study, tmp_path / "out", workers=1)
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
     assert found.fastest <= 130 < found.above <= 1.01 * found.fastest
-    assert outcome.findings[0].startswith(
-        f"Up to {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the program's own 100 mm/s, the job keeps to a "
-        f"largest contour error of 50 µm; at {found.above:g} mm/s it is "
+    assert outcome.report.headline == (
+        f"The job is within a largest contour error of 50 µm up to {found.fastest:g} mm/s, {found.fastest / 100:.3g} "
+        "times the programmed 100 mm/s."
     )
-    assert "Most of the error there is the tracking part" in outcome.findings[0]
-    assert any("From 200 mm/s on a faster program does not make the job shorter" in text for text in outcome.findings)
+    (table,) = outcome.report.tables
+    assert [row[:2] for row in table.rows] == [
+        ["fastest", found.fastest], ["next", found.above], ["programmed", 100], ["slowest", 25]
+    ]  # fmt: skip
+    assert table.rows[0][2] <= 50 < table.rows[1][2]
+    assert table.rows[0][3] == "tracking"
+    assert "From 200 mm/s on, ramps, clamps and axis limits keep the duration at 0.05 s." in outcome.report.notes
     with (tmp_path / "out" / "study.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [float(row["speed_mm_s"]) for row in rows] == [row["speed_mm_s"] for row in outcome.rows]
     assert {path.name for path in (tmp_path / "out" / "plots").iterdir()} == {"speed.png", "links.png"}
-    assert "Cases without figures" in (tmp_path / "out" / "report.html").read_text()
+    assert "Failed cases" in (tmp_path / "out" / "report.html").read_text()
 
 
 def never(case):
@@ -203,18 +208,17 @@ def hopeless(case):
     return {**synthetic(case), "contour_max_um": 999.0}
 
 
-def test_findings_where_nothing_will_do():
+def test_the_report_where_no_speed_is_within_the_tolerance():
     study = SpeedStudy(Job.load("an225"), 50.0)
     rows = [{"speed_mm_s": speed, **never(None)} for speed in (50.0, 100.0)]
-    assert study.findings(rows) == ["None of the 2 speeds tried gives a run with figures: refused: no"]
-    assert study.figures(rows) == []
+    assert study.report(rows) == Report("None of the 2 speeds tried gives a run with values: refused: no")
     rows = [
         {"speed_mm_s": speed, **hopeless(type("C", (), {"settings": {"program.speed": speed}}))}
         for speed in (50.0, 99.0)
     ]
-    assert study.findings(rows)[0].startswith(
-        "No speed tried, from 50 to 99 mm/s, keeps to a largest contour error of 50 µm: at 50 mm/s it is 999 µm."
-    )
+    report = study.report(rows)
+    assert report.headline == "No speed tried, from 50 to 99 mm/s, is within a largest contour error of 50 µm."
+    assert report.tables[0].rows[-1][:3] == ["slowest", 50, 999]
 
 
 def test_a_real_search_agrees_with_runs_at_its_answer():
@@ -273,7 +277,7 @@ def test_a_run_without_figures_is_never_within(row):
         (lambda: Criterion("contour_max", 0), "tolerance = 0: must be greater than 0"),
         (
             lambda: Criterion("contour_maxi", 1).key(ROW),
-            "unknown figure 'contour_maxi': did you mean contour_max? known",
+            "unknown metric 'contour_maxi': did you mean contour_max? known",
         ),
         (lambda: Criterion("tolerance", 1).key(ROW), "known: contour_max, spacing_std$"),
         (lambda: SpeedStudy(Job.load("an225"), 50.0, resolution=1e-4), "resolution = 0.0001: must be at least 0.001"),
@@ -286,5 +290,5 @@ def test_what_makes_no_search_is_refused(build, text):
 
 
 def test_an_unknown_figure_ends_the_study_before_it_begins(tmp_path):
-    with pytest.raises(InputError, match="unknown figure 'contour_mx'"):
+    with pytest.raises(InputError, match="unknown metric 'contour_mx'"):
         run_study(SpeedStudy(Job.load("an225"), 50.0, "contour_mx", measure=synthetic), tmp_path / "out", workers=1)
