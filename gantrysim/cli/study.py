@@ -83,22 +83,25 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
         warn(f"note: resumed with the rows of {outcome.kept} cases from an interrupted run")
     say(outcome.report.headline, wrap=True, end="\n\n")
     for table in outcome.report.tables:
+        say(table.caption or "", wrap=True)
         show(_terminal_table(table))
-        say("")
     for note in outcome.report.notes:
         say(note, wrap=True, end="\n\n")
     say(f"written to {folder}/: {', '.join(outcome.written)}")
 
 
 def _terminal_table(table: Table) -> RenderableType:
+    from rich.box import SIMPLE_HEAD
     from rich.markup import escape
     from rich.table import Table as TerminalTable
 
-    shown = TerminalTable(caption=escape(table.caption or ""), caption_justify="left")
-    for head, numeric in zip(table.heads, table.numeric, strict=True):
-        shown.add_column(escape(head), justify="right" if numeric else "left")
-    for cells in table.cells:
-        shown.add_row(*map(escape, cells))
+    shown = TerminalTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    columns = zip(*table.cells, strict=True)
+    for head, numeric, cells in zip(table.heads, table.numeric, columns, strict=True):
+        longest = max(len(word) for cell in (head, *cells) for word in cell.split())
+        shown.add_column(escape(head), justify="right" if numeric else "left", min_width=longest)
+    for row in table.cells:
+        shown.add_row(*map(escape, row))
     return shown
 
 

@@ -165,7 +165,7 @@ def test_repeats_that_fault_are_left_out_and_counted():
     good = {"varied": "all", "status": OK, **curve}
     rows = [good, {"varied": "all", "status": "fault: travel"}, good]
     report = study.report(rows)
-    assert report.notes[-1] == "1 failed runs are left out."
+    assert report.notes[-1] == "1 of 3 runs failed and are left out."
     assert "over 2 repeats" in report.headline
     assert study.report(rows[1:]) == Report("Fewer than two of 3 repeats have values: fault: travel")
 

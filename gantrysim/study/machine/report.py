@@ -90,7 +90,7 @@ def _distribution_table(nominal: float, values: Floats, label: str) -> Table:
     sizes = {"nominal": nominal, "5 % quantile": low, "median": median, "95 % quantile": high}
     sizes[f"worst, number {worst + 1}"] = values[worst]
     rows = [[name, float(size) if np.isfinite(size) else None] for name, size in sizes.items()]
-    return Table(["machine", label], rows)
+    return Table(["machine", label], rows, caption="Distribution over the machines.")
 
 
 def _influence_table(study: MachineStudy, factors: list[Influence], explained: float, values: Floats) -> Table:
@@ -104,10 +104,13 @@ def _influence_table(study: MachineStudy, factors: list[Influence], explained: f
         "factor",
         Column("rank coefficient", "+.2f"),
         "significant",
-        Column("yield above its median [%]", ".0f"),
+        Column("yield above [%]", ".0f"),
         Column("below [%]", ".0f"),
     ]
-    caption = f"Influence; together the factors explain {100 * explained:.0f} % of the variance of the ranks."
+    caption = (
+        f"Influence, with the yield of the machines above and below the median of each factor. Together the factors "
+        f"explain {100 * explained:.0f} % of the variance of the ranks."
+    )
     return Table(columns, rows, caption=caption)
 
 

@@ -39,7 +39,7 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
         "normal to it; load, speed and path are the job's, not the standard's (see gantrysim.metrics)."
     )
     if failed := sum(row["status"] != OK for row in rows):
-        notes.append(f"{failed} failed runs are left out.")
+        notes.append(f"{failed} of {len(rows)} runs failed and are left out.")
     plots = [
         Plot(
             "along",

@@ -69,9 +69,9 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
         "run",
         Column("speed [mm/s]"),
         Column(f"{criterion.label} [{unit}]" if unit else criterion.label),
-        "largest part of the error",
-        Column("rms [µm]", ".3g"),
-        Column("mean speed [mm/s]"),
+        "largest part",
+        Column("rms [µm]", ".4g"),
+        Column("nozzle mean [mm/s]"),
         Column("duration [s]"),
     ]
     cells = []
