@@ -23,7 +23,7 @@ from gantrysim.errors import GantryError, InputError
 from gantrysim.report.folder import package_versions
 from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
 
-MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # one row per case, in order, independent of the other cases
+MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # one row per case, in order
 
 _GLANCE = 1.0  # between two checks that the study is alive [s]
 _SOURCES = "source files of gantrysim"

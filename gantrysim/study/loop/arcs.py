@@ -1,7 +1,7 @@
 """Closed forms of the arcs that the Move Spiral's loop commands instead of the involute.
 
 They share no code with controllers and analysis: `SteppedArcs` is exact, the functions below it are of first order in
-the loop period. Points are complex, x + i y; the spiral starts at 0 towards +i and turns clockwise, as in Trio's AN-225.
+the loop period. Points are complex, x + i y; the spiral starts at 0 towards +i and turns clockwise, as in AN-225.
 """
 
 from __future__ import annotations
@@ -185,8 +185,12 @@ def loop_error(thickness: float, radius: float, speed: float, loop_period: float
     is too small by delta = (a V / 2 R) (T + V / ACCEL), and tangent to the involute at the start:
     e = delta (1 - cos phi), rms sqrt(3/2) delta, max 2 delta. Loop and ACCEL contribute equally at T = V / ACCEL.
 
-    Args: thickness 2 pi a [mm], radius R of the virtual circle [mm], speed V [mm/s], loop_period T [s], acceleration
-        ACCEL [mm/s²].
+    Args:
+        thickness: 2 pi a [mm].
+        radius: of the virtual circle, R [mm].
+        speed: V [mm/s].
+        loop_period: T [s].
+        acceleration: ACCEL [mm/s²].
     """
     delta = thickness / (2 * math.pi) * speed / (2 * radius) * (loop_period + speed / acceleration)
     return ErrorSize(math.sqrt(1.5) * delta, 2 * delta)
