@@ -64,15 +64,7 @@ class Case:
         perturbation: Perturbation | None = None,
         **tags: Value,
     ) -> Case:
-        """Return a case of a job.
-
-        Args:
-            job: the study's.
-            overrides: values by full dotted key, as in {"program.loop_period": 0.01}; None for the default.
-            mode: as in the class.
-            perturbation: as in the class.
-            tags: as in the class.
-        """
+        """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         own = job.model_dump(exclude_none=True)
         changes = {key: value for key, value in (overrides or {}).items() if not _has(own, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))

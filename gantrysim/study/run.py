@@ -22,8 +22,7 @@ from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Progress, run_cases
 from gantrysim.study.study import Report, Study
 
-ROWS, CURVES, STUDY = "study.csv", "curves.csv", "study.toml"
-
+_ROWS, _CURVES, _STUDY = "study.csv", "curves.csv", "study.toml"
 _DPI = 130
 
 
@@ -75,12 +74,6 @@ class StudyInterrupted(KeyboardInterrupt):
         self.done = done
 
 
-def output_of(study: Study) -> Output:
-    """Return the files that a study writes."""
-    plots = (f"{PLOTS}/{name}.png" for name in study.plots)
-    return Output("study", ROWS, (ROWS, CURVES, STUDY, JOB, REPORT, *study.texts, *plots))
-
-
 def run_study(
     study: Study,
     folder: Path,
@@ -104,7 +97,8 @@ def run_study(
         WorkerError: as in `run_cases`; finished rows are kept.
         StudyInterrupted: by Ctrl-C; the same call resumes.
     """
-    output = output_of(study)
+    plots = (f"{PLOTS}/{name}.png" for name in study.plots)
+    output = Output("study", _ROWS, (_ROWS, _CURVES, _STUDY, JOB, REPORT, *study.texts, *plots))
     target = output.check(folder)
     forget_jobs()  # a machine's file may have changed since another study
     _check_job(study.job)  # here, not case by case
@@ -189,17 +183,17 @@ def _write(study: Study, rows: list[Row], report: Report, folder: Path, identity
         "settings": identity["settings"],
         "versions": identity["versions"],
     }
-    (folder / STUDY).write_text(tomli_w.dumps(content, multiline_strings=True), encoding="utf-8")
+    (folder / _STUDY).write_text(tomli_w.dumps(content, multiline_strings=True), encoding="utf-8")
     for name in study.texts:
         (folder / name).write_text(study.text(name, rows), encoding="utf-8")
     curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
     columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves]
-    with (folder / ROWS).open("w", newline="", encoding="utf-8") as stream:
+    with (folder / _ROWS).open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, columns, restval="", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
     if curves:
-        _write_curves(rows, curves, folder / CURVES)
+        _write_curves(rows, curves, folder / _CURVES)
     for plot in report.plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
         plot.figure.set_layout_engine("none")  # laid out by now: the page need not do it again

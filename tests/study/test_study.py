@@ -1,7 +1,10 @@
 """Studies: what they write, and what they refuse."""
 
 import csv
+import subprocess
+import sys
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -10,7 +13,7 @@ from conftest import RIGID, RIGID_DEFAULTS
 
 from gantrysim import InputError, Job
 from gantrysim.cli.study import carry_out
-from gantrysim.study import StudyInterrupted, measure, run_study
+from gantrysim.study import Report, Study, StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.run import NoValuesError
 
@@ -174,3 +177,39 @@ def measure_tracking(case):
         "third": case.settings["program.loop_period"] / 3,
         "tracking": row["tracking_rms_um"],
     }
+
+
+@dataclass(frozen=True)
+class Least(Study):
+    """A study that defines no more than it must."""
+
+    values: tuple = (0.3,)
+
+    name = "least"
+
+    def rounds(self):
+        yield cases_of(self.job, self.values)
+
+    def report(self, rows):
+        return Report("Done.")
+
+
+def test_a_study_needs_no_more_than_a_name_rounds_and_a_report(tmp_path, job):
+    outcome = run_study(Least(job), tmp_path, workers=1)
+    assert outcome.findings == ["Done."]
+    assert outcome.rows[0]["contour_rms_um"] > 0
+    described = tomllib.loads((tmp_path / "study.toml").read_text())
+    assert described["command"] == "gantrysim study least job.toml"
+    assert described["settings"] == {"values": [0.3]}
+    assert "Least study of an225" in (tmp_path / "report.html").read_text()
+    with pytest.raises(NotImplementedError):
+        Study(job).rounds()
+
+
+def test_plots_are_imported_for_a_report_alone():
+    code = (
+        "import sys; from gantrysim.study import CircleStudy, LoopStudy, MachineStudy, RepeatStudy, SpeedStudy, "
+        "run_study; assert 'gantrysim.study.loop.study' in sys.modules; "
+        "assert not {'matplotlib', 'gantrysim.study.loop.report'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -142,13 +142,7 @@ def _draw_chart(test: CircularTest) -> Figure:
 
 
 def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
-    """Draw the radial deviation over the angle, a panel for each direction, and the structure's part below.
-
-    Args:
-        traces: of the nozzle, by direction.
-        structure: radial deviation of the nozzle less that of the motors, at the points of the traces, (n,) [mm].
-        reach: of the spikes after reversals [deg].
-    """
+    """Draw the radial deviation over the angle, a panel per direction, and the structure's part, (n,) [mm], below."""
     with sheet(9.0, 7.2) as figure:
         *panels, last = figure.subplots(len(traces) + 1, sharex=True, height_ratios=(3,) * len(traces) + (2,))
         for panel, (name, trace) in zip(panels, traces.items(), strict=True):

@@ -79,23 +79,32 @@ def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any])
     return dict(zip(("rms", "mean", "std", "min", "max"), np.array(found).T, strict=True))
 
 
-def _loop_period(study: LoopStudy, on: Panels) -> str:
-    amber, program = COLOURS["generation"], study.job.program
-    period, key = _points(study.loop_periods), "program.loop_period"
-    alone, limited = _predicted(study, key, period, FREE), _predicted(study, key, period, {})
-    radius = 0.5 * program["diameter"]
-    first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
+def _program_errors(
+    study: LoopStudy, on: Panels, values: tuple[float, ...]
+) -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:
+    """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
+    amber, swept, key = COLOURS["generation"], _points(values), f"program.{on.sweep}"
+    alone, limited = _predicted(study, key, swept, FREE), _predicted(study, key, swept, {})
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
     on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
-    on.line(on.errors, period, alone["rms"], amber, "stepped arcs against the involute")
+    on.line(on.errors, swept, alone["rms"], amber, "stepped arcs against the involute")
+    on.line(on.errors, swept, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
+    on.failures()
+    on.ripples(AS_IT_IS, LOOP_ALONE)
+    return swept, alone, limited
+
+
+def _loop_period(study: LoopStudy, on: Panels) -> str:
+    amber, program = COLOURS["generation"], study.job.program
+    period, alone, limited = _program_errors(study, on, study.loop_periods)
+    radius = 0.5 * program["diameter"]
+    first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
     on.line(on.errors, period, np.array(first), INK, "√(3/2) a V T / 2R", ":")
-    on.line(on.errors, period, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
     found = loop_knee(on.rows)
     if found is not None:
         on.errors.axhline(found[1], color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
         on.mark(found[0], "loop alone")
-    on.failures()
     nominal = program["thickness"]
     on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "error of the mean, as it is", UM, nominal)
     on.line(on.spacing, period, np.abs(limited["mean"] - UM * nominal), COLOURS["requested"], "predicted")
@@ -103,7 +112,6 @@ def _loop_period(study: LoopStudy, on: Panels) -> str:
     on.line(on.spacing, period, alone["std"], amber, "predicted")
     on.points(on.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
     on.spacing.set_ylim(bottom=_LEAST_SPACING)
-    on.ripples(AS_IT_IS, LOOP_ALONE)
     return (
         "Loop alone: without the controller's other limits, the generation error is that of tangent arcs, in closed "
         "form; the dotted line is its first order. As it is: ACCEL adds an error that no loop period removes, and WA, "
@@ -114,14 +122,7 @@ def _loop_period(study: LoopStudy, on: Panels) -> str:
 
 def _interpreter_time(study: LoopStudy, on: Panels) -> str:
     amber, program = COLOURS["generation"], study.job.program
-    time, key = _points(study.interpreter_times), "program.interpreter_time"
-    alone, limited = _predicted(study, key, time, FREE), _predicted(study, key, time, {})
-    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
-    on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
-    on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
-    on.line(on.errors, time, alone["rms"], amber, "stepped arcs against the involute")
-    on.line(on.errors, time, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
-    on.failures()
+    time, alone, _ = _program_errors(study, on, study.interpreter_times)
     on.spacing.set(yscale="linear", ylabel="[mm]")
     for column, colour in (("max", INK), ("mean", amber), ("min", INK)):
         on.points(on.spacing, f"spacing_{column}_mm", PERFECT, colour, f"{column}, loop alone, follower")
@@ -131,7 +132,6 @@ def _interpreter_time(study: LoopStudy, on: Panels) -> str:
         if ratio > 0:
             pitch = local_pitch(program["thickness"], program["loop_period"], ratio, time)
             on.line(on.spacing, time, pitch, COLOURS["structure"], f"local pitch, {name}", ":")
-    on.ripples(AS_IT_IS, LOOP_ALONE)
     return (
         "In every pass the interpreter takes its time besides the wait while the virtual circles turn on; this narrows "
         "the turns, most near the centre where the waits are short. Lines are the stepped arcs in closed form; dotted, "
@@ -165,8 +165,7 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
         at = knee(x, y, float(y.min()))
         on.mark(at if at is not None and at > x[1] else None, "as it is")
     on.failures()
-    _spacings(on, AS_IT_IS, NO_LOOP)
-    on.ripples(AS_IT_IS, NO_LOOP)
+    _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
     return (
         "The gains follow from the servo period: a slower servo has a lower bandwidth at the same phase margin. Most "
         "of the tracking error is friction. Without friction, program loop, encoder counts and integral term, the "
@@ -189,8 +188,7 @@ def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
     if x.size > 1:
         on.mark(knee(x, y, float(y[0])), variant)
     on.failures()
-    _spacings(on, AS_IT_IS, NO_LOOP)
-    on.ripples(AS_IT_IS, NO_LOOP)
+    _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
     return (
         "Encoder count of all linear axes, rotary ones in proportion. The measurement part of the error is that of an "
         "even distribution within a count, q / sqrt(12). The servo's derivative turns counts into torque: the path "
@@ -211,8 +209,7 @@ def _physics_step(study: LoopStudy, on: Panels) -> str:
             on.errors.plot(on.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
             if found.order is not None and away[0] > _LEAST_DEVIATION:
                 on.line(on.errors, step, away[0] * (step / step[0]) ** found.order, colour, "")
-    _spacings(on, AS_IT_IS, NO_FRICTION)
-    on.ripples(AS_IT_IS, NO_FRICTION)
+    _spacings_and_ripples(on, AS_IT_IS, NO_FRICTION)
     return (
         "The physics step is halved repeatedly, and each value with an order of convergence extrapolated to a step of "
         "zero; lines have that order's slope. A value that scatters is compared with that at the finest step. Without "
@@ -220,6 +217,7 @@ def _physics_step(study: LoopStudy, on: Panels) -> str:
     )
 
 
-def _spacings(on: Panels, *variants: str) -> None:
+def _spacings_and_ripples(on: Panels, *variants: str) -> None:
     for variant in variants:
         on.points(on.spacing, "spacing_std_mm", variant, INK, f"std, {variant}", UM)
+    on.ripples(*variants)

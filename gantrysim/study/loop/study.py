@@ -107,11 +107,12 @@ class LoopStudy(Study):
     @cached_property
     def cases(self) -> list[Case]:
         """All cases, the longest first."""
-        sweeps = [self._physics_step()]
+        cases = [*self._physics_step()]
         if self.spiral:
-            sweeps += [self._loop_period(), self._interpreter_time()]
-        sweeps += [self._servo_period(), self._encoder_resolution()]
-        return [case for sweep in sweeps for case in sweep]
+            cases += [*self._program("loop_period", self.loop_periods), self._case("loop_period", 0.0, NO_LOOP, {})]
+            if self.job.program["loop_period"] > 0:
+                cases += self._program("interpreter_time", self.interpreter_times)
+        return [*cases, *self._servo_period(), *self._encoder_resolution()]
 
     def _case(self, sweep: str, value: float, variant: str, changes: dict[str, Any]) -> Case:
         mode: Mode = "perfect follower" if variant == PERFECT else "simulated"
@@ -125,21 +126,14 @@ class LoopStudy(Study):
         perturbation = _FRICTIONLESS if variant == NO_FRICTION else None
         return Case.of(self.job, overrides, mode, perturbation, sweep=sweep, variant=variant, value=value)
 
-    def _loop_period(self) -> Iterable[Case]:
+    def _program(self, sweep: str, values: Sequence[float]) -> Iterable[Case]:
         for variant in (AS_IT_IS, LOOP_ALONE, PERFECT):
-            for value in self.loop_periods:
-                yield self._case("loop_period", value, variant, {"program.loop_period": value})
-        yield self._case("loop_period", 0.0, NO_LOOP, {})
-
-    def _interpreter_time(self) -> Iterable[Case]:
-        if self.job.program["loop_period"] > 0:
-            for variant in (AS_IT_IS, LOOP_ALONE, PERFECT):
-                for value in self.interpreter_times:
-                    yield self._case("interpreter_time", value, variant, {"program.interpreter_time": value})
+            for value in values:
+                yield self._case(sweep, value, variant, {f"program.{sweep}": value})
 
     def _servo_period(self) -> Iterable[Case]:
         bound = self.spiral and self.job.program["servo_period"] > 0
-        for variant in self._servo_variants:
+        for variant in (AS_IT_IS, NO_LOOP, NO_FRICTION) if self.spiral else (AS_IT_IS, NO_FRICTION):
             for value in self.servo_periods:
                 changes = {"servo.period": value}
                 if bound and variant == AS_IT_IS:
@@ -153,10 +147,8 @@ class LoopStudy(Study):
     def _encoder_resolution(self) -> Iterable[Case]:
         for variant in (AS_IT_IS, NO_LOOP) if self.spiral else (AS_IT_IS,):
             for value in self.resolutions:
-                resolutions = self._resolutions(value)
-                changes = (
-                    {} if resolutions == list(self.job.built_servo.resolution) else {"servo.resolution": resolutions}
-                )
+                counts = self._resolutions(value)
+                changes = {} if counts == list(self.job.built_servo.resolution) else {"servo.resolution": counts}
                 yield self._case("encoder_resolution", value, variant, changes)
 
     def _physics_step(self) -> Iterable[Case]:
@@ -172,10 +164,6 @@ class LoopStudy(Study):
     def _physics(self) -> float:
         """The job's physics step [s]."""
         return self.job.simulation.physics_step or float(self.job.built_machine.physics.opt.timestep)
-
-    @property
-    def _servo_variants(self) -> Sequence[str]:
-        return (AS_IT_IS, NO_LOOP, NO_FRICTION) if self.spiral else (AS_IT_IS, NO_FRICTION)
 
     def _resolutions(self, value: float) -> list[float]:
         """Resolution of every axis: `value` [mm] of the linear ones, rotary ones changed by the same factor."""

@@ -30,16 +30,8 @@ _LEAST_GAIN = 1.05  # of one difference over the next, for an order of convergen
 def knee(x: ArrayLike, y: ArrayLike, floor: float, excess: float = EXCESS) -> float | None:
     """Return the knee of y: the x up to which y stays below (1 + excess) floor, so that x has no effect.
 
-    The first crossing is interpolated in the logarithms of x and y.
-
-    Args:
-        x: ascending, above zero, (m,).
-        y: above zero, (m,).
-        floor: of y.
-        excess: share of the floor.
-
-    Returns:
-        The knee; None if y is above from the first x on, inf if it never is.
+    The first crossing is interpolated in the logarithms of x and y, both above zero, (m,), x ascending. None if y is
+    above from the first x on, inf if it never is.
     """
     places, values = np.asarray(x, float), np.asarray(y, float)
     bound = (1 + excess) * floor

@@ -140,14 +140,7 @@ def _worst_table(study: MachineStudy, values: Floats, unit: str) -> Table:
 
 
 def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) -> Figure:
-    """Draw the distribution of a metric over machines: cumulative above, as a histogram below.
-
-    Args:
-        values: of the machines, (n,); inf for a failed run.
-        nominal: value of the nominal machine.
-        tolerance: of the metric.
-        label: of the metric, with its unit.
-    """
+    """Draw the distribution of a metric over machines, (n,), inf if failed: cumulative above, a histogram below."""
     finite = np.sort(values[np.isfinite(values)])
     share = 100 * np.arange(1, finite.size + 1) / values.size
     within = 100 * float(np.mean(values <= tolerance))
@@ -188,25 +181,15 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
 
 
 def _draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
-    """Draw the rank coefficients of all factors as bars, the largest on top.
-
-    Args:
-        found: name, coefficient, and whether it is significant, the largest first.
-    """
+    """Draw name, coefficient and significance of all factors as bars, the largest on top."""
     with sheet(9.0, 1.4 + 0.32 * len(found)) as drawing:
         axes = drawing.add_subplot()
         for k, (_, coefficient, clear) in enumerate(found):
             colour = _BAD if coefficient > 0 else COLOURS["tracking"]
             axes.barh(k, coefficient, color=colour, alpha=0.9 if clear else 0.25, height=0.7)
             at = coefficient + (0.015 if coefficient >= 0 else -0.015)
-            axes.text(
-                at,
-                k,
-                f"{round(coefficient, 2) + 0.0:+.2f}",
-                va="center",
-                ha="left" if coefficient >= 0 else "right",
-                fontsize=9,
-            )
+            side = "left" if coefficient >= 0 else "right"
+            axes.text(at, k, f"{round(coefficient, 2) + 0.0:+.2f}", va="center", ha=side, fontsize=9)
         axes.axvline(0, color=INK, lw=0.8)
         axes.set_yticks(range(len(found)), [name for name, _, _ in found])
         axes.invert_yaxis()
@@ -216,14 +199,7 @@ def _draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
 
 
 def _draw_scatter(factors: dict[str, Floats], metric: Floats, tolerance: float, label: str) -> Figure:
-    """Draw a metric over some factors, a panel each.
-
-    Args:
-        factors: values by the factor's name, (n,).
-        metric: of the machines, (n,); values that are not finite are left out.
-        tolerance: of the metric.
-        label: of the metric, with its unit.
-    """
+    """Draw a metric, (n,), over some factors, (n,) each by name, with a panel each; failed machines are left out."""
     finite = np.isfinite(metric)
     columns = min(len(factors), 2)
     rows = -(-len(factors) // columns)
