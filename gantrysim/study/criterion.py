@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from gantrysim.errors import positive, unknown
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.study import Study
 
 _UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a value's name
 _NO_METRICS = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
@@ -73,6 +75,15 @@ class Criterion:
         key = self.key(row)
         return next((unit for ending, unit in _UNITS.items() if key.endswith(f"_{ending}")), "")
 
+    def axis_label(self, row: Row) -> str:
+        """Return the metric in words, with its unit in brackets."""
+        unit = self.unit(row)
+        return f"{self.label} [{unit}]" if unit else self.label
+
+    def limit(self, row: Row) -> str:
+        """Return the tolerance and the metric in words, as in "50 µm (largest contour error)"."""
+        return " ".join(part for part in (f"{self.tolerance:g}", self.unit(row), f"({self.label})") if part)
+
     @property
     def label(self) -> str:
         """The metric in words."""
@@ -82,6 +93,25 @@ class Criterion:
         rest = " ".join(word for word in words if word != kind)
         noun = f"{rest} error" if words[0] in _ERRORS else rest
         return f"{statistics[kind]} {noun}" if kind else noun
+
+
+@dataclass(frozen=True)
+class ToleranceStudy(Study):
+    """Base class of studies with a tolerance.
+
+    Args:
+        job: to study.
+        tolerance: of the metric, in its unit.
+        metric: a value of a case's row, as contour_max.
+    """
+
+    tolerance: float
+    metric: str = "contour_max"
+
+    @cached_property
+    def criterion(self) -> Criterion:
+        """The metric with its tolerance."""
+        return Criterion(self.metric, self.tolerance)
 
 
 def _without_unit(key: str) -> str:

@@ -50,7 +50,7 @@ def test_speed_by_command(gantrysim_command, tmp_path):
     arguments = ("--tolerance", 150, "--figure", "contour_rms", "--out", out)
     status, printed, _ = gantrysim_command("study", "speed", *SMALL, *arguments)
     assert status == 0
-    assert "rms contour error of 150 µm" in " ".join(printed.split())
+    assert "within the tolerance of 150 µm (rms contour error)." in " ".join(printed.split())
 
 
 def test_machine_by_command(gantrysim_command, tmp_path):
@@ -67,7 +67,7 @@ def test_machine_by_command(gantrysim_command, tmp_path):
     assert status == 0
     words = " ".join(printed.split())
     assert words.startswith("Yield 100.0 % (95 % confidence: ")
-    assert "8 of 8 machines are within a largest contour error of 1e+06 µm" in words
+    assert "8 of 8 machines are within the tolerance of 1e+06 µm (largest contour error)" in words
     settings = tomllib.loads((out / "study.toml").read_text())["settings"]
     assert settings["seed"] == 7
     assert settings["spread"] == {

@@ -150,8 +150,8 @@ def test_the_yield_of_a_known_figure(tmp_path):
     within = int(good.sum())
     headline, failed, _ = outcome.findings
     assert headline.startswith(f"Yield {100 * within / 64:.1f} % (95 % confidence: ")
-    assert f"): {within} of 64 machines are within a largest contour error of 60 µm; the dominant factor is" in headline
-    assert headline.endswith("friction of x.")
+    limit = "the tolerance of 60 µm (largest contour error)"
+    assert headline.endswith(f"{within} of 64 machines are within {limit}; the dominant factor is friction of x.")
     assert failed.startswith(f"{faults} runs failed, such as machine ")
     assert failed.endswith(": fault: oscillation on axis x.")
     distribution, influence, variation = outcome.report.tables

@@ -183,8 +183,8 @@ def test_the_study_finds_a_known_limit_and_says_so(tmp_path):
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
     assert found.fastest <= 130 < found.above <= 1.01 * found.fastest
     assert outcome.report.headline == (
-        f"The job is within a largest contour error of 50 µm up to {found.fastest:g} mm/s, {found.fastest / 100:.3g} "
-        "times the programmed 100 mm/s."
+        f"Fastest speed {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the programmed 100 mm/s, within the "
+        "tolerance of 50 µm (largest contour error)."
     )
     (table,) = outcome.report.tables
     assert [row[:2] for row in table.rows] == [
@@ -217,7 +217,8 @@ def test_the_report_where_no_speed_is_within_the_tolerance():
         for speed in (50.0, 99.0)
     ]
     report = study.report(rows)
-    assert report.headline == "No speed tried, from 50 to 99 mm/s, is within a largest contour error of 50 µm."
+    limit = "the tolerance of 50 µm (largest contour error)"
+    assert report.headline == f"No speed tried, from 50 to 99 mm/s, is within {limit}."
     assert report.tables[0].rows[-1][:3] == ["slowest", 50, 999]
 
 

@@ -31,14 +31,12 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
     good = [row for row in rows if row["status"] == OK]
     if not good:
         return Report(f"None of the {len(rows)} machines gives a run with values: {rows[0]['status']}")
-    criterion, unit = study.criterion, study.criterion.unit(good[0])
-    label = f"{criterion.label} [{unit}]" if unit else criterion.label
+    criterion, label = study.criterion, study.criterion.axis_label(good[0])
     found = yield_of(int(np.sum(values <= criterion.tolerance)), values.size)
     factors, explained = influences(study.machines, values)
-    limit = f"{criterion.label} of {criterion.tolerance:g} {unit}".rstrip()
     headline = (
         f"Yield {100 * found.share:.1f} % (95 % confidence: {100 * found.low:.1f} to {100 * found.high:.1f} %): "
-        f"{found.within} of {found.count} machines are within a {limit}"
+        f"{found.within} of {found.count} machines are within the tolerance of {criterion.limit(good[0])}"
     )
     headline += f"; the dominant factor is {in_words(factors[0].factor)}." if factors[0].clear else "."
     notes = []
@@ -64,7 +62,7 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
             "Above, the share of machines up to a value; below, their number at it. Failed machines are beyond the "
             "right end.",
             _draw_yield(values, criterion.value(nominal), criterion.tolerance, label),
-            tables=[_worst_table(study, values, unit)],
+            tables=[_worst_table(study, values, label)],
         ),
         Plot(
             "influence",
@@ -124,9 +122,9 @@ def _variation_table(study: MachineStudy) -> Table:
     return Table(["quantity", "range"], rows, caption=caption)
 
 
-def _worst_table(study: MachineStudy, values: Floats, unit: str) -> Table:
+def _worst_table(study: MachineStudy, values: Floats, label: str) -> Table:
     order = np.argsort(-values, kind="stable")[:_WORST]
-    columns: list[str | Column] = ["machine", Column(f"metric [{unit}]" if unit else "metric")]
+    columns: list[str | Column] = ["machine", label]
     columns += [Column(in_words(name) + (" [kg]" if name == "payload_kg" else ""), ".3f") for name in study.machines]
     cells = [
         [

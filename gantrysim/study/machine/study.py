@@ -12,15 +12,15 @@ from gantrysim.errors import InputError, whole
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.criterion import Criterion
+from gantrysim.study.criterion import ToleranceStudy
 from gantrysim.study.runner import Measure
-from gantrysim.study.study import Rounds, Study
+from gantrysim.study.study import Rounds
 
 _MOST = 10_000  # samples: by then the yield is known to a hundredth
 
 
 @dataclass(frozen=True)
-class MachineStudy(Study):
+class MachineStudy(ToleranceStudy):
     """Monte Carlo over machines that differ, each with the servo gains of the nominal one.
 
     The machines are drawn from a Latin hypercube: with n machines, each n-th of a factor's range holds one.
@@ -35,8 +35,6 @@ class MachineStudy(Study):
         measure: from a case to its row.
     """
 
-    tolerance: float
-    metric: str = "contour_max"
     samples: int = 128
     spread: Tolerances = field(default_factory=Tolerances)
     seed: int = 1
@@ -50,21 +48,11 @@ class MachineStudy(Study):
         _ = self.criterion
         if not any(asdict(self.spread).values()):
             raise InputError("spread: must be above 0 for at least one factor")
-        count = len(self._spreads)
+        count = len(self.spread.columns(self.job.built_machine))
         if whole("samples", self.samples, 1) < count + 3:
             raise InputError(f"samples = {self.samples}: must be at least {count + 3}, for {count} factors")
         if self.samples > _MOST:
             raise InputError(f"samples = {self.samples}: must be at most {_MOST}")
-
-    @cached_property
-    def criterion(self) -> Criterion:
-        """The metric with its tolerance."""
-        return Criterion(self.metric, self.tolerance)
-
-    @cached_property
-    def _spreads(self) -> dict[str, float]:
-        """Spread of every factor by the name of its column."""
-        return self.spread.columns(self.job.built_machine)
 
     @cached_property
     def machines(self) -> dict[str, Floats]:
@@ -72,11 +60,7 @@ class MachineStudy(Study):
         return self.spread.hypercube(self.job.built_machine, self.samples, self.seed)
 
     def perturbation(self, sample: int) -> Perturbation:
-        """Return the perturbation of a machine.
-
-        Args:
-            sample: number of the machine, from 1.
-        """
+        """Return the perturbation of a machine by its number, from 1."""
         values = {name: float(column[sample - 1]) for name, column in self.machines.items()}
         return self.spread.perturbation(values, self.job.built_machine)
 
@@ -93,10 +77,10 @@ class MachineStudy(Study):
         yield [
             nominal.tagged(sample=0, **nothing),
             *(
-                replace(nominal, perturbation=self.perturbation(number)).tagged(
-                    sample=number, **{name: float(values[number - 1]) for name, values in self.machines.items()}
+                replace(nominal, perturbation=self.perturbation(k + 1)).tagged(
+                    sample=k + 1, **{name: float(values[k]) for name, values in self.machines.items()}
                 )
-                for number in range(1, self.samples + 1)
+                for k in range(self.samples)
             ),
         ]
 

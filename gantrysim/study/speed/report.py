@@ -23,25 +23,24 @@ _LOGARITHMIC_FROM = 5.0  # times the least value
 
 def report(study: SpeedStudy, rows: list[Row]) -> Report:
     """Return the fastest speed within the tolerance, the runs around it, and metric and links over the speed."""
-    criterion = study.criterion
     good = sorted((row for row in rows if row["status"] == OK), key=speed_of)
     if not good:
         return Report(f"None of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}")
-    limit = f"a {criterion.label} of {criterion.tolerance:g} {criterion.unit(good[0])}".rstrip()
-    found, tried = answer(study.tried(rows)), f"from {min(map(speed_of, rows)):g} to {max(map(speed_of, rows)):g} mm/s"
+    limit, found = f"the tolerance of {study.criterion.limit(good[0])}", answer(study.tried(rows))
+    tried = f"from {min(map(speed_of, rows)):g} to {max(map(speed_of, rows)):g} mm/s"
     if found.fastest is None:
         headline = f"No speed tried, {tried}, is within {limit}."
     elif found.above is None:
         headline = f"Every speed tried, {tried}, is within {limit}."
     else:
         headline = (
-            f"The job is within {limit} up to {found.fastest:g} mm/s, {found.fastest / study.own:.3g} times the "
-            f"programmed {study.own:g} mm/s."
+            f"Fastest speed {found.fastest:g} mm/s, {found.fastest / study.own:.3g} times the programmed "
+            f"{study.own:g} mm/s, within {limit}."
         )
     notes = [*_saturation(good), *_what_speed_is(study)]
     if found.islands:
         islands = ", ".join(f"{speed:g}" for speed in found.islands)
-        notes.insert(0, f"Not monotonic: {islands} mm/s, beyond the first speed out of tolerance, within it again.")
+        notes.insert(0, f"Not monotonic: faster runs are within the tolerance again, at {islands} mm/s.")
     plots = [
         Plot(
             "speed",
@@ -64,11 +63,11 @@ def report(study: SpeedStudy, rows: list[Row]) -> Report:
 def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
     """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
     criterion, by_speed = study.criterion, {speed_of(row): row for row in rows}
-    found, unit = answer(study.tried(rows)), criterion.unit(good[0])
+    found = answer(study.tried(rows))
     columns: list[str | Column] = [
         "run",
         Column("speed [mm/s]"),
-        Column(f"{criterion.label} [{unit}]" if unit else criterion.label),
+        criterion.axis_label(good[0]),
         "largest part",
         Column("rms [µm]", ".4g"),
         Column("nozzle mean [mm/s]"),
@@ -136,8 +135,7 @@ def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
             logarithmic(axes, "y", [*values, criterion.tolerance])
         else:
             axes.set_ylim(0, 1.1 * max(*values, criterion.tolerance))
-        unit = criterion.unit(good[0])
-        axes.set(xlabel="programmed path speed [mm/s]", ylabel=f"{criterion.label} [{unit}]" if unit else "")
+        axes.set(xlabel="programmed path speed [mm/s]", ylabel=criterion.axis_label(good[0]))
         figure.legend(loc="outside lower center", ncols=5)
     return figure
 

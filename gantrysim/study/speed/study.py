@@ -11,10 +11,10 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import at_least
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.criterion import Criterion
+from gantrysim.study.criterion import ToleranceStudy
 from gantrysim.study.runner import Measure
 from gantrysim.study.speed.pace import programmed_speed, speed_overrides
-from gantrysim.study.study import Rounds, Study
+from gantrysim.study.study import Rounds
 
 _DIGITS = 4  # of a speed
 _SWEEP = 9  # speeds of the first round, half an octave apart, the programmed one in the middle
@@ -24,7 +24,7 @@ _INSIDE = 3  # speeds per round inside the bracket
 
 
 @dataclass(frozen=True)
-class SpeedStudy(Study):
+class SpeedStudy(ToleranceStudy):
     """The fastest path speed within a tolerance: a sweep, then rounds inside the bracket.
 
     A metric need not grow with the speed. The answer is therefore the fastest speed below which every speed tried is
@@ -38,8 +38,6 @@ class SpeedStudy(Study):
         measure: from a case to its row.
     """
 
-    tolerance: float
-    metric: str = "contour_max"
     resolution: float = 0.01
     measure: Measure = measure
 
@@ -49,11 +47,6 @@ class SpeedStudy(Study):
     def __post_init__(self) -> None:
         _ = self.criterion, self.own
         at_least("resolution", self.resolution, 10.0 ** (1 - _DIGITS))  # or the bracket could not be that narrow
-
-    @cached_property
-    def criterion(self) -> Criterion:
-        """The metric with its tolerance."""
-        return Criterion(self.metric, self.tolerance)
 
     @cached_property
     def own(self) -> float:
