@@ -12,7 +12,7 @@ SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
 
 
 @pytest.mark.parametrize("name", ["Circle", "Loop", "Machine", "Repeat", "Speed"])
-def test_every_study_is_had_from_the_package(name):
+def test_every_study_is_exported_by_the_package(name):
     found = getattr(gantrysim.study, f"{name}Study")
     assert found.name == name.lower()
     assert found.__module__ == f"gantrysim.study.{name.lower()}.study"
@@ -20,7 +20,7 @@ def test_every_study_is_had_from_the_package(name):
     assert f"{name}Study" in dir(gantrysim.study)
 
 
-def test_studies_are_imported_when_they_are_asked_for():
+def test_studies_are_imported_lazily():
     code = (
         "import sys, gantrysim.study as s; late = 'gantrysim.study.loop.study'; "
         "assert late not in sys.modules; s.LoopStudy; assert late in sys.modules"
@@ -119,7 +119,7 @@ def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, a
 
 
 @pytest.mark.parametrize("study", ["loop", "speed", "machine", "repeat"])
-def test_a_job_that_never_dispenses_is_no_study(gantrysim_command, tmp_path, study, monkeypatch):
+def test_a_job_that_never_dispenses_is_refused(gantrysim_command, tmp_path, study, monkeypatch):
     monkeypatch.setattr("gantrysim.study.run.run_cases", None)  # no case is run
     job = tmp_path / "dry.toml"
     job.write_text('name = "dry"\n[program]\ncontroller = "fanuc.Program"\nprogram = "G00 X5 Y5 F600\\n"\n')
@@ -131,7 +131,7 @@ def test_a_job_that_never_dispenses_is_no_study(gantrysim_command, tmp_path, stu
     assert not (tmp_path / "out").exists()
 
 
-def test_a_study_that_faults_end_has_the_exit_status_of_a_fault(gantrysim_command, tmp_path):
+def test_a_study_ended_by_faults_has_the_exit_status_of_a_fault(gantrysim_command, tmp_path):
     status, _, messages = gantrysim_command(
         "study", "circle", "--set", "following_error_limit=0.01", "--workers", 1, "--out", tmp_path / "out"
     )

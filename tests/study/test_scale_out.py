@@ -99,7 +99,7 @@ class Kill:
         return {case: int(process) for case, process in (file.name.split("-") for file in self.folder.glob("*-*"))}
 
 
-def test_a_worker_killed_at_its_work_leaves_the_study_complete_and_equal(cluster, job, tmp_path):
+def test_a_killed_worker_does_not_change_the_study(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
     expected = run_study(Sweep(job, measure), tmp_path / "here", workers=1)
@@ -115,7 +115,7 @@ def test_a_worker_killed_at_its_work_leaves_the_study_complete_and_equal(cluster
     assert kill.told[: len(PERIODS) + 1] == list(range(len(PERIODS) + 1))
 
 
-def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(
+def test_tuning_on_a_cluster_with_a_killed_worker_writes_the_same_files(
     cluster, gantrysim_command, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(TuningStudy, "figures", lambda study, rows: [])  # they take longest
@@ -140,7 +140,7 @@ def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(
     assert 2 <= killed[0] < cases
 
 
-def test_a_study_s_command_on_a_cluster_writes_what_it_writes_here(cluster, gantrysim_command, tmp_path):
+def test_a_study_command_on_a_cluster_writes_the_same_files(cluster, gantrysim_command, tmp_path):
     command = ("study", "circle", "--radius", 10, "--speed", 80)
     cluster.filled(2)
     printed = []
@@ -176,7 +176,7 @@ def test_the_one_thread_of_a_cluster_is_used(cluster, job):
         assert [row["process"] for row in rows_of(cases_of(job), measure=where)] == [worker.pid] * 4
 
 
-def test_a_worker_s_address_is_no_scheduler_s(cluster):
+def test_the_address_of_a_worker_is_refused_as_scheduler(cluster):
     from distributed import Client
 
     cluster.filled(1)
@@ -187,7 +187,7 @@ def test_a_worker_s_address_is_no_scheduler_s(cluster):
         pass
 
 
-def test_an_interrupted_study_leaves_the_cluster_to_others_and_goes_on(cluster, job, tmp_path):
+def test_an_interrupted_study_releases_the_cluster_and_resumes(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
     study = Sweep(job, partial(held, folder=str(held_at), free=PERIODS[FREE - 1]))
@@ -211,7 +211,7 @@ def test_an_interrupted_study_leaves_the_cluster_to_others_and_goes_on(cluster, 
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
 
-def test_an_error_in_a_case_is_the_study_s(cluster, job):
+def test_an_error_in_a_case_is_raised_by_the_study(cluster, job):
     cluster.filled(2)
     with on(cluster):
         with pytest.raises(ZeroDivisionError, match="in the case"):
@@ -219,7 +219,7 @@ def test_an_error_in_a_case_is_the_study_s(cluster, job):
         waited_for(lambda: cluster.count("tasks") == 0)  # the rest is taken back
 
 
-def test_a_worker_s_machine_is_that_of_the_study(cluster, tmp_path, monkeypatch):
+def test_a_worker_with_another_machine_is_refused(cluster, tmp_path, monkeypatch):
     cluster.filled(2)
     file = tmp_path / "rigid.xml"
 
@@ -273,7 +273,7 @@ def test_a_case_that_ends_its_workers_ends_the_study(cluster, job):
     assert [worker.wait(PATIENCE) for worker in workers] == [-9, -9]
 
 
-def test_a_cluster_without_workers_and_a_scheduler_that_goes(cluster, job, monkeypatch):
+def test_a_cluster_without_workers_and_a_lost_scheduler_are_errors(cluster, job, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("gantrysim.study.cluster._PATIENCE", 1.0)
     cluster.filled(0)

@@ -48,7 +48,7 @@ def test_a_study_writes_its_folder(tmp_path, job):
     assert "It rises." in report
 
 
-def test_a_study_that_is_done_again_replaces_its_files_and_leaves_others(tmp_path, job):
+def test_a_repeated_study_replaces_its_files_and_keeps_others(tmp_path, job):
     run_study(Toy(job), tmp_path, workers=1)
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run_study(Toy(job, values=(0.3, 0.4)), tmp_path, workers=1)
@@ -56,7 +56,7 @@ def test_a_study_that_is_done_again_replaces_its_files_and_leaves_others(tmp_pat
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_a_run_s_folder_is_no_study_s(tmp_path, job):
+def test_the_folder_of_a_run_is_refused(tmp_path, job):
     (tmp_path / "report.html").write_text("of a run")
     (tmp_path / "run.npz").write_bytes(b"")
     with pytest.raises(InputError, match=r"holds report.html, which no study has written: name another folder"):
@@ -65,7 +65,7 @@ def test_a_run_s_folder_is_no_study_s(tmp_path, job):
     assert not (tmp_path / LEDGER).exists()
 
 
-def test_a_job_that_is_refused_as_it_stands_is_no_study(tmp_path, job):
+def test_a_refused_job_is_refused_before_any_case(tmp_path, job):
     refused = {
         "must lie in the travel": {"program.start": [1e3, 0.0]},
         "physics_step = 1 s: must be at most": {"simulation.physics_step": 1.0},
@@ -82,7 +82,7 @@ def test_a_job_that_is_refused_as_it_stands_is_no_study(tmp_path, job):
         assert not (tmp_path / "new").exists()
 
 
-def test_a_study_that_fails_at_its_end_keeps_its_rows_and_writes_nothing(tmp_path, job):
+def test_a_failing_report_keeps_the_rows_and_writes_nothing(tmp_path, job):
     with pytest.raises(ZeroDivisionError):
         run_study(Toy(job, broken=True), tmp_path, workers=1)
     assert list(content(tmp_path)) == [LEDGER]
@@ -104,7 +104,7 @@ class Failing(Counted):
         return super().__call__(case)
 
 
-def test_a_study_whose_first_case_fails_leaves_nothing_and_a_later_one_its_rows(tmp_path, job):
+def test_an_error_in_the_first_case_leaves_nothing_and_a_later_one_the_rows(tmp_path, job):
     with pytest.raises(ZeroDivisionError):
         run_study(Toy(job, Failing(0)), tmp_path / "a" / "b", workers=1)
     assert not list(tmp_path.iterdir())
@@ -113,7 +113,7 @@ def test_a_study_whose_first_case_fails_leaves_nothing_and_a_later_one_its_rows(
     assert list(content(tmp_path)) == [f"a/b/{LEDGER}"]
 
 
-def test_what_lay_in_the_folder_stays_where_nothing_was_finished(tmp_path, job):
+def test_other_files_in_the_folder_stay_if_no_case_is_finished(tmp_path, job):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ZeroDivisionError):
         run_study(Toy(job, Failing(0)), tmp_path, workers=1)
@@ -144,7 +144,7 @@ def test_a_study_without_values_reports_it_and_writes_nothing(tmp_path, job, cap
     assert (tmp_path / "new" / "report.html").exists()
 
 
-def test_another_study_in_the_folder_begins_anew(tmp_path, job):
+def test_rows_of_another_study_are_discarded(tmp_path, job):
     with pytest.raises(StudyInterrupted):
         run_study(Toy(job, Counted(interrupted_at=2)), tmp_path, workers=1)
     other = Toy(job, values=(0.3, 0.6))
@@ -153,14 +153,14 @@ def test_another_study_in_the_folder_begins_anew(tmp_path, job):
     assert len(other.measure.seen) == 3
 
 
-def test_paths_of_folders(tmp_path, job):
+def test_a_file_is_refused_as_folder(tmp_path, job):
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(InputError, match=f"--out {file}: is a file, must be a folder"):
         run_study(Toy(job), Path(file), workers=1)
 
 
-def test_a_machine_s_file_is_read_at_the_begin_of_a_study(tmp_path):
+def test_the_file_of_a_machine_is_read_at_the_start_of_a_study(tmp_path):
     file, found = tmp_path / "rigid.xml", []
     for damping in (12.0, 30.0):
         file.write_text(RIGID.format(**{**RIGID_DEFAULTS, "damping": damping}))

@@ -59,7 +59,7 @@ def test_friction_spikes_stand_outward_after_every_reversal_and_both_ways_alike(
     assert one["reversal_y_90_spike_um"] == pytest.approx(other["reversal_y_270_spike_um"], rel=0.05)
 
 
-def test_the_curves_hold_the_whole_circle_and_its_figures(tested):
+def test_the_curves_hold_the_whole_circle_and_its_values(tested):
     _, outcome, folder = tested
     with (folder / "curves.csv").open() as stream:
         lines = list(csv.DictReader(stream))
@@ -90,7 +90,7 @@ def test_the_report_holds_the_values_of_the_rows(tested):
     assert {path.name for path in (folder / "plots").iterdir()} == {"chart.png", "deviation.png"}
 
 
-def test_the_stage_carries_the_work_round_about_the_needle():
+def test_the_stage_moves_the_work_around_the_needle():
     study = CircleStudy("stage", 20.0, 40.0)
     assert study.centre == pytest.approx((-200.0, 0.0))
     rows = measured(study)
@@ -136,7 +136,7 @@ def test_a_fault_is_reported(tmp_path):
         (lambda: CircleStudy("xy", overrides=("perod=1",)), r"unknown key 'perod': did you mean"),
     ],
 )
-def test_what_makes_no_circle_is_refused(build, text):
+def test_invalid_circles_are_refused(build, text):
     with pytest.raises(InputError, match=text):
         build()
 
@@ -148,7 +148,7 @@ def test_a_circle_needs_axes_x_and_y(rigid):
         CircleStudy(str(file))
 
 
-def test_the_smallest_circle_has_figures():
+def test_the_smallest_circle_has_values():
     least = CircleStudy("xy", 1.92, 100.0)
     rows = measured(least)
     assert [row["status"] for row in rows] == [OK, OK]

@@ -98,7 +98,7 @@ def test_sigterm_interrupts_and_the_next_run_reports_what_it_resumes(tmp_path, j
     assert "are discarded: they differ in settings" in capsys.readouterr().err
 
 
-def test_two_studies_in_one_folder_at_once(tmp_path, gantrysim_command):
+def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
     folder = tmp_path / "loop"
     process = begun(folder)
     try:

@@ -125,7 +125,7 @@ def test_the_job_itself_is_run_once_for_all_sweeps(study):
     assert sweeps == set(SWEEPS)
 
 
-def test_slow_servos_are_run_at_no_finer_steps_than_their_theory_needs(study):
+def test_slow_servos_run_at_no_finer_steps_than_necessary(study):
     steps = {dict(c.tags)["value"]: c.job().simulation.physics_step for c in chosen(study, "servo_period", NO_FRICTION)}
     own = study.job.built_machine.model.opt.timestep
     assert steps[2.5e-4] == steps[1e-3] == own / 4
@@ -157,7 +157,7 @@ def test_resolutions_of_rotary_axes_go_in_proportion():
     assert given_["th"] / own["th"] == pytest.approx(given_["x"] / own["x"])
 
 
-def test_a_program_without_a_loop_is_swept_in_what_it_has():
+def test_a_program_without_a_loop_has_no_loop_sweeps():
     study = LoopStudy(Job.load("fanuc-spiral"))
     assert {dict(case.tags)["sweep"] for case in study.cases} == {"servo_period", "encoder_resolution", "physics_step"}
     assert {dict(case.tags)["variant"] for case in study.cases} == {AS_IT_IS, NO_FRICTION}
@@ -371,7 +371,7 @@ def test_a_small_study_from_end_to_end(done):
     assert all(f">{title}</h2>" in report for title in SWEEPS.values())
 
 
-def test_predictions_stand_over_the_points_of_the_plot(done):
+def test_the_points_of_the_plot_lie_on_the_predictions(done):
     _, _, outcome = done
     (plot,) = [plot for plot in outcome.report.plots if plot.name == "loop_period"]
     drawn = {line.get_label(): line.get_xydata() for line in plot.figure.axes[0].lines}
@@ -381,7 +381,7 @@ def test_predictions_stand_over_the_points_of_the_plot(done):
     assert points[:, 0].tolist() == pytest.approx([10, 30, 100])  # in ms
 
 
-def test_plots_of_a_study_in_which_nothing_went_through(study):
+def test_plots_of_a_study_without_values(study):
     rows = [{**dict(case.tags), "status": "refused: no"} for case in study.cases]
     plots = study.report(rows).plots
     assert [plot.name for plot in plots] == list(SWEEPS)
@@ -406,7 +406,7 @@ def test_the_command(tmp_path, monkeypatch, gantrysim_command):
     assert 'command = "gantrysim study loop job.toml"' in (tmp_path / "a" / "study.toml").read_text()
 
 
-def test_the_command_refuses_what_is_not_in_order(tmp_path, gantrysim_command):
+def test_the_command_refuses_bad_input(tmp_path, gantrysim_command):
     status, _, said = gantrysim_command("study", "loop", "an226", "--out", tmp_path / "new")
     assert (status, said.split(":")[:2]) == (2, ["error", " unknown job 'an226'"])
     status, _, said = gantrysim_command("study", "loop", "--workers", "0", "--out", tmp_path / "new")

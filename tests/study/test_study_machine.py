@@ -33,7 +33,7 @@ def test_the_wilson_interval_is_the_published_one(counts, interval):
     assert found.share == counts[0] / counts[1]
 
 
-def test_the_wilson_interval_of_all_is_that_of_none_turned_round():
+def test_the_wilson_interval_of_all_mirrors_that_of_none():
     none, every = yield_of(0, 50), yield_of(50, 50)
     assert every.high == 1
     assert every.low == pytest.approx(1 - none.high, abs=1e-12)
@@ -44,7 +44,7 @@ def factors(count, names="abcdef", seed=0):
     return {name: generator.uniform(0.5, 2.0, count) for name in names}
 
 
-def test_influences_are_in_the_order_and_with_the_sign_of_what_makes_the_figure():
+def test_influences_have_the_order_and_sign_of_the_factors():
     drawn = factors(100)
     figure = np.exp(2 * drawn["b"] - drawn["e"] + 0.02 * drawn["a"])
     found, explained = influences(drawn, figure)
@@ -58,7 +58,7 @@ def test_influences_are_in_the_order_and_with_the_sign_of_what_makes_the_figure(
     assert [one.coefficient for one in again] == pytest.approx([one.coefficient for one in found])
 
 
-def test_of_one_factor_the_coefficient_is_spearmans_rank_correlation():
+def test_the_coefficient_of_a_single_factor_is_spearmans_rank_correlation():
     drawn = factors(40, "a")
     figure = drawn["a"] + np.random.default_rng(5).normal(0, 0.5, 40)
     found, explained = influences(drawn, figure)
@@ -66,7 +66,7 @@ def test_of_one_factor_the_coefficient_is_spearmans_rank_correlation():
     assert explained == pytest.approx(found[0].coefficient ** 2, abs=1e-12)
 
 
-def test_a_small_influence_is_clear_where_the_great_one_explains_the_rest():
+def test_a_small_influence_is_significant_if_a_large_one_explains_the_rest():
     drawn = factors(64)
     found, _ = influences(drawn, 10 * drawn["a"] + 2 * drawn["c"])
     assert [(one.factor, one.clear) for one in found[:2]] == [("a", True), ("c", True)]
@@ -109,7 +109,7 @@ def test_a_latin_hypercube_has_one_machine_in_each_part_of_every_range():
     assert not np.array_equal(machines["friction_x"], other["friction_x"])
 
 
-def test_a_sample_is_a_perturbation_of_every_axis_by_itself():
+def test_a_sample_perturbs_every_axis_on_its_own():
     study = MachineStudy(Job.load("an225-3d"), 50.0, samples=20, spread=Tolerances(viscous=0.0))
     perturbation, machines = study.perturbation(3), study.machines
     assert perturbation.payload == machines["payload_kg"][2]
@@ -140,7 +140,7 @@ def synthetic(case):
     return {"status": OK, "contour_max_um": 50 * perturbation.friction[0]}
 
 
-def test_the_yield_of_a_known_figure(tmp_path):
+def test_the_yield_of_a_known_metric(tmp_path):
     study = MachineStudy(Job.load("an225"), 60.0, samples=64, measure=synthetic)
     outcome = run_study(study, tmp_path / "out", workers=1)
     machines = study.machines
@@ -244,11 +244,11 @@ def test_machines_with_more_friction_are_worse_in_real_runs():
         (lambda: MachineStudy(Job.load("an225"), -1.0), "tolerance = -1: must be greater than 0"),
     ],
 )
-def test_what_makes_no_study_is_refused(build, text):
+def test_invalid_studies_are_refused(build, text):
     with pytest.raises(InputError, match=text):
         build()
 
 
-def test_a_spread_in_words_keeps_what_it_does_not_name():
+def test_a_parsed_spread_keeps_the_defaults():
     assert Tolerances.parse(" friction = 0.2, payload=1 ") == Tolerances(payload=1.0, friction=0.2)
     assert Tolerances.parse("") == Tolerances()

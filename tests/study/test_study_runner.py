@@ -46,7 +46,7 @@ def test_another_backend_of_joblib_gives_the_same_rows(job):
     assert sorted(counted.seen) == [0.02, 0.05]
 
 
-def test_no_worker_is_none(job):
+def test_zero_workers_are_refused(job):
     with Ledger(None, {}) as ledger, pytest.raises(InputError, match="workers = 0: must be at least 1"):
         run_cases(cases_of(job), ledger, workers=0)
 
@@ -87,7 +87,7 @@ def test_there_are_never_more_processes_than_cores_or_cases(job, monkeypatch):
     assert processes(job, monkeypatch, cores=4, workers=None, cases=2) == 2
 
 
-def test_workers_leave_ctrl_c_to_the_study(job, monkeypatch):
+def test_workers_ignore_ctrl_c(job, monkeypatch):
     monkeypatch.setattr("joblib._parallel_backends.cpu_count", lambda only_physical_cores=False: 2)
     before = signal.getsignal(signal.SIGINT)
     with Ledger(None, {}) as ledger:
@@ -96,7 +96,7 @@ def test_workers_leave_ctrl_c_to_the_study(job, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_cases_that_differ_in_tags_alone_run_once(job):
+def test_cases_that_differ_only_in_tags_run_once(job):
     counted, told = Counted(), []
     cases = [Case.of(job, {"program.loop_period": 0.1}, sweep=s) for s in "ab"] + cases_of(job, (0.2,))
     with Ledger(None, {}) as ledger:

@@ -82,7 +82,7 @@ def test_velocities_of_a_softmc_program_keep_their_proportion_to_the_groups():
     assert "' back home" in values["program.program"]
 
 
-def test_a_program_of_commands_has_speeds_too():
+def test_a_program_of_commands_has_speeds():
     commands = [{"target": [10.0, 0.0], "velocity": 40.0}, {"angle": 90.0, "centre": [0.0, 0.0]}]
     program = {"controller": "softmc.Program", "program": commands, "group": {"velocity": 20.0}}
     job = Job(name="commands", program=program)
@@ -123,19 +123,19 @@ def test_a_finer_search_takes_more_rounds_and_is_nearer():
     assert answer(fine[0]).above <= answer(fine[0]).fastest * 1.001
 
 
-def test_where_all_is_within_the_search_goes_up_to_thirty_two_times_the_speed_and_ends():
+def test_the_search_ends_at_thirty_two_times_the_speed_if_all_are_within():
     tried, _ = search(lambda speed: True)
     assert max(tried) == pytest.approx(3200)
     assert answer(tried) == SpeedAnswer(max(tried), None)
 
 
-def test_where_nothing_is_within_the_search_goes_down_to_a_thirty_second_and_ends():
+def test_the_search_ends_at_a_thirty_second_of_the_speed_if_none_is_within():
     tried, _ = search(lambda speed: False)
     assert min(tried) == pytest.approx(100 / 32, rel=1e-3)
     assert answer(tried) == SpeedAnswer(None, min(tried))
 
 
-def test_an_island_beyond_the_limit_is_told_and_is_not_the_answer():
+def test_an_island_beyond_the_limit_is_reported_and_is_not_the_answer():
     tried, _ = search(lambda speed: speed <= 60 or 180 < speed < 220)
     found = answer(tried)
     assert found.fastest <= 60 < found.above
@@ -144,7 +144,7 @@ def test_an_island_beyond_the_limit_is_told_and_is_not_the_answer():
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(2.0, 5000.0), min_size=0, max_size=6), st.booleans(), st.floats(1.0, 900.0))
-def test_below_the_answer_every_speed_tried_is_within_whatever_the_figure_does(edges, begins, own):
+def test_every_speed_tried_below_the_answer_is_within_for_any_metric(edges, begins, own):
     edges = sorted(edges)
 
     def within(speed):
@@ -177,7 +177,7 @@ def synthetic(case, knee=130.0, fault=350.0):
     return {"status": OK, **row}
 
 
-def test_the_study_finds_a_known_limit_and_says_so(tmp_path):
+def test_the_study_reports_a_known_limit(tmp_path):
     study = SpeedStudy(Job.load("an225"), 50.0, measure=synthetic)
     outcome = run_study(study, tmp_path / "out", workers=1)
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
@@ -253,7 +253,7 @@ ROW = {
 }
 
 
-def test_a_criterion_takes_a_figure_by_its_name_with_or_without_the_unit():
+def test_a_criterion_takes_a_metric_with_or_without_its_unit():
     for name in ("contour_max", "contour_max_um"):
         criterion = Criterion(name, 12.5)
         assert criterion.value(ROW) == 12.5
@@ -266,7 +266,7 @@ def test_a_criterion_takes_a_figure_by_its_name_with_or_without_the_unit():
 
 
 @pytest.mark.parametrize("row", [{"status": "fault: x"}, {**ROW, "status": "refused: y"}])
-def test_a_run_without_figures_is_never_within(row):
+def test_a_run_without_values_is_never_within(row):
     criterion = Criterion("contour_max", 1e9)
     assert criterion.value(row) == math.inf
     assert not criterion.within(row)
@@ -285,11 +285,11 @@ def test_a_run_without_figures_is_never_within(row):
         (lambda: speed_overrides(Job.load("an225"), 0.0), "speed = 0 mm/s: must be greater than 0 mm/s"),
     ],
 )
-def test_what_makes_no_search_is_refused(build, text):
+def test_invalid_searches_are_refused(build, text):
     with pytest.raises(InputError, match=text.replace("?", r"\?")):
         build()
 
 
-def test_an_unknown_figure_ends_the_study_before_it_begins(tmp_path):
+def test_an_unknown_metric_is_refused_before_any_case(tmp_path):
     with pytest.raises(InputError, match="unknown metric 'contour_mx'"):
         run_study(SpeedStudy(Job.load("an225"), 50.0, "contour_mx", measure=synthetic), tmp_path / "out", workers=1)
