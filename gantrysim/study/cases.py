@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class Case:
         mode: Mode = "simulated",
         perturbation: Perturbation | None = None,
         **tags: Value,
-    ) -> Case:
+    ) -> Self:
         """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         own = job.model_dump(exclude_none=True)
         changes = {key: value for key, value in (overrides or {}).items() if not _has(own, key, value)}

@@ -64,7 +64,7 @@ def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) ->
     Raises:
         WorkerError: this process differs from the study's in its versions or machines.
     """
-    if _begun_by(origin):
+    if _started_by(origin):
         _end_with(origin.process)
     elif (platform.node(), os.getpid()) != (origin.host, origin.process):  # started by others
         _check_installed(origin)
@@ -74,7 +74,7 @@ def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) ->
     return [(case.key, row) for case, row in zip(cases, rows, strict=True)]
 
 
-def _begun_by(origin: Origin) -> bool:
+def _started_by(origin: Origin) -> bool:
     """Return whether a study started this process as a copy of its own."""
     copied = multiprocessing.current_process().name != "MainProcess"
     return copied and (platform.node(), os.getppid()) == (origin.host, origin.process)

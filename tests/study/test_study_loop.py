@@ -222,7 +222,7 @@ def test_a_faster_loop_that_is_worse_is_reported_with_its_cause(study):
     found = results(study, known_rows())
     assert found["loop period", AS_IT_IS, "best period"] == "100 ms"
     assert found["loop period", LOOP_ALONE, "contour error at 100 ms"] == "200 µm"
-    assert found["loop period", AS_IT_IS, "loop period with the error of ACCEL"] == "100 ms"
+    assert found["loop period", AS_IT_IS, "loop period with the same error as ACCEL"] == "100 ms"
     at, worst = next(
         (number(result.rpartition(" at ")[2]), value)
         for (_, variant, result), value in found.items()

@@ -75,7 +75,7 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
             by_itself = np.interp(float(period[best]), alone[0], alone[1])
             add(LOOP_ALONE, f"contour error at {_ms(period[best])}", _um(by_itself))
         if math.isfinite(program["acceleration"]):
-            add(AS_IT_IS, "loop period with the error of ACCEL", _ms(program["speed"] / program["acceleration"]))
+            add(AS_IT_IS, "loop period with the same error as ACCEL", _ms(program["speed"] / program["acceleration"]))
         if contour[0] > _TURNED * contour[best]:
             times = f"{contour[0] / contour[best]:.1f} times the least"
             add(AS_IT_IS, f"contour error at {_ms(period[0])}", f"{_um(contour[0])}, {times}")

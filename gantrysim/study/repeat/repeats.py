@@ -82,12 +82,13 @@ def measure_repeat(case: Case, places: Sequence[float]) -> Row:
 
 
 def _repeated(case: Case) -> Run:
-    job, phase = case.job(), getattr(case, "phase", 0)
+    assert isinstance(case, RepeatCase)
+    job = case.job()
     machine = job.built_machine
     return simulate(
         machine if case.perturbation is None else machine.perturbed(case.perturbation),
         job.built_servo,
-        phased_setpoints(job, phase),
+        phased_setpoints(job, case.phase),
         physics_step=job.simulation.physics_step,
         dispenser=job.dispenser,
     )

@@ -95,7 +95,6 @@ class RepeatStudy(Study):
                     perturbation = replace(perturbation, home_offset=tuple(home[k]))
                 case = RepeatCase.of(self.job, perturbation=perturbation, varied=varied, repeat=k + 1)
                 if has_phase(self.job) and varied in (ALL, "phase"):
-                    assert isinstance(case, RepeatCase)
                     case = replace(case, phase=int(phase[k]))
                 cases.append(case)
         yield cases
