@@ -44,7 +44,6 @@ FREE: dict[str, Any] = {
 }
 
 _DECADE = (1.0, 2.0, 3.0, 5.0)
-_SPIRAL = "trio.MoveSpiral"
 _FINER = 4  # times: the physics step for comparison with a theory in continuous time
 _FRICTIONLESS = Perturbation(friction=1e-9)
 
@@ -79,7 +78,7 @@ class LoopStudy(Study):
     @property
     def spiral(self) -> bool:
         """Whether the job's program has a loop."""
-        return bool(self.job.program["controller"] == _SPIRAL)
+        return "loop_period" in self.job.program
 
     def arcs(self, overrides: Mapping[str, Any]) -> SteppedArcs | None:
         """Return the predicted arcs of the job's spiral with some values changed, by full dotted key.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -53,21 +54,22 @@ class SpeedStudy(ToleranceStudy):
         """The programmed speed [mm/s]."""
         return programmed_speed(self.job)
 
+    def overrides(self, speed: float) -> dict[str, Any]:
+        """Return the values that make the job run at another path speed [mm/s], by their dotted keys."""
+        return speed_overrides(self.job, speed)
+
     def rounds(self) -> Rounds:
         """Yield the speeds of each round.
 
         Raises:
             InputError: an unknown metric.
         """
-        overrides = speed_overrides(self.job, self.own)
-        self.criterion.check(self.measure(Case.of(self.job, overrides, "perfect follower")))
+        self.criterion.check(self.measure(Case.of(self.job, self.overrides(self.own), "perfect follower")))
         tried: dict[float, bool] = {}
         number = 0
         while speeds := next_speeds(tried, self.own, self.resolution):
             number += 1
-            rows = yield [
-                Case.of(self.job, speed_overrides(self.job, speed), round=number, speed_mm_s=speed) for speed in speeds
-            ]
+            rows = yield [Case.of(self.job, self.overrides(speed), round=number, speed_mm_s=speed) for speed in speeds]
             tried |= self.tried(rows)
 
     def tried(self, rows: list[Row]) -> dict[float, bool]:
