@@ -14,7 +14,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots import save_plots
 from gantrysim.render import Film, Renderer, Take
 from gantrysim.study.loop import LoopStudy
-from gantrysim.study.study import run_study
+from gantrysim.study.run import run_study
 from gantrysim.tuning import TuningStudy
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"

@@ -8,82 +8,101 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.cli.options import Model, Settings
-from gantrysim.cli.terminal import FAULT, INTERRUPTED, count_bar, interruptible, say, warn
+from gantrysim.cli.terminal import FAULT, INTERRUPTED, count_bar, interruptible, say, show, warn
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from gantrysim.report.document import Table
     from gantrysim.study.study import Study
 
-# what every study's command takes
+# options of every study
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
-Out = Annotated[
-    Path | None, typer.Option(help="Folder to write into; by default out/, the study's name and the job's.")
-]
+Out = Annotated[Path | None, typer.Option(help="Output folder; by default out/STUDY-JOB.")]
 Workers = Annotated[
     int | None,
-    typer.Option(min=1, help="Cases run at once; by default, and at most, as many as there are cores."),
+    typer.Option(min=1, help="Number of parallel workers; by default, and at most, the number of cores."),
 ]
 Backend = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Where they run: loky, processes on this machine, is the default; threading; dask=ADDRESS, the workers of "
-        "a Dask cluster, by its scheduler's address.",
+        help="Where the cases run: loky (processes on this machine, the default), threading, or dask=ADDRESS (workers "
+        "of the Dask cluster with the scheduler at ADDRESS).",
     ),
 ]
-Tolerance = Annotated[float, typer.Option(help="Largest value of the figure that will do, in its unit.")]
-Figure = Annotated[str, typer.Option(help="Figure of a run that the tolerance is for, as study.csv names it.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of the random numbers.")]
+Tolerance = Annotated[float, typer.Option(help="Largest permitted value of the metric, in its unit.")]
+Metric = Annotated[str, typer.Option("--figure", help="Metric that the tolerance applies to, a column of study.csv.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 _TOLERANCE = 50.0  # [µm]
 
 study_app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Run a job many times with something changed, and see what it does to the bead.",
+    help="Run a job many times with changed settings and report the effect on the bead.",
 )
 
 
 @study_app.callback()
 def _main() -> None:
-    """Keep the studies' names words of the command, be there one or many."""
+    """Make each study a subcommand, even if there is only one."""
 
 
 def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> None:
-    """Carry out a study with a progress bar, print its findings and say what was written.
+    """Run a study with a progress bar, print its result and list the files written.
 
-    Exit status 130 where it is interrupted, with a word of how to go on, and 3 where faults have left no figures.
+    Exit status 130 after an interrupt, with a hint on how to resume, and 3 if faults left no case with values.
     """
     from gantrysim.study.backends import on_backend
-    from gantrysim.study.checks import NoValuesError
-    from gantrysim.study.study import StudyInterrupted, run_study
+    from gantrysim.study.run import NoValuesError, StudyInterrupted, run_study
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
     try:
         with interruptible() as go_on, on_backend(backend), count_bar(study.name) as advance:
 
-            def each(done: int, every: int) -> None:
+            def progress(done: int, every: int) -> None:
                 go_on()
-                advance(done, every, getattr(study, "news", ""))
+                advance(done, every, study.news)
 
-            outcome = run_study(study, folder, workers=workers, progress=each)
+            outcome = run_study(study, folder, workers=workers, progress=progress)
     except StudyInterrupted as interrupted:
         text = "interrupted: no case was finished, nothing is kept"
         if interrupted.done:
             text = f"interrupted: the rows of {interrupted.done} finished cases are kept in {folder}/; "
-            text += "the same command goes on from there"
+            text += "run the same command again to resume"
         warn(text)
         raise typer.Exit(INTERRUPTED) from None
-    except NoValuesError as none:
-        if not none.faulted:
+    except NoValuesError as error:
+        if not error.faulted:
             raise
-        warn(str(none), "fault")
+        warn(str(error), "fault")
         raise typer.Exit(FAULT) from None
     if outcome.discarded:
-        warn(f"note: {folder}/ held the rows of another start, which were not taken: {outcome.discarded}")
+        warn(f"note: rows of another study in {folder}/ are discarded: {outcome.discarded}")
     if outcome.kept:
-        warn(f"note: the rows of {outcome.kept} cases were there from an interrupted start")
-    for paragraph in outcome.findings:
-        say(paragraph, wrap=True, end="\n\n")
+        warn(f"note: resumed with the rows of {outcome.kept} cases from an interrupted run")
+    say(outcome.report.headline, wrap=True, end="\n\n")
+    for table in outcome.report.tables:
+        say(table.caption or "", wrap=True)
+        show(_terminal_table(table))
+    for note in outcome.report.notes:
+        say(note, wrap=True, end="\n\n")
     say(f"written to {folder}/: {', '.join(outcome.written)}")
+
+
+def _terminal_table(table: Table) -> RenderableType:
+    from rich.box import SIMPLE_HEAD
+    from rich.markup import escape
+    from rich.table import Table as TerminalTable
+
+    shown = TerminalTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    columns = zip(*table.cells, strict=True)
+    for head, numeric, cells in zip(table.heads, table.numeric, columns, strict=True):
+        longest = max(len(word) for cell in (head, *cells) for word in cell.split())
+        shown.add_column(escape(head), justify="right" if numeric else "left", min_width=longest)
+    for row in table.cells:
+        shown.add_row(*map(escape, row))
+    return shown
 
 
 @study_app.command()
@@ -95,10 +114,10 @@ def loop(
     workers: Workers = None,
     backend: Backend = None,
 ) -> None:
-    """Show how fast the program's loop and the servo must be, and how fine the encoder.
+    """Find how fast the program loop and the servo, and how fine the encoder must be.
 
-    Sweeps the loop's period, the interpreter's time, the servo period, the encoder's resolution and the physics step,
-    and holds what comes out against closed forms.
+    Sweeps the loop period, interpreter time, servo period, encoder resolution and physics step, and compares the
+    results with closed forms.
     """
     from gantrysim.job.job import Job
     from gantrysim.study.loop import LoopStudy
@@ -110,34 +129,35 @@ def loop(
 def speed(
     job: JobArgument = "fanuc-spiral",
     tolerance: Tolerance = _TOLERANCE,
-    figure: Figure = "contour_max",
+    metric: Metric = "contour_max",
     out: Out = None,
     model: Model = None,
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
 ) -> None:
-    """Find the fastest path speed at which a job keeps to a tolerance.
+    """Find the fastest path speed at which a job stays within a tolerance.
 
-    Sweeps two octaves to both sides of the program's own speed, then narrows the bracket. Faults count as not within.
+    Sweeps two octaves on both sides of the programmed speed, then narrows the bracket. Faults count as out of
+    tolerance.
     """
     from gantrysim.job.job import Job
     from gantrysim.study.speed import SpeedStudy
 
-    carry_out(SpeedStudy(Job.load(job, settings or (), model), tolerance, figure), out, workers, backend)
+    carry_out(SpeedStudy(Job.load(job, settings or (), model), tolerance, metric), out, workers, backend)
 
 
 @study_app.command()
 def machine(
     job: JobArgument = "fanuc-spiral",
     tolerance: Tolerance = _TOLERANCE,
-    figure: Figure = "contour_max",
+    metric: Metric = "contour_max",
     samples: Annotated[int, typer.Option(help="Number of machines.")] = 128,
     spread: Annotated[
         str,
         typer.Option(
-            help="How far machines differ: payload=KG, and for friction, viscous, stiffness and motor_constant a "
-            "share, as in friction=0.5 for factors of 1/1.5 to 1.5; 0 for what does not differ."
+            help="Spread of the machines: payload=KG, and for friction, viscous, stiffness and motor_constant a "
+            "fraction, as in friction=0.5 for factors from 1/1.5 to 1.5; 0 for no variation."
         ),
     ] = "",
     seed: Seed = 1,
@@ -147,28 +167,28 @@ def machine(
     workers: Workers = None,
     backend: Backend = None,
 ) -> None:
-    """Draw many machines that differ, and tell how many keep to a tolerance and what matters.
+    """Estimate the yield of a job over many machines that differ, and find the dominant factor.
 
-    The servo of each keeps the gains of the nominal machine.
+    Every machine runs with the servo gains of the nominal one.
     """
     from gantrysim.job.job import Job
     from gantrysim.study.machine import MachineStudy, Tolerances
 
     loaded = Job.load(job, settings or (), model)
-    carry_out(MachineStudy(loaded, tolerance, figure, samples, Tolerances.parse(spread), seed), out, workers, backend)
+    carry_out(MachineStudy(loaded, tolerance, metric, samples, Tolerances.parse(spread), seed), out, workers, backend)
 
 
 @study_app.command()
 def circle(
     model: Annotated[str, typer.Option("--machine", help="A built-in machine, or an MJCF file.")] = "xy",
-    radius: Annotated[float, typer.Option(help="Of the circle [mm].")] = 50.0,
-    path_speed: Annotated[float, typer.Option("--speed", help="Along it [mm/s].")] = 100.0,
+    radius: Annotated[float, typer.Option(help="Radius of the circle [mm].")] = 50.0,
+    path_speed: Annotated[float, typer.Option("--speed", help="Path speed [mm/s].")] = 100.0,
     out: Out = None,
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
 ) -> None:
-    """Run a circle both ways and draw the circular-test chart, in the manner of ISO 230-4."""
+    """Run a circle in both directions and draw the chart of the circular test, after ISO 230-4."""
     from gantrysim.study.circle import CircleStudy
 
     study = CircleStudy(model, radius, path_speed, tuple(settings or ()))
@@ -181,7 +201,7 @@ def circle(
 def repeat(
     job: JobArgument = "softmc-arc",
     repeats: Annotated[int, typer.Option(help="Number of repeats.")] = 10,
-    friction: Annotated[float, typer.Option(help="Scatter of the friction, a standard deviation, relative.")] = 0.03,
+    friction: Annotated[float, typer.Option(help="Relative standard deviation of the friction.")] = 0.03,
     seed: Seed = 1,
     out: Out = None,
     model: Model = None,
@@ -189,7 +209,7 @@ def repeat(
     workers: Workers = None,
     backend: Backend = None,
 ) -> None:
-    """Repeat a job as real repeats differ: path accuracy and repeatability, in the manner of ISO 9283."""
+    """Repeat a job with realistic variation: path accuracy and repeatability, after ISO 9283."""
     from gantrysim.job.job import Job
     from gantrysim.study.repeat import RepeatStudy
 

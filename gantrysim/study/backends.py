@@ -1,4 +1,4 @@
-"""Where the cases of a study are run: a backend of joblib by its name."""
+"""Select a backend of joblib, on which the cases of a study run, by name."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _DASK = "dask"
 
 @contextmanager
 def on_backend(name: str | None) -> Iterator[None]:
-    """Have the studies inside the block run their cases on a backend of joblib.
+    """Run the cases of studies inside the block on a backend of joblib.
 
     Args:
         name: "loky" for processes, "threading" for threads, "dask=ADDRESS" for the workers of the Dask cluster whose
-            scheduler is at the address, or any other that is registered with joblib; None for what holds anyway.
+            scheduler is at the address, or any other registered with joblib; None for the current one.
 
     Raises:
-        InputError: no such backend, a package that it needs is not installed, or no scheduler answers.
+        InputError: unknown backend, missing package, or no scheduler answers.
         WorkerError: a cluster without a worker.
     """
     if name is None:

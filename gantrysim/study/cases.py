@@ -1,4 +1,4 @@
-"""A case: one run of a study, and the figures that are kept of it."""
+"""A case, one run of a study, and the row of values kept of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from gantrysim.metrics.analysis import THOUSANDTH, Analysis, speed_ripple, stead
 from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 
-Value = str | float | int | bool | list[float] | None  # a list is a curve, which goes into a file of its own
+Value = str | float | int | bool | list[float] | None  # a list is a curve and goes into curves.csv
 Row = dict[str, Value]
 Mode = Literal["simulated", "perfect follower"]
 
@@ -35,18 +35,18 @@ _THOUSANDTHS = 1e3
 
 @dataclass(frozen=True)
 class Case:
-    """One run of a study: a job, what of it is changed, and what stands in the machine's place.
+    """One run of a study: a job, its overrides, and the machine or its substitute.
 
-    It is hashable and can be sent to another process or machine. Nothing of it is built before it is measured, so a
+    It is hashable and can be sent to another process or computer. Nothing is built before the case is measured, so a
     job that is refused can be a case.
 
     Attributes:
-        content: of the job that the study is about, as TOML.
-        overrides: values changed in it, as (dotted key, JSON of the value), sorted; what the job has anyway is no
-            change, so that cases with the same result have the same key.
-        mode: "simulated", or "perfect follower" for a machine that is always where it is commanded to be.
-        perturbation: of the machine, or None; the servo keeps the gains of the machine as it is drawn.
-        tags: columns of the row that say what the case is to the study, as (name, value).
+        content: the study's job as TOML.
+        overrides: changed values, as (dotted key, JSON of the value), sorted. A value that the job has already is left
+            out, so that cases with the same result have the same key.
+        mode: "simulated", or "perfect follower" for a machine that is always at its commanded position.
+        perturbation: of the machine, or None; the servo keeps the gains of the nominal machine.
+        tags: columns of the row that identify the case, as (name, value).
     """
 
     content: str
@@ -63,16 +63,8 @@ class Case:
         mode: Mode = "simulated",
         perturbation: Perturbation | None = None,
         **tags: Value,
-    ) -> Case:
-        """Return a case of a job.
-
-        Args:
-            job: that the study is about.
-            overrides: values by their full dotted keys, as in {"program.loop_period": 0.01}; None for the default.
-            mode: as in the class.
-            perturbation: as in the class.
-            tags: as in the class.
-        """
+    ) -> Self:
+        """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         own = job.model_dump(exclude_none=True)
         changes = {key: value for key, value in (overrides or {}).items() if not _has(own, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))
@@ -80,7 +72,7 @@ class Case:
 
     @property
     def key(self) -> str:
-        """What tells the case from every other with another result, tags aside: a SHA-256 in hexadecimal."""
+        """Identity of the case without its tags: a SHA-256 in hexadecimal."""
         content = (version("gantrysim"), self.content, self.overrides, self.mode, repr(self.perturbation))
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
@@ -95,11 +87,11 @@ class Case:
         return str(self.settings.get("machine") or _job(self.content).machine)
 
     def tagged(self, **tags: Value) -> Case:
-        """Return the case with more tags, or other values of them."""
+        """Return the case with tags added or replaced."""
         return replace(self, tags=tuple({**dict(self.tags), **tags}.items()))
 
     def job(self) -> Job:
-        """Return the job with what is changed of it.
+        """Return the job with the overrides applied.
 
         Raises:
             InputError: the job is refused.
@@ -108,7 +100,7 @@ class Case:
 
 
 def machine_digest(case: Case) -> str:
-    """Return the SHA-256 of the machine that a case is measured on, as it is before any perturbation.
+    """Return the SHA-256 of a case's machine before any perturbation.
 
     Raises:
         InputError: the machine is refused.
@@ -118,36 +110,36 @@ def machine_digest(case: Case) -> str:
 
 
 def forget_jobs() -> None:
-    """Forget the jobs that cases share, and so the machines built of files that may have changed."""
+    """Clear the cache of jobs, and with it the machines built from files that may have changed."""
     _job.cache_clear()
     _changed.cache_clear()
 
 
-def measure(case: Case, figures: Callable[[Run], Row] | None = None) -> Row:
-    """Run a case and return its figures; `status` first, "ok" or why there are none.
+def measure(case: Case, values: Callable[[Run], Row] | None = None) -> Row:
+    """Run a case and return its row: `status` first, "ok" or the reason for missing values, then the values.
 
-    A case that is refused ("refused: ..."), or that a fault ends ("fault: ..."), has its status alone.
+    A case that is refused ("refused: ...") or ended by a fault ("fault: ...") has only its status.
 
     Args:
-        case: to be run.
-        figures: from the record to the row, by default `values_row` with the bead as the job has it.
+        case: to run.
+        values: from the record to the values, by default `values_row` with the bead of the job.
     """
-    return judged(lambda: simulated(case), figures or (lambda run: values_row(run, case.job().bead)))
+    return judged(lambda: simulated(case), values or (lambda run: values_row(run, case.job().bead)))
 
 
-def judged(run_it: Callable[[], Run], figures: Callable[[Run], Row]) -> Row:
-    """Return the figures of a run with its status, as `measure` does; `run_it` may refuse."""
+def judged(start: Callable[[], Run], values: Callable[[Run], Row]) -> Row:
+    """Return status and values of a run, as `measure` does; `start` may raise an InputError."""
     try:
-        run = run_it()
+        run = start()
         if run.fault is not None:
             return {"status": f"{_FAULT}{run.fault}"}
-        return {"status": OK, **figures(run)}
+        return {"status": OK, **values(run)}
     except InputError as error:
         return {"status": f"{_REFUSED}{error}"}
 
 
 def is_fault(row: Row) -> bool:
-    """Return whether a fault has ended the run of a row."""
+    """Return whether a fault ended the run of a row."""
     return str(row["status"]).startswith(_FAULT)
 
 
@@ -166,44 +158,44 @@ def simulated(case: Case) -> Run:
 
 
 def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
-    """Return the figures of a run as one flat row; a key's unit stands in its name, rms, max and p95 of magnitudes.
+    """Return the values of a run as one flat row; keys end in the unit, rms, max and p95 are of magnitudes.
 
     generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement and structure are
     the parts of the error normal to the path, of `gantrysim.Budget`; lag is along it, and tracking_along the encoder's
     share of that. steady_tracking_normal and _along are the following error, `tracking_error` at the nozzle, in the
-    middle 90 % of the dispensing time, where the start and the end have died away. A figure that the run does not
-    have, as the spacing of one turn, is None; so are the bead's where no glue is asked for while it moves.
+    middle 90 % of the dispensing time, without the transients of start and end. A value that the run does not have, as
+    the spacing of a single turn, is None; so are the bead's values where no glue is demanded during motion.
 
     Args:
         run: the run.
-        bead: how the glue lies.
+        bead: settings of the bead.
 
     Raises:
         InputError: the dispenser is never on.
     """
     analysis = Analysis(run)
-    figures, budget = analysis.values, Budget(analysis)
+    values, budget = analysis.values, Budget(analysis)
     row: Row = {}
     errors = {"generation": analysis.commanded.distance, "contour": analysis.nozzle.distance}
     errors |= {link: budget.parts[link].size for link in ("tracking", "measurement", "structure")}
     for name, error in errors.items():
         row |= _sizes(name, error)
     row |= _sizes("lag", np.abs(budget.lag))
-    row["tracking_along_rms_um"] = _THOUSANDTHS * figures.tracking_along.rms
-    row["tracking_along_max_um"] = _THOUSANDTHS * figures.tracking_along.max
-    for unit, (name, spread) in zip(run.units, figures.tracking.items(), strict=True):
-        row[f"tracking_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * spread.rms
-        row[f"tracking_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * spread.max
+    row["tracking_along_rms_um"] = _THOUSANDTHS * values.tracking_along.rms
+    row["tracking_along_max_um"] = _THOUSANDTHS * values.tracking_along.max
+    for unit, (name, size) in zip(run.units, values.tracking.items(), strict=True):
+        row[f"tracking_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * size.rms
+        row[f"tracking_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * size.max
     row |= _steady(analysis)
     for statistic in ("mean", "std", "min", "max"):
-        spacing = figures.spacing
+        spacing = values.spacing
         row[f"spacing_{statistic}_mm"] = None if spacing is None else getattr(spacing, statistic)
     row |= _bead(Bead(run, bead, analysis))
-    row["speed_mean_mm_s"] = figures.speed.mean
+    row["speed_mean_mm_s"] = values.speed.mean
     row["speed_ripple"] = speed_ripple(run)
-    row["path_length_mm"] = figures.path_length
-    row["duration_s"] = figures.duration
-    for name, place in zip("xyz", figures.end_point, strict=True):
+    row["path_length_mm"] = values.path_length
+    row["duration_s"] = values.duration
+    for name, place in zip("xyz", values.end_point, strict=True):
         row[f"end_{name}_mm"] = place
     return {key: _plain(value) for key, value in row.items()}
 
@@ -231,7 +223,7 @@ def _steady(analysis: Analysis) -> Row:
 
 
 def _bead(bead: Bead) -> Row:
-    """Mean width while the dispenser is on, and the volume laid beyond what was asked for; neither takes a map."""
+    """Mean width while the dispenser is on, and the error of the volume; neither needs a height map."""
     glue = bead.nominal > 0
     return {
         "bead_width_mean_mm": float(bead.width[bead.dispensing].mean()) if glue else None,
@@ -244,16 +236,16 @@ def _ascii(unit: str) -> str:
 
 
 def _plain(value: Value) -> Value:
-    """None instead of a number that is none, so that a row is the same when it has been written and read again."""
+    """Return None for a number that is not finite, so that a row survives being written and read."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _has(content: dict[str, Any], key: str, value: Any) -> bool:
-    """Whether a job's content has a value at a dotted key."""
+    """Return whether a job's content has a value at a dotted key."""
     own: Any = content
     for part in key.split("."):
         own = own.get(part) if isinstance(own, dict) else None
-    # of None, which takes a key away, there is none: one that is unknown has to be refused
+    # None removes a key, and an unknown key must be refused: both are changes
     return own is not None and type(own) is type(value) and bool(own == value)
 
 

@@ -1,7 +1,7 @@
 """A Dask cluster as a backend of joblib.
 
-joblib has one of its own, which waits for ever for a case whose workers have died at it, or which no worker can read,
-and which leaves the cluster aside where that has but one thread.
+joblib's own Dask backend waits forever for a case that kills its workers or that no worker can read, and ignores a
+cluster of a single thread.
 """
 
 from __future__ import annotations
@@ -24,19 +24,17 @@ from joblib.parallel import ParallelBackendBase
 from gantrysim.errors import InputError
 from gantrysim.study.worker import WorkerError
 
-_PATIENCE = 5.0  # with the scheduler, and with a first worker [s]
+_PATIENCE = 5.0  # timeout for the scheduler, and for a first worker [s]
 _SCHEDULER = "Scheduler"
 _LOGGERS = ("distributed", "distributed.client")
 
 
 class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
-    """The workers of a Dask cluster.
-
-    A worker that ends at its work has it done by another; where none is left, it waits until one comes.
+    """The workers of a Dask cluster. A case whose worker ends is run by another, as soon as there is one.
 
     Args:
         client: of the scheduler.
-        options: of joblib's own.
+        options: of joblib.
     """
 
     supports_retrieve_callback = True
@@ -48,10 +46,10 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
         self._futures: set[Future] = set()
 
     def effective_n_jobs(self, n_jobs: int | None) -> int:
-        """Return the number of threads of all workers, and two for one: joblib leaves a backend of one aside.
+        """Return the number of threads of all workers, at least two: joblib ignores a backend of one.
 
         Raises:
-            WorkerError: there is no worker, nor does one come.
+            WorkerError: there is no worker within the timeout.
         """
         try:
             self._client.wait_for_workers(1, timeout=_PATIENCE)
@@ -61,7 +59,7 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
         return max(2, sum(threads.values()))
 
     def submit(self, func: Callable[[], Any], callback: Callable[[Future], None] | None = None) -> Future:
-        """Hand out a batch of calls."""
+        """Send a batch of calls to a worker."""
         key = f"gantrysim-{uuid4().hex}"
         future = self._client.submit(_reader(), cloudpickle.dumps(func), key=key, pure=False)
         self._futures.add(future)
@@ -69,34 +67,32 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
         return future
 
     def retrieve_result_callback(self, out: Future) -> Any:
-        """Return what a batch of calls has returned, or raise what it has raised."""
+        """Return the results of a batch of calls, or raise its exception."""
         self._futures.discard(out)
         try:
             unreadable, results = out.result()
         except KilledWorker as error:
             times, last = error.allowed_failures + 1, error.last_worker.address
-            raise WorkerError(f"{times} workers have ended at the same case, the last at {last}") from None
+            raise WorkerError(f"{times} workers ended at the same case, the last at {last}") from None
         except CancelledError:
-            raise WorkerError(f"the scheduler at {_address(self._client)} has gone") from None
+            raise WorkerError(f"lost the scheduler at {_address(self._client)}") from None
         if unreadable:
-            raise WorkerError(
-                f"a worker cannot read its cases: {unreadable}: every worker must have what the study has"
-            )
+            raise WorkerError(f"a worker cannot read its cases: {unreadable}: must have all that the study has")
         return results
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
-        """Take back what has been handed out."""
-        # not cancelled: Dask tells every client of it, and one that is connecting just then stumbles over that
+        """Release all batches."""
+        # not cancelled: Dask notifies every client, and one that is just connecting fails on that
         for future in list(self._futures):
             future.release()
         self._futures.clear()
 
 
 def _reader() -> Callable[[bytes], tuple[str | None, Any]]:
-    """Return what a worker does with a pickled batch of calls: why it cannot read it, or what the calls return.
+    """Return a function from a pickled batch of calls to the reason why it cannot be read, or None, and the results.
 
-    It is sent as it stands, by its code: Dask unpickles whatever else it is given in the scheduler and in the worker's
-    own loop, and ends the worker where that fails.
+    The function is sent by its code, the batch as bytes: Dask unpickles anything else in the scheduler and in the
+    worker's event loop, and a failure there ends the worker.
     """
 
     def read(batch: bytes) -> tuple[str | None, Any]:
@@ -113,7 +109,7 @@ def _reader() -> Callable[[bytes], tuple[str | None, Any]]:
 
 @contextmanager
 def on_cluster(address: str) -> Iterator[None]:
-    """Have joblib use a Dask cluster inside the block.
+    """Make a Dask cluster the backend of joblib inside the block.
 
     Args:
         address: of its scheduler, as in "tcp://10.0.0.1:8786".
@@ -131,20 +127,20 @@ def on_cluster(address: str) -> Iterator[None]:
 
 def _connected(address: str) -> Client:
     try:
-        with ThreadPoolExecutor(1) as pool:  # this thread may have a loop of its own
+        with ThreadPoolExecutor(1) as pool:  # this thread may already run an event loop
             kind = pool.submit(lambda: asyncio.run(_kind(address))).result()
         if kind == _SCHEDULER:
             return Client(address, timeout=_PATIENCE, set_as_default=False)
         reason = f"a {kind} does"
     except TimeoutError:
         reason = f"none within {_PATIENCE:g} s"
-    except Exception as error:  # what answers there may be anything
+    except Exception as error:  # anything may answer there
         reason = " ".join(str(error).split()) or type(error).__name__
     raise InputError(f"--backend dask={address}: no scheduler answers: {reason}")
 
 
 async def _kind(address: str) -> str:
-    """Return what kind of server of Dask's is at an address; a client would wait for ever for one of another's."""
+    """Return the kind of Dask server at an address; a client would wait forever for another kind of server."""
     security = Security().get_connection_args("client")
     async with asyncio.timeout(_PATIENCE), rpc(address, timeout=_PATIENCE, connection_args=security) as server:
         return str((await server.identity())["type"])
@@ -152,7 +148,7 @@ async def _kind(address: str) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's log, with its tracebacks, from the terminal inside the block: errors say what goes wrong."""
+    """Silence Dask's log with its tracebacks inside the block; errors are reported without it."""
     levels = {name: logging.getLogger(name).level for name in _LOGGERS}
     for name in levels:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)

@@ -1,88 +1,117 @@
-"""What a run must keep to: a figure of its row and the tolerance."""
+"""A tolerance of a metric, one value of a case's row."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from gantrysim.errors import positive, unknown
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.study import Study
 
-_UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a figure's name
-_NOT_FIGURES = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
+_UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a value's name
+_NO_METRICS = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
 _ERRORS = ("generation", "tracking", "measurement", "structure", "contour")
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A figure that is the better the smaller it is, and the largest value that will do.
+    """A metric, the smaller the better, with its largest permitted value.
 
     Args:
-        figure: of a case's row, by its name there or that without the unit, as contour_max.
-        tolerance: in the figure's own unit.
+        metric: name of a value in a case's row, with or without the unit, as contour_max.
+        tolerance: in the metric's unit.
     """
 
-    figure: str
+    metric: str
     tolerance: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tolerance", positive("tolerance", self.tolerance))
 
     def key(self, row: Row) -> str:
-        """Return the figure's full name.
+        """Return the metric's full name.
 
         Args:
-            row: of a case that has figures.
+            row: of a case that has values.
 
         Raises:
-            InputError: it has none of that name.
+            InputError: no value has that name.
         """
         names = list(row)
-        figures = names[names.index("status") + 1 :]  # before it stand the tags
         known = {
             key: _without_unit(key)
-            for key in figures
-            if isinstance(row[key], float) and not key.startswith(_NOT_FIGURES)
+            for key in names[names.index("status") + 1 :]  # tags come before it
+            if isinstance(row[key], float) and not key.startswith(_NO_METRICS)
         }
         for key, name in known.items():
-            if self.figure in (key, name):
+            if self.metric in (key, name):
                 return key
-        raise unknown("figure", self.figure, known.values())
+        raise unknown("metric", self.metric, known.values())
 
     def check(self, row: Row) -> None:
-        """Refuse a figure that a row has none of; a row without any figures shows nothing.
+        """Check that a row has the metric, if it has values at all.
 
         Raises:
-            InputError: there is no such figure.
+            InputError: no value has that name.
         """
         if row["status"] == OK:
             self.key(row)
 
     def value(self, row: Row) -> float:
-        """Return the figure; inf of a case that a fault has ended or that was refused, or that has no such figure."""
+        """Return the metric; inf where a fault ended the case, it was refused, or the value is None."""
         if row.get("status") != OK:
             return math.inf
         value = row[self.key(row)]
         return float(value) if isinstance(value, float) else math.inf
 
     def within(self, row: Row) -> bool:
-        """Return whether a case has the figure and keeps to the tolerance."""
+        """Return whether a case is within the tolerance."""
         return self.value(row) <= self.tolerance
 
     def unit(self, row: Row) -> str:
-        """Return the figure's unit, as the name of it says."""
+        """Return the metric's unit, from its full name."""
         key = self.key(row)
         return next((unit for ending, unit in _UNITS.items() if key.endswith(f"_{ending}")), "")
 
+    def axis_label(self, row: Row) -> str:
+        """Return the metric in words, with its unit in brackets."""
+        unit = self.unit(row)
+        return f"{self.label} [{unit}]" if unit else self.label
+
+    def limit(self, row: Row) -> str:
+        """Return the tolerance and the metric in words, as in "50 µm (largest contour error)"."""
+        return " ".join(part for part in (f"{self.tolerance:g}", self.unit(row), f"({self.label})") if part)
+
     @property
     def label(self) -> str:
-        """The figure in words."""
-        words = _without_unit(self.figure).split("_")
-        what = {"max": "largest", "rms": "rms", "p95": "95 %", "std": "standard deviation of"}
-        kind = next((word for word in words if word in what), None)
+        """The metric in words."""
+        words = _without_unit(self.metric).split("_")
+        statistics = {"max": "largest", "rms": "rms", "p95": "95 %", "std": "standard deviation of"}
+        kind = next((word for word in words if word in statistics), None)
         rest = " ".join(word for word in words if word != kind)
         noun = f"{rest} error" if words[0] in _ERRORS else rest
-        return f"{what[kind]} {noun}" if kind else noun
+        return f"{statistics[kind]} {noun}" if kind else noun
+
+
+@dataclass(frozen=True)
+class ToleranceStudy(Study):
+    """Base class of studies with a tolerance.
+
+    Args:
+        job: to study.
+        tolerance: of the metric, in its unit.
+        metric: a value of a case's row, as contour_max.
+    """
+
+    tolerance: float
+    metric: str = "contour_max"
+
+    @cached_property
+    def criterion(self) -> Criterion:
+        """The metric with its tolerance."""
+        return Criterion(self.metric, self.tolerance)
 
 
 def _without_unit(key: str) -> str:

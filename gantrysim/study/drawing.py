@@ -1,4 +1,4 @@
-"""What the plots of studies share."""
+"""Axes of plots of studies."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _LEAST_TICKS = 4
 
 
 def logarithmic(axes: Axes, which: Literal["x", "y"], values: Sequence[float]) -> None:
-    """Make an axis logarithmic, from the least to the largest value, with round numbers written out at its ticks.
+    """Make an axis logarithmic, from the least to the largest value, with round numbers at its ticks.
 
     Args:
         axes: the plot.
         which: of its axes.
-        values: what it is to show, above 0.
+        values: to show, above 0.
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 

@@ -1,4 +1,4 @@
-"""The finished rows of a study under way, on disk: what an interrupted study has done is not done again."""
+"""The ledger: finished rows of a running study on disk, from which an interrupted study resumes."""
 
 from __future__ import annotations
 
@@ -14,27 +14,26 @@ from gantrysim.study.cases import Row
 
 try:
     import fcntl
-except ImportError:  # where the system has none, as Windows, nothing is locked
+except ImportError:  # Windows: nothing is locked
     fcntl = None  # type: ignore[assignment]
 
 LEDGER = ".study-progress.jsonl"
 
 
 class Ledger:
-    """A file of lines of JSON, one for each finished case, after a first one that says whose they are.
+    """A file of JSON lines: the identity of the study, then one line per finished case.
 
-    A line is written as soon as its case is finished. The last one may have been cut off by whatever ended the
-    study; it is forgotten. While the ledger is open its file is locked, so that no other study works in the folder;
-    the system takes the lock from a process that ends, however that may be. A ledger that is closed without any row
-    leaves nothing, not even a folder that was not there before.
+    A line is written as soon as its case is finished; a last line that was cut off is ignored. While the ledger is
+    open, its file is locked against other studies in the folder; the system releases the lock however the process
+    ends. A ledger closed without any row leaves nothing, not even a folder that it made.
 
     Args:
-        folder: that the file lies in, or None for one that is kept in memory alone.
-        identity: what the rows depend on besides their cases, and whose they are; plain JSON.
+        folder: of the file, or None to keep the rows in memory.
+        identity: of the study, all that the rows depend on besides their cases; plain JSON.
 
     Attributes:
-        kept: number of rows that an earlier start has left.
-        discarded: what kind of rows were found that are another study's, in words, or None.
+        kept: number of rows taken over from an earlier run.
+        discarded: in what the rows found differ from this study's, or None.
     """
 
     def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
@@ -61,7 +60,7 @@ class Ledger:
             if not good:
                 self._write(self._identity)
         except BlockingIOError:
-            raise InputError(f"--out {folder}: another study is at work in this folder") from None
+            raise InputError(f"--out {folder}: in use by another study") from None
         except OSError as error:
             self._leave()
             raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
@@ -86,23 +85,23 @@ class Ledger:
         return len(self._rows)
 
     def add(self, key: str, row: Row) -> None:
-        """Keep a finished row."""
+        """Add a finished row."""
         self._rows[key] = row
         self._write([key, row])
 
     def remove(self) -> None:
-        """Delete the file and forget the rows: the study is complete, or there is nothing to be kept of it."""
+        """Delete the file and the rows: the study is complete, or has no values."""
         self._rows = {}
         if self._file is None or self._stream is None:
             return
-        if fcntl is None:  # such a system deletes no open file
+        if fcntl is None:  # Windows deletes no open file
             self._stream.close()
         self._file.unlink(missing_ok=True)
-        self._stream.close()  # the lock with it, after the file
+        self._stream.close()  # releases the lock, after the file is gone
         self._stream = None
 
     def _leave(self) -> None:
-        """Remove the folders that this ledger has made, those that are empty."""
+        """Remove the empty folders that this ledger has made."""
         for parent in self._made:
             with suppress(OSError):
                 parent.rmdir()
@@ -113,7 +112,7 @@ class Ledger:
             self._stream.flush()
 
     def _read(self, content: bytes) -> int:
-        """Take over the rows of an earlier start, and return how many bytes of the file are whole lines of them."""
+        """Take over the rows of an earlier run, and return the length of their complete lines in bytes."""
         good = 0
         for number, line in enumerate(content.splitlines(keepends=True)):
             try:
@@ -134,10 +133,10 @@ class Ledger:
 
 
 def _locked(file: Path) -> BinaryIO:
-    """Open a file for reading and writing, made if need be, that no other process has locked, and lock it.
+    """Open and lock a file for reading and writing.
 
     Raises:
-        BlockingIOError: another process has.
+        BlockingIOError: another process has locked it.
     """
     while True:
         stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
@@ -157,8 +156,8 @@ def _locked(file: Path) -> BinaryIO:
 
 
 def _differs(found: Any, identity: dict[str, Any]) -> str:
-    """Say in what the owner of the rows found is another."""
+    """Return in what the identity found differs, as text."""
     if not isinstance(found, dict):
-        return "they are no study's"
+        return "they are not of a study"
     keys = [key for key in {**identity, **found} if found.get(key) != identity.get(key)]
     return f"they differ in {', '.join(keys)}"

@@ -1,4 +1,4 @@
-"""Columns of a study's rows."""
+"""Columns of a study's rows as arrays."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from gantrysim.study.cases import OK, Row, Value
 
 
 def series(rows: list[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:
-    """Return columns of the rows that have all these tags, in the order of the first column, each (m,).
+    """Return columns of the rows with all these tags, sorted by the first column, each (m,).
 
-    Rows without figures, and those that lack one of the columns, are left out.
+    Rows without values in one of the columns are left out.
     """
     chosen = [
         [row[column] for column in columns]

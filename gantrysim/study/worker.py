@@ -1,7 +1,6 @@
-"""What a worker does with cases: it sees that its numbers are the study's, measures, and ends when the study has ended.
+"""Measure cases in a worker: check that it computes the study's numbers, measure, and end with the study.
 
-A worker may be the study's own process, one that it has begun, or one on another machine that knows nothing of it but
-what is sent.
+A worker may be the study's own process, a copy that it started, or a process on another computer.
 """
 
 from __future__ import annotations
@@ -24,26 +23,26 @@ from gantrysim.errors import GantryError, InputError
 from gantrysim.report.summary import package_versions
 from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
 
-MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # a row per case, in order, whatever cases stand beside it
+MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # one row per case, in order
 
-_GLANCE = 1.0  # from one look whether the study still lives to the next [s]
+_GLANCE = 1.0  # between two checks that the study is alive [s]
 _SOURCES = "source files of gantrysim"
 _SHOWN = 12  # digits of a digest
 
 
 class WorkerError(GantryError):
-    """A worker cannot do its part of a study, or would come to other numbers."""
+    """A worker ended, or would compute other numbers than the study."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a study's process tells its workers of itself.
+    """Identity of a study's process, for its workers.
 
     Attributes:
-        host: its machine.
-        process: its number there.
-        installed: what its numbers depend on, and the versions, as (name, version).
-        machines: the machines of its cases, as (name or file, digest); None for one that is refused.
+        host: name of its computer.
+        process: process number there.
+        installed: versions that its numbers depend on, as (name, version).
+        machines: machines of its cases, as (name or file, digest); None for one that is refused.
     """
 
     host: str
@@ -53,7 +52,7 @@ class Origin:
 
     @classmethod
     def here(cls, cases: Sequence[Case]) -> Origin:
-        """Return what this process tells of itself, with the machines of these cases."""
+        """Return the identity of this process, with the machines of these cases."""
         machines = {case.machine: case for case in cases}
         digests = tuple((name, _digest(case)) for name, case in machines.items())
         return cls(platform.node(), os.getpid(), _installed(), digests)
@@ -63,20 +62,20 @@ def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) ->
     """Measure cases and return their keys and rows.
 
     Raises:
-        WorkerError: this process would come to other numbers than the study's own.
+        WorkerError: this process differs from the study's in its versions or machines.
     """
-    if _begun_by(origin):
+    if _started_by(origin):
         _end_with(origin.process)
-    elif (platform.node(), os.getpid()) != (origin.host, origin.process):  # begun by others, it may be anything
+    elif (platform.node(), os.getpid()) != (origin.host, origin.process):  # started by others
         _check_installed(origin)
     _check_machines(cases, origin)
-    # as they are read again from the ledger: tuples become lists, keys strings
+    # as read back from the ledger: tuples become lists, keys strings
     rows: list[Row] = json.loads(json.dumps(list(measure(cases)), allow_nan=False))
     return [(case.key, row) for case, row in zip(cases, rows, strict=True)]
 
 
-def _begun_by(origin: Origin) -> bool:
-    """Return whether a study has begun this process, as a copy of its own."""
+def _started_by(origin: Origin) -> bool:
+    """Return whether a study started this process as a copy of its own."""
     copied = multiprocessing.current_process().name != "MainProcess"
     return copied and (platform.node(), os.getppid()) == (origin.host, origin.process)
 
@@ -85,24 +84,24 @@ def _check_installed(origin: Origin) -> None:
     own = dict(_installed())
     other = [f"{name} {own[name]} instead of {value}" for name, value in origin.installed if own[name] != value]
     if other:
-        raise WorkerError(f"{_name()}: has {', '.join(other)}: every worker must have what the study has")
+        raise WorkerError(f"{_name()}: has {', '.join(other)}: must have the study's")
 
 
 def _check_machines(cases: Sequence[Case], origin: Origin) -> None:
-    """See that the machines are those of the study; one whose file has changed since it was built is built anew."""
+    """Check that the machines are those of the study; one whose file has changed is built again."""
     expected = dict(origin.machines)
     for name, case in {case.machine: case for case in cases}.items():
         if _digest(case) != expected[name]:
             forget_jobs()
         if _digest(case) != expected[name]:
             raise WorkerError(
-                f"{_name()}: machine {name} is not the study's there: its files must be the same, at the same "
-                "place, for every worker"
+                f"{_name()}: machine {name} differs from the study's: its files must be the same, at the same place, "
+                "for every worker"
             )
 
 
 def _digest(case: Case) -> str | None:
-    with suppress(InputError):  # that is for the case's row to say
+    with suppress(InputError):  # reported in the case's row
         return machine_digest(case)
     return None
 
@@ -113,7 +112,7 @@ def _name() -> str:
 
 @cache
 def _installed() -> tuple[tuple[str, str], ...]:
-    """Return what numbers depend on, and the versions, as (name, version)."""
+    """Return the versions that numbers depend on, as (name, version)."""
     digest, root = hashlib.sha256(), Path(str(files("gantrysim")))
     for file in sorted(file for kind in ("*.py", "*.xml") for file in root.rglob(kind)):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
@@ -123,7 +122,7 @@ def _installed() -> tuple[tuple[str, str], ...]:
 
 @cache
 def _end_with(parent: int) -> None:
-    """Have this process end soon after its parent: a worker whose study was killed would wait for work for minutes."""
+    """End this process soon after its parent; else a worker of a killed study would wait for minutes."""
 
     def watch() -> None:
         while os.getppid() == parent:

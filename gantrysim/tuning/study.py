@@ -17,7 +17,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.run import Run
 from gantrysim.study.cases import Case, Row, Value
-from gantrysim.study.study import Plot, Rounds
+from gantrysim.study.study import Plot, Report, Rounds, Study
 from gantrysim.study.worker import MeasureTogether
 from gantrysim.tuning.figures import figures
 from gantrysim.tuning.findings import findings
@@ -32,7 +32,7 @@ _MOST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
-class TuningStudy:
+class TuningStudy(Study):
     """The gains of a law with which the figure of a job is smallest, found by CMA-ES.
 
     The figure is the largest over the job's own machine and some that differ from it, drawn from a Latin hypercube. Of
@@ -129,10 +129,6 @@ class TuningStudy:
     def measure_together(self) -> MeasureTogether:
         """From cases to their rows."""
         return partial(measure_together, figure=self.figure)
-
-    def measure(self, case: Case) -> Row:
-        """Return the row of one case."""
-        return self.measure_together([case])[0]
 
     @cached_property
     def perturbations(self) -> list[Perturbation | None]:
@@ -265,6 +261,11 @@ class TuningStudy:
                 dispenser=job.dispenser,
             )
         return self._runs[servo]
+
+    def report(self, rows: list[Row]) -> Report:
+        """Return headline, notes and plots."""
+        headline, *notes = self.findings(rows)
+        return Report(headline, notes=notes, plots=self.figures(rows))
 
     def findings(self, rows: list[Row]) -> list[str]:
         """Return what has become better and what has not, the gains, and how they do on machines not seen."""

@@ -122,7 +122,7 @@ def begun(folder, file, rows):
     return process
 
 
-def test_ctrl_c_keeps_the_runs_and_the_same_command_goes_on(gantrysim_command, tmp_path, file):
+def test_ctrl_c_keeps_the_runs_and_the_same_command_resumes(gantrysim_command, tmp_path, file):
     folder = tmp_path / "tune"
     process = begun(folder, file, 10)
     os.killpg(process.pid, signal.SIGINT)
@@ -130,12 +130,12 @@ def test_ctrl_c_keeps_the_runs_and_the_same_command_goes_on(gantrysim_command, t
     assert (process.returncode, output) == (130, "")
     done = spoken(folder)
     assert done >= 10
-    assert f"the rows of {done} finished cases are kept in {folder}/; the same command goes on" in said
+    assert f"the rows of {done} finished cases are kept in {folder}/; run the same command again to resume" in said
     assert list(content(folder)) == [LEDGER]
     settings = ("--budget", 30, "--robust", 1, "--unseen", 0, "--workers", 1)
     status, _, error = gantrysim_command("tune", file, *settings, "--out", folder)
     assert status == 0
-    assert f"note: the rows of {done} cases were there from an interrupted start" in error
+    assert f"note: resumed with the rows of {done} cases from an interrupted run" in error
     rows = (folder / "study.csv").read_text().splitlines()
     assert done < len(rows) - 1 <= 30
 

@@ -11,7 +11,17 @@ import pytest
 from conftest import RIGID, RIGID_DEFAULTS
 
 from gantrysim import InputError, Job
-from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, on_backend, run_cases, run_study
+from gantrysim.study import (
+    Case,
+    Ledger,
+    Report,
+    StudyInterrupted,
+    WorkerError,
+    measure,
+    on_backend,
+    run_cases,
+    run_study,
+)
 from gantrysim.study import worker as of_worker
 from gantrysim.study.cases import forget_jobs
 from gantrysim.study.worker import Origin
@@ -65,8 +75,8 @@ class Sweep(Toy):
         best = min(rows, key=lambda row: row["contour_rms_um"])["value"]
         yield cases_of(self.job, (0.9 * best, 1.1 * best))
 
-    def figures(self, rows):
-        return []
+    def report(self, rows):
+        return Report(f"{len(rows)} rows")
 
 
 class Kill:
@@ -89,7 +99,7 @@ class Kill:
         return {case: int(process) for case, process in (file.name.split("-") for file in self.folder.glob("*-*"))}
 
 
-def test_a_worker_killed_at_its_work_leaves_the_study_complete_and_equal(cluster, job, tmp_path):
+def test_a_killed_worker_does_not_change_the_study(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
     expected = run_study(Sweep(job, measure), tmp_path / "here", workers=1)
@@ -105,7 +115,7 @@ def test_a_worker_killed_at_its_work_leaves_the_study_complete_and_equal(cluster
     assert kill.told[: len(PERIODS) + 1] == list(range(len(PERIODS) + 1))
 
 
-def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(
+def test_tuning_on_a_cluster_with_a_killed_worker_writes_the_same_files(
     cluster, gantrysim_command, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(TuningStudy, "figures", lambda study, rows: [])  # they take longest
@@ -130,7 +140,7 @@ def test_tuning_on_a_cluster_with_a_worker_killed_writes_what_it_writes_here(
     assert 2 <= killed[0] < cases
 
 
-def test_a_study_s_command_on_a_cluster_writes_what_it_writes_here(cluster, gantrysim_command, tmp_path):
+def test_a_study_command_on_a_cluster_writes_the_same_files(cluster, gantrysim_command, tmp_path):
     command = ("study", "circle", "--radius", 10, "--speed", 80)
     cluster.filled(2)
     printed = []
@@ -166,7 +176,7 @@ def test_the_one_thread_of_a_cluster_is_used(cluster, job):
         assert [row["process"] for row in rows_of(cases_of(job), measure=where)] == [worker.pid] * 4
 
 
-def test_a_worker_s_address_is_no_scheduler_s(cluster):
+def test_the_address_of_a_worker_is_refused_as_scheduler(cluster):
     from distributed import Client
 
     cluster.filled(1)
@@ -177,7 +187,7 @@ def test_a_worker_s_address_is_no_scheduler_s(cluster):
         pass
 
 
-def test_an_interrupted_study_leaves_the_cluster_to_others_and_goes_on(cluster, job, tmp_path):
+def test_an_interrupted_study_releases_the_cluster_and_resumes(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
     study = Sweep(job, partial(held, folder=str(held_at), free=PERIODS[FREE - 1]))
@@ -201,7 +211,7 @@ def test_an_interrupted_study_leaves_the_cluster_to_others_and_goes_on(cluster, 
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
 
-def test_an_error_in_a_case_is_the_study_s(cluster, job):
+def test_an_error_in_a_case_is_raised_by_the_study(cluster, job):
     cluster.filled(2)
     with on(cluster):
         with pytest.raises(ZeroDivisionError, match="in the case"):
@@ -209,7 +219,7 @@ def test_an_error_in_a_case_is_the_study_s(cluster, job):
         waited_for(lambda: cluster.count("tasks") == 0)  # the rest is taken back
 
 
-def test_a_worker_s_machine_is_that_of_the_study(cluster, tmp_path, monkeypatch):
+def test_a_worker_with_another_machine_is_refused(cluster, tmp_path, monkeypatch):
     cluster.filled(2)
     file = tmp_path / "rigid.xml"
 
@@ -232,7 +242,7 @@ def test_a_worker_s_machine_is_that_of_the_study(cluster, tmp_path, monkeypatch)
         return origin
 
     monkeypatch.setattr(Origin, "here", changed)
-    with pytest.raises(WorkerError, match=rf"^worker on .*, process \d+: machine {file} is not the study's there: "):
+    with pytest.raises(WorkerError, match=rf"^worker on .*, process \d+: machine {file} differs from the study's: "):
         rows(damping=50.0)
 
 
@@ -243,7 +253,7 @@ def test_a_worker_with_another_version_is_refused(cluster, gantrysim_command, tm
         command = ("study", "circle", "--radius", 10, "--speed", 80, "--out", tmp_path / "out")
         status, printed, said = gantrysim_command(*command, "--backend", f"dask={cluster.address}")
     assert (status, printed) == (2, "")
-    assert f": has scipy 0.0.9 instead of {version('scipy')}: every worker must have what the study has\n" in said
+    assert f": has scipy 0.0.9 instead of {version('scipy')}: must have the study's\n" in said
     assert said.startswith("error: worker on ")
     assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
@@ -253,17 +263,17 @@ def test_a_worker_that_lacks_gantrysim_is_refused(cluster, job, tmp_path):
     with cluster.odd_one(without_gantrysim(tmp_path)), on(cluster), pytest.raises(WorkerError) as refused:
         rows_of(cases_of(job))
     reason = "ModuleNotFoundError: No module named 'gantrysim.study'"
-    assert str(refused.value) == f"a worker cannot read its cases: {reason}: every worker must have what the study has"
+    assert str(refused.value) == f"a worker cannot read its cases: {reason}: must have all that the study has"
 
 
 def test_a_case_that_ends_its_workers_ends_the_study(cluster, job):
     workers = cluster.filled(2)
-    with on(cluster), pytest.raises(WorkerError, match=r"^2 workers have ended at the same case, the last at tcp://"):
+    with on(cluster), pytest.raises(WorkerError, match=r"^2 workers ended at the same case, the last at tcp://"):
         rows_of(cases_of(job)[:1], measure=deadly)
     assert [worker.wait(PATIENCE) for worker in workers] == [-9, -9]
 
 
-def test_a_cluster_without_workers_and_a_scheduler_that_goes(cluster, job, monkeypatch):
+def test_a_cluster_without_workers_and_a_lost_scheduler_are_errors(cluster, job, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("gantrysim.study.cluster._PATIENCE", 1.0)
     cluster.filled(0)
@@ -279,6 +289,6 @@ def test_a_cluster_without_workers_and_a_scheduler_that_goes(cluster, job, monke
     log = logging.Handler()
     log.emit = logged.append
     monkeypatch.setattr(logging.getLogger("distributed.client"), "handlers", [log])
-    with on(cluster), pytest.raises(WorkerError, match=f"^the scheduler at {cluster.address} has gone$"):
+    with on(cluster), pytest.raises(WorkerError, match=f"^lost the scheduler at {cluster.address}$"):
         rows_of(cases_of(job), progress=end)
     assert logged == []  # the error says it

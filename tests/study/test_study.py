@@ -1,7 +1,10 @@
 """Studies: what they write, and what they refuse."""
 
 import csv
+import subprocess
+import sys
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -10,9 +13,9 @@ from conftest import RIGID, RIGID_DEFAULTS
 
 from gantrysim import InputError, Job
 from gantrysim.cli.study import carry_out
-from gantrysim.study import StudyInterrupted, measure, run_study
-from gantrysim.study.checks import NoValuesError
+from gantrysim.study import Report, Study, StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
+from gantrysim.study.run import NoValuesError
 
 from support.studies import SHORT, Counted, Toy, cases_of, content
 
@@ -41,11 +44,11 @@ def test_a_study_writes_its_folder(tmp_path, job):
     assert Job.load(str(folder / "job.toml")).toml() == job.toml()
     report = (folder / "report.html").read_text()
     assert "A toy" in report
-    assert "a second paragraph" in report
+    assert "a note" in report
     assert "It rises." in report
 
 
-def test_a_study_that_is_done_again_replaces_its_files_and_leaves_others(tmp_path, job):
+def test_a_repeated_study_replaces_its_files_and_keeps_others(tmp_path, job):
     run_study(Toy(job), tmp_path, workers=1)
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run_study(Toy(job, values=(0.3, 0.4)), tmp_path, workers=1)
@@ -53,7 +56,7 @@ def test_a_study_that_is_done_again_replaces_its_files_and_leaves_others(tmp_pat
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_a_run_s_folder_is_no_study_s(tmp_path, job):
+def test_the_folder_of_a_run_is_refused(tmp_path, job):
     (tmp_path / "report.html").write_text("of a run")
     (tmp_path / "run.npz").write_bytes(b"")
     with pytest.raises(InputError, match=r"holds report.html, which no study has written: name another folder"):
@@ -62,7 +65,7 @@ def test_a_run_s_folder_is_no_study_s(tmp_path, job):
     assert not (tmp_path / LEDGER).exists()
 
 
-def test_a_job_that_is_refused_as_it_stands_is_no_study(tmp_path, job):
+def test_a_refused_job_is_refused_before_any_case(tmp_path, job):
     refused = {
         "must lie in the travel": {"program.start": [1e3, 0.0]},
         "physics_step = 1 s: must be at most": {"simulation.physics_step": 1.0},
@@ -79,7 +82,7 @@ def test_a_job_that_is_refused_as_it_stands_is_no_study(tmp_path, job):
         assert not (tmp_path / "new").exists()
 
 
-def test_a_study_that_fails_at_its_end_keeps_its_rows_and_writes_nothing(tmp_path, job):
+def test_a_failing_report_keeps_the_rows_and_writes_nothing(tmp_path, job):
     with pytest.raises(ZeroDivisionError):
         run_study(Toy(job, broken=True), tmp_path, workers=1)
     assert list(content(tmp_path)) == [LEDGER]
@@ -101,7 +104,7 @@ class Failing(Counted):
         return super().__call__(case)
 
 
-def test_a_study_whose_first_case_fails_leaves_nothing_and_a_later_one_its_rows(tmp_path, job):
+def test_an_error_in_the_first_case_leaves_nothing_and_a_later_one_the_rows(tmp_path, job):
     with pytest.raises(ZeroDivisionError):
         run_study(Toy(job, Failing(0)), tmp_path / "a" / "b", workers=1)
     assert not list(tmp_path.iterdir())
@@ -110,7 +113,7 @@ def test_a_study_whose_first_case_fails_leaves_nothing_and_a_later_one_its_rows(
     assert list(content(tmp_path)) == [f"a/b/{LEDGER}"]
 
 
-def test_what_lay_in_the_folder_stays_where_nothing_was_finished(tmp_path, job):
+def test_other_files_in_the_folder_stay_if_no_case_is_finished(tmp_path, job):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ZeroDivisionError):
         run_study(Toy(job, Failing(0)), tmp_path, workers=1)
@@ -129,19 +132,19 @@ class Ending(Counted):
         return {**super().__call__(case), "status": status}
 
 
-def test_a_study_in_which_no_case_has_figures_says_so_and_writes_nothing(tmp_path, job, capsys):
-    with pytest.raises(NoValuesError, match=r"^none of the study's 5 cases has figures: refused: no$"):
+def test_a_study_without_values_reports_it_and_writes_nothing(tmp_path, job, capsys):
+    with pytest.raises(NoValuesError, match=r"^none of the study's 5 cases has values: refused: no$"):
         carry_out(Toy(job, Ending("refused: no")), tmp_path / "new", 1)
     with pytest.raises(typer.Exit) as stopped:
         carry_out(Toy(job, Ending("refused: no", "fault: trip")), tmp_path / "new", 1)
     assert stopped.value.exit_code == 3
-    assert capsys.readouterr() == ("", "fault: none of the study's 5 cases has figures: fault: trip\n")
+    assert capsys.readouterr() == ("", "fault: none of the study's 5 cases has values: fault: trip\n")
     assert not list(tmp_path.iterdir())
     carry_out(Toy(job, Ending("refused: no", "fault: trip", "ok")), tmp_path / "new", 1)
     assert (tmp_path / "new" / "report.html").exists()
 
 
-def test_another_study_in_the_folder_begins_anew(tmp_path, job):
+def test_rows_of_another_study_are_discarded(tmp_path, job):
     with pytest.raises(StudyInterrupted):
         run_study(Toy(job, Counted(interrupted_at=2)), tmp_path, workers=1)
     other = Toy(job, values=(0.3, 0.6))
@@ -150,14 +153,14 @@ def test_another_study_in_the_folder_begins_anew(tmp_path, job):
     assert len(other.measure.seen) == 3
 
 
-def test_paths_of_folders(tmp_path, job):
+def test_a_file_is_refused_as_folder(tmp_path, job):
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(InputError, match=f"--out {file}: is a file, must be a folder"):
         run_study(Toy(job), Path(file), workers=1)
 
 
-def test_a_machine_s_file_is_read_at_the_begin_of_a_study(tmp_path):
+def test_the_file_of_a_machine_is_read_at_the_start_of_a_study(tmp_path):
     file, found = tmp_path / "rigid.xml", []
     for damping in (12.0, 30.0):
         file.write_text(RIGID.format(**{**RIGID_DEFAULTS, "damping": damping}))
@@ -174,3 +177,39 @@ def measure_tracking(case):
         "third": case.settings["program.loop_period"] / 3,
         "tracking": row["tracking_rms_um"],
     }
+
+
+@dataclass(frozen=True)
+class Least(Study):
+    """A study that defines no more than it must."""
+
+    values: tuple = (0.3,)
+
+    name = "least"
+
+    def rounds(self):
+        yield cases_of(self.job, self.values)
+
+    def report(self, rows):
+        return Report("Done.")
+
+
+def test_a_study_needs_no_more_than_a_name_rounds_and_a_report(tmp_path, job):
+    outcome = run_study(Least(job), tmp_path, workers=1)
+    assert outcome.findings == ["Done."]
+    assert outcome.rows[0]["contour_rms_um"] > 0
+    described = tomllib.loads((tmp_path / "study.toml").read_text())
+    assert described["command"] == "gantrysim study least job.toml"
+    assert described["settings"] == {"values": [0.3]}
+    assert "Least study of an225" in (tmp_path / "report.html").read_text()
+    with pytest.raises(NotImplementedError):
+        Study(job).rounds()
+
+
+def test_plots_are_imported_for_a_report_alone():
+    code = (
+        "import sys; from gantrysim.study import CircleStudy, LoopStudy, MachineStudy, RepeatStudy, SpeedStudy, "
+        "run_study; assert 'gantrysim.study.loop.study' in sys.modules; "
+        "assert not {'matplotlib', 'gantrysim.study.loop.report'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

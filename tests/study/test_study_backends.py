@@ -40,12 +40,12 @@ def test_a_backend_holds_inside_the_block():
         ("dask=", r"^--backend dask=: must be dask=ADDRESS, as in dask=tcp://10\.0\.0\.1:8786$"),
     ],
 )
-def test_a_name_that_is_no_backend_s_is_refused(name, text):
+def test_an_unknown_backend_is_refused(name, text):
     with pytest.raises(InputError, match=text), on_backend(name):
         pass
 
 
-def test_without_dask_its_backend_says_how_to_come_by_it(monkeypatch):
+def test_without_dask_the_error_names_the_package_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "gantrysim.study.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     text = r"^--backend dask=tcp://a:1: needs distributed: pip install 'gantrysim\[dask\]'$"
@@ -78,7 +78,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(impatient, gantrysim_comma
 
 
 @pytest.mark.parametrize(("answer", "reason"), [(b"", "none within 0.5 s"), (b"HTTP/1.1 200 OK\r\n\r\n", "")])
-def test_what_answers_need_not_be_a_scheduler(impatient, answer, reason):
+def test_an_address_that_is_not_a_scheduler_is_refused(impatient, answer, reason):
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
 

@@ -38,7 +38,7 @@ def test_a_case_is_a_value_that_can_be_sent(job):
     assert case.job().program["loop_period"] == 0.1
 
 
-def test_the_key_tells_results_apart_and_tags_do_not_matter(job):
+def test_the_key_identifies_the_result_without_the_tags(job):
     case = Case.of(job, {"program.loop_period": 0.1})
     others = [
         Case.of(job),
@@ -52,7 +52,7 @@ def test_the_key_tells_results_apart_and_tags_do_not_matter(job):
     assert dict(case.tagged(sweep="a").tagged(sweep="b").tags) == {"sweep": "b"}
 
 
-def test_what_the_job_has_anyway_is_no_change(job):
+def test_values_that_the_job_has_already_are_no_overrides(job):
     own = {"program.loop_period": 0.05, "program.turns": 1, "program.wait_resolution": 1e-3, "servo.period": 1e-3}
     assert Case.of(job, own) == Case.of(job)
     assert Case.of(job, {**own, "program.turns": 2}).settings == {"program.turns": 2}
@@ -61,7 +61,7 @@ def test_what_the_job_has_anyway_is_no_change(job):
         assert measure(Case.of(job, none))["status"].startswith("refused: unknown key")
 
 
-def test_a_changed_case_shares_what_is_the_job_s_own(job):
+def test_a_changed_case_shares_unchanged_parts_of_the_job(job):
     encoder, slower = Case.of(job, {"servo.resolution": 0.01}), Case.of(job, {"program.speed": 120.0})
     own, same = Case.of(job).job(), encoder.job()
     assert same is encoder.job()
@@ -117,7 +117,7 @@ def test_the_bead_in_a_row_is_the_job_s(job):
     assert row["bead_volume_error_percent"] == pytest.approx(0, abs=100 * BEAD)
 
 
-def test_a_valve_that_opens_slowly_withholds_its_time_constant_s_flow(job):
+def test_a_slow_valve_withholds_the_flow_of_its_time_constant(job):
     opening, flow = 0.05, 200.0
     own = job.changed({**NO_LAGS, "dispenser.flow": flow, "program.acceleration": math.inf})
     prompt, late = (Case.of(own, {"dispenser.opening": T}, "perfect follower") for T in (0.0, opening))
@@ -176,7 +176,7 @@ def test_refused_and_faulted_cases_are_rows(job):
     assert fault["status"].startswith("fault: following error on axis")
 
 
-def test_series_takes_the_rows_that_have_what_is_asked(job):
+def test_series_takes_the_rows_with_tags_and_columns(job):
     rows = [
         {"status": "ok", "sweep": "a", "value": 2.0, "error": 4.0},
         {"status": "ok", "sweep": "a", "value": 1.0, "error": 1.0},

@@ -1,7 +1,6 @@
 """Circular tests of machines."""
 
 import csv
-import re
 
 import numpy as np
 import pytest
@@ -9,8 +8,8 @@ import pytest
 from gantrysim.errors import InputError
 from gantrysim.metrics import Trace
 from gantrysim.study import OK, run_study
-from gantrysim.study.checks import NoValuesError
 from gantrysim.study.circle import CircleStudy
+from gantrysim.study.run import NoValuesError
 
 ROUND = 2e-4  # [mm], of a frictionless machine whose axes have one frequency
 
@@ -28,7 +27,7 @@ def measured(study):
     return [{**dict(case.tags), **study.measure(case)} for cases in study.rounds() for case in cases]
 
 
-def test_a_frictionless_machine_runs_an_ellipse_that_follows_from_how_its_axes_swing(rigid):
+def test_a_frictionless_machine_runs_the_ellipse_of_its_axes_responses(rigid):
     """x = A cos(wt + a), y = B sin(wt + b): a wave of two lobes with G^2 = (A - B)^2 + R^2 (a - b)^2."""
     settings = ("servo.resolution=0", "feedforward=0.0", "integral_time=inf")
     study = CircleStudy(str(rigid().source), 30.0, 90.0, settings)
@@ -44,8 +43,8 @@ def test_a_frictionless_machine_runs_an_ellipse_that_follows_from_how_its_axes_s
     for row in rows:
         assert row["circular_deviation_um"] == pytest.approx(1e3 * deviation, abs=1e3 * ROUND)
     assert abs(size.mean() - 30) > 10 * ROUND
-    told = float(re.search(r"D = ([+-][0-9.]+) µm", study.findings(rows)[0])[1])
-    assert told == pytest.approx(1e3 * (size.mean() - 30), abs=0.1)
+    values = study.report(rows).tables[0]
+    assert values.rows[-1][-1] == pytest.approx(1e3 * (size.mean() - 30), abs=0.1)
 
 
 def test_friction_spikes_stand_outward_after_every_reversal_and_both_ways_alike(tested):
@@ -60,7 +59,7 @@ def test_friction_spikes_stand_outward_after_every_reversal_and_both_ways_alike(
     assert one["reversal_y_90_spike_um"] == pytest.approx(other["reversal_y_270_spike_um"], rel=0.05)
 
 
-def test_the_curves_hold_the_whole_circle_and_its_figures(tested):
+def test_the_curves_hold_the_whole_circle_and_its_values(tested):
     _, outcome, folder = tested
     with (folder / "curves.csv").open() as stream:
         lines = list(csv.DictReader(stream))
@@ -78,19 +77,20 @@ def test_the_curves_hold_the_whole_circle_and_its_figures(tested):
         assert "angle_deg" not in next(csv.reader(stream))
 
 
-def test_findings_tell_the_figures_of_the_rows(tested):
+def test_the_report_holds_the_values_of_the_rows(tested):
     _, outcome, folder = tested
     one, other = (row["circular_deviation_um"] for row in outcome.rows)
     assert outcome.findings[0].startswith(
-        f"Radius 40 mm at 80 mm/s on xy: circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-"
+        f"Circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-clockwise, bidirectional G(b) = "
     )
     spikes = [row[key] for row in outcome.rows for key in row if key.endswith("spike_um")]
-    assert f"The largest spike is {max(spikes, key=abs):+.1f} µm" in outcome.findings[1]
-    assert "ISO 230-4:2005" in outcome.findings[-1]
+    reversals = outcome.report.tables[1]
+    assert [row[4] for row in reversals.rows] == pytest.approx(spikes)
+    assert "ISO 230-4:2005" in outcome.report.notes[0]
     assert {path.name for path in (folder / "plots").iterdir()} == {"chart.png", "deviation.png"}
 
 
-def test_the_stage_carries_the_work_round_about_the_needle():
+def test_the_stage_moves_the_work_around_the_needle():
     study = CircleStudy("stage", 20.0, 40.0)
     assert study.centre == pytest.approx((-200.0, 0.0))
     rows = measured(study)
@@ -106,19 +106,19 @@ def test_the_lead_gives_time_to_start_and_to_settle(speed, lead):
     assert way - speed**2 / (2 * 3000.0) >= 0.3 * speed
 
 
-def test_what_a_fast_circle_cannot_tell_apart_is_said():
+def test_spikes_are_searched_within_their_decay_at_most_40_degrees():
     assert CircleStudy("xy", 50.0, 100.0).reach == 15
     study = CircleStudy("xy", 20.0, 100.0)
     assert study.reach == pytest.approx(np.degrees(0.5))
     assert CircleStudy("xy", 10.0, 100.0).reach == 40
 
 
-def test_a_fault_is_told(tmp_path):
+def test_a_fault_is_reported(tmp_path):
     study = CircleStudy("xy", 40.0, 80.0, ("following_error_limit=0.01",))
-    assert study.findings(measured(study))[0].startswith(
-        "The circle run clockwise has no figures: fault: following error on axis"
+    assert study.report(measured(study)).headline.startswith(
+        "The circle run clockwise has no values: fault: following error on axis"
     )
-    with pytest.raises(NoValuesError, match="none of the study's 2 cases has figures: fault: following error on axis"):
+    with pytest.raises(NoValuesError, match="none of the study's 2 cases has values: fault: following error on axis"):
         run_study(study, tmp_path / "out", workers=1)
     assert not (tmp_path / "out").exists()
 
@@ -136,7 +136,7 @@ def test_a_fault_is_told(tmp_path):
         (lambda: CircleStudy("xy", overrides=("perod=1",)), r"unknown key 'perod': did you mean"),
     ],
 )
-def test_what_makes_no_circle_is_refused(build, text):
+def test_invalid_circles_are_refused(build, text):
     with pytest.raises(InputError, match=text):
         build()
 
@@ -148,7 +148,7 @@ def test_a_circle_needs_axes_x_and_y(rigid):
         CircleStudy(str(file))
 
 
-def test_the_smallest_circle_has_figures():
+def test_the_smallest_circle_has_values():
     least = CircleStudy("xy", 1.92, 100.0)
     rows = measured(least)
     assert [row["status"] for row in rows] == [OK, OK]

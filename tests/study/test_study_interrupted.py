@@ -1,4 +1,4 @@
-"""Studies that are interrupted or killed, and go on."""
+"""Studies that are interrupted or killed, and resume."""
 
 import contextlib
 import json
@@ -24,7 +24,7 @@ def job():
 
 
 @pytest.mark.parametrize("at", [1, 3])
-def test_an_interrupted_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path, job, at):
+def test_a_resumed_study_ends_like_an_uninterrupted_one(tmp_path, job, at):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     expected = run_study(Toy(job), whole, workers=1)
     with pytest.raises(StudyInterrupted) as interrupted:
@@ -45,7 +45,7 @@ def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_ctrl_c_in_a_terminal_ends_the_command_with_a_word_of_how_to_go_on(tmp_path):
+def test_ctrl_c_in_a_terminal_ends_the_command_and_says_how_to_resume(tmp_path):
     folder = tmp_path / "loop"
     process = begun(folder)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
@@ -53,7 +53,7 @@ def test_ctrl_c_in_a_terminal_ends_the_command_with_a_word_of_how_to_go_on(tmp_p
     assert process.returncode == 130
     done = spoken(folder)
     assert done >= 1
-    assert f"interrupted: the rows of {done} finished cases are kept in {folder}/; the same command goes on" in said
+    assert f"interrupted: the rows of {done} finished cases are kept in {folder}/; run the same command again" in said
     assert "Traceback" not in said
     assert output == ""
     assert list(content(folder)) == [LEDGER]
@@ -73,7 +73,7 @@ def test_an_interrupt_that_is_lost_in_a_finaliser_ends_the_study_at_the_next_row
     assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
 
 
-def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp_path, job, capsys):
+def test_sigterm_interrupts_and_the_next_run_reports_what_it_resumes(tmp_path, job, capsys):
     class Killed(Counted):
         def __call__(self, case):
             if len(self.seen) == 2:
@@ -88,22 +88,24 @@ def test_a_polite_kill_is_an_interrupt_and_the_next_start_says_what_it_found(tmp
     assert signal.getsignal(signal.SIGTERM) is before
     carry_out(Toy(job), tmp_path, 1)
     output, said = capsys.readouterr()
-    assert said == "note: the rows of 2 cases were there from an interrupted start\n"
-    assert output.startswith("5 rows\n\na second paragraph\n\nwritten to ")
+    assert said == "note: resumed with the rows of 2 cases from an interrupted run\n"
+    words = output.split()
+    assert words[:2] == ["5", "rows"]
+    assert "a note\n\nwritten to " in output
     with pytest.raises(typer.Exit):
         carry_out(Toy(job, Counted(interrupted_at=1)), tmp_path, 1)
     carry_out(Toy(job, values=(0.3,)), tmp_path, 1)
-    assert "which were not taken: they differ in settings" in capsys.readouterr().err
+    assert "are discarded: they differ in settings" in capsys.readouterr().err
 
 
-def test_two_studies_in_one_folder_at_once(tmp_path, gantrysim_command):
+def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
     folder = tmp_path / "loop"
     process = begun(folder)
     try:
         before = (folder / LEDGER).read_bytes()
         status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
         assert status == 2
-        assert said == f"error: --out {folder}: another study is at work in this folder\n"
+        assert said == f"error: --out {folder}: in use by another study\n"
         assert (folder / LEDGER).read_bytes().startswith(before)
         assert process.poll() is None
     finally:
@@ -125,7 +127,7 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path):
         time.sleep(0.1)
 
 
-def test_a_killed_study_goes_on_and_ends_as_if_it_had_not_been(tmp_path):
+def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
     folder = tmp_path / "loop"
     process = begun(folder)
     os.killpg(process.pid, signal.SIGKILL)

@@ -6,7 +6,7 @@ from gantrysim.study import Ledger
 from gantrysim.study.ledger import LEDGER
 
 
-def test_the_ledger_forgives_a_line_that_was_cut_off(tmp_path):
+def test_the_ledger_ignores_a_line_that_was_cut_off(tmp_path):
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         ledger.add("one", {"value": 1 / 3})
         ledger.add("two", {"value": 2.0})
@@ -20,7 +20,7 @@ def test_the_ledger_forgives_a_line_that_was_cut_off(tmp_path):
         assert (tmp_path / LEDGER).read_bytes() == whole
 
 
-def test_a_row_is_on_the_disk_as_soon_as_it_is_finished_and_half_a_row_is_gone_at_once(tmp_path):
+def test_a_row_is_on_disk_as_soon_as_it_is_finished_and_half_a_row_is_removed(tmp_path):
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         ledger.add("one", {"value": 1})
         assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"value": 1}]\n')
@@ -31,7 +31,7 @@ def test_a_row_is_on_the_disk_as_soon_as_it_is_finished_and_half_a_row_is_gone_a
 
 
 @pytest.mark.parametrize("found", [b"", b"{", b'{"study"', b"\xff\xfe\n", b"nonsense\n"])
-def test_a_ledger_without_a_whole_first_line_is_begun_anew(tmp_path, found):
+def test_a_ledger_without_a_complete_first_line_starts_empty(tmp_path, found):
     (tmp_path / LEDGER).write_bytes(found)
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         assert (ledger.kept, ledger.discarded) == (0, None)
@@ -40,7 +40,7 @@ def test_a_ledger_without_a_whole_first_line_is_begun_anew(tmp_path, found):
         assert ledger.kept == 1
 
 
-def test_another_study_s_rows_are_discarded_and_said_so(tmp_path):
+def test_rows_of_another_study_are_discarded_with_the_reason(tmp_path):
     with Ledger(tmp_path, {"study": "x", "version": 1}) as ledger:
         ledger.add("one", {"value": 1})
     with Ledger(tmp_path, {"study": "x", "version": 2}) as ledger:
@@ -49,4 +49,4 @@ def test_another_study_s_rows_are_discarded_and_said_so(tmp_path):
         assert ledger.discarded is None
     (tmp_path / LEDGER).write_text("[1]\n")
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        assert ledger.discarded == "they are no study's"
+        assert ledger.discarded == "they are not of a study"

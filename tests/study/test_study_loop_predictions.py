@@ -124,7 +124,9 @@ def test_arcs_are_tangent_and_as_long_as_their_time_at_the_path_speed():
     step = np.diff(arcs.position(phi))
     heading = np.unwrap(np.angle(step))
     np.testing.assert_allclose(heading, 0.5 * np.pi - 0.5 * (phi[1:] + phi[:-1]), rtol=0, atol=1e-6)
-    assert np.abs(step).sum() == pytest.approx(MoveSpiral(**NOTE, loop_period=0.3).passes.profile.duration * 100, rel=1e-6)
+    assert np.abs(step).sum() == pytest.approx(
+        MoveSpiral(**NOTE, loop_period=0.3).passes.profile.duration * 100, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 0.01, 0.1])
@@ -135,14 +137,14 @@ def test_law_of_first_order(period):
 
 
 @pytest.mark.parametrize("acceleration", [500.0, 2000.0])
-def test_a_loop_of_v_over_accel_costs_as_much_as_accel(acceleration):
+def test_a_loop_period_of_v_over_accel_has_the_error_of_accel(acceleration):
     fast = SteppedArcs(**NOTE, loop_period=1e-3, acceleration=acceleration).generation.rms
     assert fast == pytest.approx(loop_error(10, 60, 100, 1e-3, acceleration).rms, rel=0.02)
     same = SteppedArcs(**NOTE, loop_period=100 / acceleration).generation.rms
     assert fast == pytest.approx(same, rel=0.03)
 
 
-def test_acceleration_as_a_perfect_follower_finds_it(xy):
+def test_acceleration_of_a_perfect_follower(xy):
     limits = {"loop_period": 0.1, "acceleration": 1000.0, "wait_resolution": 1e-3, "ratio_bits": 16}
     measured = followed(xy, **limits).values.generation
     arcs = SteppedArcs(**NOTE, **limits)
@@ -160,7 +162,7 @@ def test_local_pitch(time, resolution):
     np.testing.assert_allclose(arcs.spacing(phi), law, rtol=0, atol=0.03)
 
 
-def test_half_of_the_resolution_of_wa_makes_good_for_it():
+def test_an_interpreter_time_of_half_the_resolution_offsets_wa():
     pitch = [
         SteppedArcs(**NOTE, loop_period=0.1, wait_resolution=1e-3, interpreter_time=d).spacings.mean for d in (0, 5e-4)
     ]
@@ -168,7 +170,7 @@ def test_half_of_the_resolution_of_wa_makes_good_for_it():
     assert abs(pitch[1] - 10) < 0.002
 
 
-def test_a_spiral_that_comes_to_its_centre_is_refused():
+def test_a_spiral_that_reaches_its_centre_is_refused():
     with pytest.raises(InputError, match=r"ratio x = 0 after [\d.]+ of 4 turns: must be above 0 to the end"):
         SteppedArcs(**NOTE, loop_period=4e-3, wait_resolution=1e-3)
 
@@ -177,7 +179,7 @@ def test_one_turn_has_no_spacing():
     assert SteppedArcs(**{**NOTE, "turns": 1}, loop_period=0.1).spacings is None
 
 
-def test_where_a_normal_misses_the_next_turn_there_is_no_spacing():
+def test_no_spacing_where_a_normal_misses_the_next_turn():
     wild = SteppedArcs(30, 2, 5, 200, 0.0651, wait_resolution=1e-3, acceleration=1000.0)
     distance = wild.spacing(np.linspace(0, 2 * np.pi, 7000))
     assert 0 < np.isnan(distance).mean() < 0.1
@@ -216,7 +218,7 @@ def responses(machine, servo, circle, speed, radius):
         (1e-3, {"output_velocity": -1e-5}),
     ],
 )
-def test_following_error_that_sampling_and_winding_leave(rigid, circle, period, gains):
+def test_following_error_of_sampling_and_winding(rigid, circle, period, gains):
     machine = rigid()
     speed, radius = 100.0, 20.0
     servo = Servo.derive(machine.axes, period, resolution=0.0, **gains)
@@ -230,7 +232,7 @@ def test_following_error_that_sampling_and_winding_leave(rigid, circle, period, 
 
 
 @pytest.mark.parametrize("period", [5e-4, 1e-3, 2e-3])
-def test_late_feed_forward_costs_its_lag_times_the_jerk(xy, period):
+def test_late_feed_forward_leaves_its_lag_times_the_jerk(xy, period):
     axis, servo = xy.axes[0], Servo.derive(xy.axes, period)
     rate, radius = 2.0, 50.0
     jerk = rate**3 * radius

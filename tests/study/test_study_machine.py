@@ -1,8 +1,7 @@
-"""Many machines that differ: their yield, and what matters."""
+"""Many machines that differ: their yield, and the influence of every factor."""
 
 import csv
 import itertools
-import re
 
 import numpy as np
 import pytest
@@ -11,10 +10,9 @@ from scipy.stats import spearmanr
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.study import OK, measure, run_study
+from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.machine import MachineStudy, Tolerances
-from gantrysim.study.machine.figures import _draw_yield
-from gantrysim.study.machine.findings import findings
+from gantrysim.study.machine.report import _draw_yield
 from gantrysim.study.machine.yields import influences, yield_of
 
 NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I
@@ -35,7 +33,7 @@ def test_the_wilson_interval_is_the_published_one(counts, interval):
     assert found.share == counts[0] / counts[1]
 
 
-def test_the_wilson_interval_of_all_is_that_of_none_turned_round():
+def test_the_wilson_interval_of_all_mirrors_that_of_none():
     none, every = yield_of(0, 50), yield_of(50, 50)
     assert every.high == 1
     assert every.low == pytest.approx(1 - none.high, abs=1e-12)
@@ -46,7 +44,7 @@ def factors(count, names="abcdef", seed=0):
     return {name: generator.uniform(0.5, 2.0, count) for name in names}
 
 
-def test_influences_are_in_the_order_and_with_the_sign_of_what_makes_the_figure():
+def test_influences_have_the_order_and_sign_of_the_factors():
     drawn = factors(100)
     figure = np.exp(2 * drawn["b"] - drawn["e"] + 0.02 * drawn["a"])
     found, explained = influences(drawn, figure)
@@ -60,7 +58,7 @@ def test_influences_are_in_the_order_and_with_the_sign_of_what_makes_the_figure(
     assert [one.coefficient for one in again] == pytest.approx([one.coefficient for one in found])
 
 
-def test_of_one_factor_the_coefficient_is_spearmans_rank_correlation():
+def test_the_coefficient_of_a_single_factor_is_spearmans_rank_correlation():
     drawn = factors(40, "a")
     figure = drawn["a"] + np.random.default_rng(5).normal(0, 0.5, 40)
     found, explained = influences(drawn, figure)
@@ -68,14 +66,14 @@ def test_of_one_factor_the_coefficient_is_spearmans_rank_correlation():
     assert explained == pytest.approx(found[0].coefficient ** 2, abs=1e-12)
 
 
-def test_a_small_influence_is_clear_where_the_great_one_explains_the_rest():
+def test_a_small_influence_is_significant_if_a_large_one_explains_the_rest():
     drawn = factors(64)
     found, _ = influences(drawn, 10 * drawn["a"] + 2 * drawn["c"])
     assert [(one.factor, one.clear) for one in found[:2]] == [("a", True), ("c", True)]
     assert abs(found[1].coefficient) < 0.35  # which by itself, of 64 and six factors, could be chance
 
 
-def test_where_nothing_matters_something_seems_to_in_about_one_study_of_twenty():
+def test_false_alarms_are_about_one_study_in_twenty():
     generator = np.random.default_rng(2)
     alarms = [
         any(one.clear for one in influences(factors(40, seed=k + 10), generator.normal(size=40))[0]) for k in range(200)
@@ -83,7 +81,7 @@ def test_where_nothing_matters_something_seems_to_in_about_one_study_of_twenty()
     assert 0 < np.mean(alarms) < FALSE_ALARMS
 
 
-def test_machines_without_the_figure_are_worse_than_any():
+def test_failed_machines_rank_worst():
     drawn = factors(50)
     figure = drawn["a"].copy()
     figure[drawn["a"] > 1.5] = np.inf
@@ -111,7 +109,7 @@ def test_a_latin_hypercube_has_one_machine_in_each_part_of_every_range():
     assert not np.array_equal(machines["friction_x"], other["friction_x"])
 
 
-def test_a_sample_is_a_perturbation_of_every_axis_by_itself():
+def test_a_sample_perturbs_every_axis_on_its_own():
     study = MachineStudy(Job.load("an225-3d"), 50.0, samples=20, spread=Tolerances(viscous=0.0))
     perturbation, machines = study.perturbation(3), study.machines
     assert perturbation.payload == machines["payload_kg"][2]
@@ -142,7 +140,7 @@ def synthetic(case):
     return {"status": OK, "contour_max_um": 50 * perturbation.friction[0]}
 
 
-def test_the_yield_of_a_known_figure(tmp_path):
+def test_the_yield_of_a_known_metric(tmp_path):
     study = MachineStudy(Job.load("an225"), 60.0, samples=64, measure=synthetic)
     outcome = run_study(study, tmp_path / "out", workers=1)
     machines = study.machines
@@ -150,15 +148,18 @@ def test_the_yield_of_a_known_figure(tmp_path):
     faults = int((machines["motor_constant_x"] > 1.09).sum())
     assert faults > 0
     within = int(good.sum())
-    text, matters, varied = outcome.findings
-    assert text.startswith(
-        f"{within} of 64 machines keep to a largest contour error of 60 µm: a yield of {100 * within / 64:.1f} %, with "
-    )
-    assert "The nominal machine has 50 µm" in text
-    assert f"{faults} of them did not finish, as machine" in text
-    assert "fault: oscillation on axis x" in text
-    assert matters.startswith("What matters most is friction of x (rank coefficient +0.")
-    assert "friction by factors of 0.667 to 1.5" in varied
+    headline, failed, _ = outcome.findings
+    assert headline.startswith(f"Yield {100 * within / 64:.1f} % (95 % confidence: ")
+    limit = "the tolerance of 60 µm (largest contour error)"
+    assert headline.endswith(f"{within} of 64 machines are within {limit}; the dominant factor is friction of x.")
+    assert failed.startswith(f"{faults} runs failed, such as machine ")
+    assert failed.endswith(": fault: oscillation on axis x.")
+    distribution, influence, variation = outcome.report.tables
+    assert distribution.rows[0] == ["nominal", 50.0]
+    assert distribution.rows[-1][1] is None  # the worst machine failed
+    assert influence.rows[0][0] == "friction of x"
+    assert influence.rows[0][2] == "yes"
+    assert ["friction", "0.667 to 1.5"] in variation.rows
     with (tmp_path / "out" / "study.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [int(row["sample"]) for row in rows] == list(range(65))
@@ -171,20 +172,21 @@ def test_the_yield_of_a_known_figure(tmp_path):
     assert "The worst machines" in report
 
 
-@pytest.mark.parametrize(("tolerance", "told"), [(1.0, False), (50.0, True), (1e3, False)])
-def test_shares_within_the_tolerance_are_told_where_there_are_both_kinds(tolerance, told):
+@pytest.mark.parametrize(("tolerance", "shares"), [(1.0, [0, 0]), (50.0, [0, 100]), (1e3, [100, 100])])
+def test_the_yield_is_given_above_and_below_the_median_of_a_factor(tolerance, shares):
     study = MachineStudy(Job.load("an225"), tolerance, samples=64)
     (cases,) = study.rounds()
     rows = [{**dict(case.tags), **synthetic(case)} for case in cases]
-    text = findings(study, [{**row, "status": OK, "contour_max_um": 50 * row["friction_x"]} for row in rows])[1]
-    assert text.startswith("What matters most is friction of x (rank coefficient +")
-    assert (": of the machines with more of it" in text) is told
-    assert re.search(r"coefficient \+[\d.]+\)[.:] ", text)
+    rows = [{**row, "status": OK, "contour_max_um": 50 * row["friction_x"]} for row in rows]
+    factor, coefficient, significant, *yields = study.report(rows).tables[1].rows[0]
+    assert (factor, significant) == ("friction of x", "yes")
+    assert coefficient > 0.9
+    assert yields == pytest.approx(shares, abs=5)
 
 
 @pytest.mark.parametrize("tolerance", [5.0, 11.0, 14.0, 20.0, 29.0, 35.0])
 @pytest.mark.parametrize("power", [0.2, 1.0, 5.0])
-def test_the_yield_s_words_stand_clear_of_the_curve(tolerance, power):
+def test_the_label_of_the_yield_does_not_overlap_the_curve(tolerance, power):
     figure = 10 + 20 * np.linspace(0, 1, 65) ** power
     drawing = _draw_yield(figure, 12.0, tolerance, "error [µm]")
     drawing.draw_without_rendering()
@@ -202,11 +204,10 @@ def test_the_yield_s_words_stand_clear_of_the_curve(tolerance, power):
     assert box.y1 < frame.y1
 
 
-def test_findings_where_no_machine_runs():
+def test_the_report_where_no_machine_runs():
     study = MachineStudy(Job.load("an225"), 60.0, samples=20)
     rows = [{"sample": k, "status": "refused: no"} for k in range(21)]
-    assert study.findings(rows)[0] == "None of the 21 machines gives a run with figures: refused: no"
-    assert study.figures(rows) == []
+    assert study.report(rows) == Report("None of the 21 machines gives a run with values: refused: no")
 
 
 def test_machines_with_more_friction_are_worse_in_real_runs():
@@ -217,7 +218,7 @@ def test_machines_with_more_friction_are_worse_in_real_runs():
     figure = np.array([row["contour_max_um"] for row in rows[1:]])
     assert np.corrcoef(study.machines["friction_x"], figure)[0, 1] > 0.9
     assert figure.min() < rows[0]["contour_max_um"] < figure.max()
-    assert study.findings(rows)[1].startswith("What matters most is friction of x")
+    assert study.report(rows).headline.endswith("the dominant factor is friction of x.")
     # the row of a machine is that of a run of it, with the nominal machine's gains
     run = job.run(machine=job.built_machine.perturbed(study.perturbation(1)))
     assert figure[0] == pytest.approx(1e3 * Analysis(run).nozzle.distance.max())
@@ -243,11 +244,11 @@ def test_machines_with_more_friction_are_worse_in_real_runs():
         (lambda: MachineStudy(Job.load("an225"), -1.0), "tolerance = -1: must be greater than 0"),
     ],
 )
-def test_what_makes_no_study_is_refused(build, text):
+def test_invalid_studies_are_refused(build, text):
     with pytest.raises(InputError, match=text):
         build()
 
 
-def test_a_spread_in_words_keeps_what_it_does_not_name():
+def test_a_parsed_spread_keeps_the_defaults():
     assert Tolerances.parse(" friction = 0.2, payload=1 ") == Tolerances(payload=1.0, friction=0.2)
     assert Tolerances.parse("") == Tolerances()

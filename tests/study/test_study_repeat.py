@@ -8,7 +8,7 @@ import pytest
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.study import OK, Case, run_study
+from gantrysim.study import OK, Case, Report, run_study
 from gantrysim.study.repeat import (
     PHASES,
     RepeatCase,
@@ -58,7 +58,7 @@ def test_a_program_bound_to_ticks_has_no_phase():
     assert not has_phase(Job.load("softmc-arc"))
 
 
-def test_cases_that_differ_in_their_phase_are_two():
+def test_cases_with_different_phases_have_different_keys():
     one = RepeatCase.of(small())
     other = replace(one, phase=3)
     assert len({one.key, other.key, Case.of(small()).key}) == 3
@@ -93,10 +93,11 @@ def test_repeats_that_differ_in_nothing_have_no_scatter(tmp_path):
     assert path.path_repeatability < 1e-12
     assert path.path_accuracy == pytest.approx(1e-3 * outcome.rows[0]["contour_max_um"], rel=1e-9)
     assert len(outcome.rows) == 3
-    assert "Varied from repeat to repeat: nothing" in outcome.findings[1]
+    _, variation = zip(*outcome.report.tables[1].rows, strict=True)
+    assert variation == ("0 % standard deviation", "none", "none, it starts on a servo tick")
 
 
-def test_home_offsets_alone_scatter_the_path_by_what_of_them_is_square_to_it(tmp_path):
+def test_home_offsets_scatter_the_path_by_their_normal_component(tmp_path):
     study = RepeatStudy(Job.load("softmc-arc"), repeats=6, friction=0.0, places=60)
     assert study.sources == ("home offset",)
     outcome = run_study(study, tmp_path / "out", workers=1)
@@ -111,7 +112,7 @@ def test_home_offsets_alone_scatter_the_path_by_what_of_them_is_square_to_it(tmp
     assert path.repeatability[smooth] == pytest.approx(expected[smooth], abs=PROJECTED)
 
 
-def test_each_source_is_varied_by_itself_as_it_is_with_the_others():
+def test_each_source_varies_alone_as_it_does_with_the_others():
     study = RepeatStudy(small(), repeats=4, friction=0.1)
     assert study.sources == ("friction", "home offset", "phase")
     cases = next(study.rounds())
@@ -134,7 +135,7 @@ def test_each_source_is_varied_by_itself_as_it_is_with_the_others():
     assert {case.phase for case in next(RepeatStudy(small(), 100).rounds())} == set(range(PHASES))
 
 
-def test_more_scatter_of_friction_is_less_repeatability(tmp_path):
+def test_more_scatter_of_friction_worsens_the_repeatability(tmp_path):
     found = []
     for friction in (0.01, 0.1):
         study = RepeatStudy(small("servo.resolution=0.0", "program.servo_period=0.001"), 5, friction, places=80)
@@ -149,7 +150,7 @@ def test_more_scatter_of_friction_is_less_repeatability(tmp_path):
     assert {path.name for path in (tmp_path / "0.1" / "plots").iterdir()} == {"along.png", "plan.png"}
 
 
-def test_the_curves_of_a_repeat_are_the_nozzle_seen_from_the_path():
+def test_the_curves_of_a_repeat_are_the_offsets_of_the_nozzle():
     job = small()
     analysis = Analysis(job.run())
     row = measure_repeat(RepeatCase.of(job), tuple(analysis.nozzle.s[[400, 800]]))
@@ -163,10 +164,10 @@ def test_repeats_that_fault_are_left_out_and_counted():
     curve = {"s_mm": [0.0], **{f"offset_{name}_um": [1.0] * study.s.size for name in "xyz"}}
     good = {"varied": "all", "status": OK, **curve}
     rows = [good, {"varied": "all", "status": "fault: travel"}, good]
-    assert study.findings(rows)[-1].endswith("1 runs did not finish and are left out.")
-    assert "Over 2 repeats" in study.findings(rows)[0]
-    assert study.findings(rows[1:]) == ["Fewer than two of 3 repeats have figures: fault: travel"]
-    assert study.figures(rows[1:]) == []
+    report = study.report(rows)
+    assert report.notes[-1] == "1 of 3 runs failed and are left out."
+    assert "over 2 repeats" in report.headline
+    assert study.report(rows[1:]) == Report("Fewer than two of 3 repeats have values: fault: travel")
 
 
 @pytest.mark.parametrize(
@@ -177,6 +178,6 @@ def test_repeats_that_fault_are_left_out_and_counted():
         ({"friction": -0.1}, "friction = -0.1: must be at least 0"),
     ],
 )
-def test_what_makes_no_repeats_is_refused(values, text):
+def test_invalid_repeats_are_refused(values, text):
     with pytest.raises(InputError, match=text):
         RepeatStudy(Job.load("softmc-arc"), **values)

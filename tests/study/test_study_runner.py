@@ -2,7 +2,9 @@
 
 import os
 import signal
+import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from gantrysim import InputError, Job
 from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, run_cases, run_study
 
-from support.studies import SHORT, Counted, Toy, cases_of, content
+from support.studies import PATIENCE, SHORT, Counted, Toy, cases_of, content
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +46,7 @@ def test_another_backend_of_joblib_gives_the_same_rows(job):
     assert sorted(counted.seen) == [0.02, 0.05]
 
 
-def test_no_worker_is_none(job):
+def test_zero_workers_are_refused(job):
     with Ledger(None, {}) as ledger, pytest.raises(InputError, match="workers = 0: must be at least 1"):
         run_cases(cases_of(job), ledger, workers=0)
 
@@ -85,7 +87,7 @@ def test_there_are_never_more_processes_than_cores_or_cases(job, monkeypatch):
     assert processes(job, monkeypatch, cores=4, workers=None, cases=2) == 2
 
 
-def test_workers_leave_ctrl_c_to_the_study(job, monkeypatch):
+def test_workers_ignore_ctrl_c(job, monkeypatch):
     monkeypatch.setattr("joblib._parallel_backends.cpu_count", lambda only_physical_cores=False: 2)
     before = signal.getsignal(signal.SIGINT)
     with Ledger(None, {}) as ledger:
@@ -94,7 +96,7 @@ def test_workers_leave_ctrl_c_to_the_study(job, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_cases_that_differ_in_tags_alone_run_once(job):
+def test_cases_that_differ_only_in_tags_run_once(job):
     counted, told = Counted(), []
     cases = [Case.of(job, {"program.loop_period": 0.1}, sweep=s) for s in "ab"] + cases_of(job, (0.2,))
     with Ledger(None, {}) as ledger:
@@ -105,17 +107,27 @@ def test_cases_that_differ_in_tags_alone_run_once(job):
     assert rows[0]["third"] == rows[1]["third"] == 0.1 / 3
 
 
-def deadly(case):
+def deadly(case, recorded):
     if case.settings["program.loop_period"] == 0.08:
+        until = time.monotonic() + PATIENCE
+        while not recorded.exists() and time.monotonic() < until:
+            time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGKILL)
     return {"status": "ok"}
 
 
-def test_a_worker_that_is_killed_ends_the_study_and_what_was_finished_is_kept(job, monkeypatch):
+def test_a_killed_worker_ends_the_study_and_finished_rows_are_kept(job, monkeypatch, tmp_path):
     monkeypatch.setattr("joblib._parallel_backends.cpu_count", lambda: 2)
+    recorded = tmp_path / "recorded"  # the worker is killed after this, however slow the machine is
+
+    def progress(done, every):
+        if done:
+            recorded.touch()
+
+    cases, measure = cases_of(job, (0.02, 0.03, 0.04, 0.06, 0.07, 0.08)), partial(deadly, recorded=recorded)
     with Ledger(None, {}) as ledger:
-        with pytest.raises(WorkerError, match=r"^a worker has ended at its work, as one that the system "):
-            run_cases(cases_of(job, (0.02, 0.03, 0.04, 0.06, 0.07, 0.08)), ledger, workers=2, measure=deadly)
+        with pytest.raises(WorkerError, match=r"^a worker ended unexpectedly"):
+            run_cases(cases, ledger, workers=2, measure=measure, progress=progress)
         assert len(ledger) >= 1
 
 
@@ -203,8 +215,12 @@ def test_cases_that_are_measured_together_have_a_row_each(job, short_of):
 class Crowd(Toy):
     """A toy whose cases are measured together."""
 
-    measure_together: Together = field(default_factory=Together)
+    together: Together = field(default_factory=Together)
     values: tuple = tuple(0.1 + 0.01 * k for k in range(40))
+
+    @property
+    def measure_together(self):
+        return self.together
 
 
 def test_a_study_s_cases_are_measured_together_where_it_can(job, tmp_path):
@@ -213,7 +229,7 @@ def test_a_study_s_cases_are_measured_together_where_it_can(job, tmp_path):
     assert study.measure.seen == []
     assert study.measure_together.sizes == [20, 20, 1]
     with pytest.raises(StudyInterrupted) as interrupted:
-        run_study(Crowd(job, measure_together=Together(interrupted_at=1)), tmp_path / "broken", workers=1)
+        run_study(Crowd(job, together=Together(interrupted_at=1)), tmp_path / "broken", workers=1)
     assert interrupted.value.done == 20
     rest = Crowd(job)
     again = run_study(rest, tmp_path / "broken", workers=1)

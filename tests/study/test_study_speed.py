@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.study import OK, measure, run_study
+from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
 
@@ -49,19 +49,19 @@ def test_a_finer_search_takes_more_rounds_and_is_nearer():
     assert answer(fine[0]).above <= answer(fine[0]).fastest * 1.001
 
 
-def test_where_all_is_within_the_search_goes_up_to_thirty_two_times_the_speed_and_ends():
+def test_the_search_ends_at_thirty_two_times_the_speed_if_all_are_within():
     tried, _ = search(lambda speed: True)
     assert max(tried) == pytest.approx(3200)
     assert answer(tried) == SpeedAnswer(max(tried), None)
 
 
-def test_where_nothing_is_within_the_search_goes_down_to_a_thirty_second_and_ends():
+def test_the_search_ends_at_a_thirty_second_of_the_speed_if_none_is_within():
     tried, _ = search(lambda speed: False)
     assert min(tried) == pytest.approx(100 / 32, rel=1e-3)
     assert answer(tried) == SpeedAnswer(None, min(tried))
 
 
-def test_an_island_beyond_the_limit_is_told_and_is_not_the_answer():
+def test_an_island_beyond_the_limit_is_reported_and_is_not_the_answer():
     tried, _ = search(lambda speed: speed <= 60 or 180 < speed < 220)
     found = answer(tried)
     assert found.fastest <= 60 < found.above
@@ -70,7 +70,7 @@ def test_an_island_beyond_the_limit_is_told_and_is_not_the_answer():
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(2.0, 5000.0), min_size=0, max_size=6), st.booleans(), st.floats(1.0, 900.0))
-def test_below_the_answer_every_speed_tried_is_within_whatever_the_figure_does(edges, begins, own):
+def test_every_speed_tried_below_the_answer_is_within_for_any_metric(edges, begins, own):
     edges = sorted(edges)
 
     def within(speed):
@@ -87,7 +87,7 @@ def test_below_the_answer_every_speed_tried_is_within_whatever_the_figure_does(e
 
 
 def synthetic(case, knee=130.0, fault=350.0):
-    """A figure of speed^2 / knee, and a fault beyond a speed."""
+    """An error of speed^2 / knee, and a fault beyond a speed."""
     speed = case.settings.get("program.speed", 100.0)  # the job's own where it is not changed
     if speed > fault:
         return {"status": "fault: overspeed on axis x"}
@@ -103,22 +103,27 @@ def synthetic(case, knee=130.0, fault=350.0):
     return {"status": OK, **row}
 
 
-def test_the_study_finds_a_known_limit_and_says_so(tmp_path):
+def test_the_study_reports_a_known_limit(tmp_path):
     study = SpeedStudy(Job.load("an225"), 50.0, measure=synthetic)
     outcome = run_study(study, tmp_path / "out", workers=1)
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
     assert found.fastest <= 130 < found.above <= 1.01 * found.fastest
-    assert outcome.findings[0].startswith(
-        f"Up to {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the program's own 100 mm/s, the job keeps to a "
-        f"largest contour error of 50 µm; at {found.above:g} mm/s it is "
+    assert outcome.report.headline == (
+        f"Fastest speed {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the programmed 100 mm/s, within the "
+        "tolerance of 50 µm (largest contour error)."
     )
-    assert "Most of the error there is the tracking part" in outcome.findings[0]
-    assert any("From 200 mm/s on a faster program does not make the job shorter" in text for text in outcome.findings)
+    (table,) = outcome.report.tables
+    assert [row[:2] for row in table.rows] == [
+        ["fastest", found.fastest], ["next", found.above], ["programmed", 100], ["slowest", 25]
+    ]  # fmt: skip
+    assert table.rows[0][2] <= 50 < table.rows[1][2]
+    assert table.rows[0][3] == "tracking"
+    assert "From 200 mm/s on, ramps, clamps and axis limits keep the duration at 0.05 s." in outcome.report.notes
     with (tmp_path / "out" / "study.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [float(row["speed_mm_s"]) for row in rows] == [row["speed_mm_s"] for row in outcome.rows]
     assert {path.name for path in (tmp_path / "out" / "plots").iterdir()} == {"speed.png", "links.png"}
-    assert "Cases without figures" in (tmp_path / "out" / "report.html").read_text()
+    assert "Failed cases" in (tmp_path / "out" / "report.html").read_text()
 
 
 def never(case):
@@ -129,18 +134,18 @@ def hopeless(case):
     return {**synthetic(case), "contour_max_um": 999.0}
 
 
-def test_findings_where_nothing_will_do():
+def test_the_report_where_no_speed_is_within_the_tolerance():
     study = SpeedStudy(Job.load("an225"), 50.0)
     rows = [{"speed_mm_s": speed, **never(None)} for speed in (50.0, 100.0)]
-    assert study.findings(rows) == ["None of the 2 speeds tried gives a run with figures: refused: no"]
-    assert study.figures(rows) == []
+    assert study.report(rows) == Report("None of the 2 speeds tried gives a run with values: refused: no")
     rows = [
         {"speed_mm_s": speed, **hopeless(type("C", (), {"settings": {"program.speed": speed}}))}
         for speed in (50.0, 99.0)
     ]
-    assert study.findings(rows)[0].startswith(
-        "No speed tried, from 50 to 99 mm/s, keeps to a largest contour error of 50 µm: at 50 mm/s it is 999 µm."
-    )
+    report = study.report(rows)
+    limit = "the tolerance of 50 µm (largest contour error)"
+    assert report.headline == f"No speed tried, from 50 to 99 mm/s, is within {limit}."
+    assert report.tables[0].rows[-1][:3] == ["slowest", 50, 999]
 
 
 def test_a_real_search_agrees_with_runs_at_its_answer():
@@ -174,7 +179,7 @@ ROW = {
 }
 
 
-def test_a_criterion_takes_a_figure_by_its_name_with_or_without_the_unit():
+def test_a_criterion_takes_a_metric_with_or_without_its_unit():
     for name in ("contour_max", "contour_max_um"):
         criterion = Criterion(name, 12.5)
         assert criterion.value(ROW) == 12.5
@@ -187,7 +192,7 @@ def test_a_criterion_takes_a_figure_by_its_name_with_or_without_the_unit():
 
 
 @pytest.mark.parametrize("row", [{"status": "fault: x"}, {**ROW, "status": "refused: y"}])
-def test_a_run_without_figures_is_never_within(row):
+def test_a_run_without_values_is_never_within(row):
     criterion = Criterion("contour_max", 1e9)
     assert criterion.value(row) == math.inf
     assert not criterion.within(row)
@@ -199,17 +204,17 @@ def test_a_run_without_figures_is_never_within(row):
         (lambda: Criterion("contour_max", 0), "tolerance = 0: must be greater than 0"),
         (
             lambda: Criterion("contour_maxi", 1).key(ROW),
-            "unknown figure 'contour_maxi': did you mean contour_max? known",
+            "unknown metric 'contour_maxi': did you mean contour_max? known",
         ),
         (lambda: Criterion("tolerance", 1).key(ROW), "known: contour_max, spacing_std$"),
         (lambda: SpeedStudy(Job.load("an225"), 50.0, resolution=1e-4), "resolution = 0.0001: must be at least 0.001"),
     ],
 )
-def test_what_makes_no_search_is_refused(build, text):
+def test_invalid_searches_are_refused(build, text):
     with pytest.raises(InputError, match=text.replace("?", r"\?")):
         build()
 
 
-def test_an_unknown_figure_ends_the_study_before_it_begins(tmp_path):
-    with pytest.raises(InputError, match="unknown figure 'contour_mx'"):
+def test_an_unknown_metric_is_refused_before_any_case(tmp_path):
+    with pytest.raises(InputError, match="unknown metric 'contour_mx'"):
         run_study(SpeedStudy(Job.load("an225"), 50.0, "contour_mx", measure=synthetic), tmp_path / "out", workers=1)

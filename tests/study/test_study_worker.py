@@ -60,12 +60,12 @@ def test_cases_are_measured_for_a_study_elsewhere_with_the_same_versions_and_mac
 @pytest.mark.parametrize(
     "name", ["gantrysim", "mujoco", "numpy", "numba", "scipy", "python", "system", "source files of gantrysim"]
 )
-def test_another_version_of_anything_that_numbers_depend_on_is_refused(job, name):
+def test_another_version_of_a_dependency_is_refused(job, name):
     cases = cases_of(job)
     installed = dict(Origin.here(cases).installed)
     own = installed[name]
     other = elsewhere(cases, installed=tuple({**installed, name: "another"}.items()))
-    said = rf"has {name} {own} instead of another: every worker must have what the study has$"
+    said = rf"has {name} {own} instead of another: must have the study's$"
     with pytest.raises(WorkerError, match=NAME + said):
         measured(None, cases, other)
     # the study's own process, and one that it has begun as a copy, are as they are
@@ -107,11 +107,11 @@ def test_the_digest_of_the_sources_is_that_of_every_file_that_numbers_come_from(
     assert len(set(seen)) == len(seen)
 
 
-def test_a_machine_that_is_not_the_study_s_is_refused(model):
+def test_another_machine_than_the_study_s_is_refused(model):
     file = model()
     cases = cases_of(Job.load("an225", SHORT, str(file)))
     origin = elsewhere(cases)
-    said = rf"machine {file} is not the study's there: its files must be the same, at the same place, for every worker$"
+    said = rf"machine {file} differs from the study's: its files must be the same, at the same place, for every worker$"
     for change in (lambda: model(damping=20.0), file.unlink):
         change()
         forget_jobs()
@@ -124,7 +124,7 @@ def test_a_machine_that_is_not_the_study_s_is_refused(model):
         measured(None, cases, missing)
 
 
-def test_a_machine_whose_file_has_changed_is_built_anew(model):
+def test_a_machine_whose_file_has_changed_is_built_again(model):
     cases = cases_of(Job.load("an225", SHORT, str(model(damping=20.0))))[:1]
     expected, origin = measured(all_of, cases, elsewhere(cases)), elsewhere(cases)
     model()
@@ -134,14 +134,14 @@ def test_a_machine_whose_file_has_changed_is_built_anew(model):
     assert measured(all_of, cases, origin) == expected
 
 
-def test_a_machine_that_the_study_refuses_is_its_cases_to_tell(job):
+def test_a_refused_machine_is_reported_by_its_cases(job):
     case = Case.of(job, {"machine": "xz"})
     assert Origin.here([case]).machines == (("xz", None),)
     ((_, row),) = measured(all_of, [case], elsewhere([case]))
     assert row["status"].startswith("refused: unknown model 'xz'")
 
 
-def test_every_machine_of_the_cases_is_told_once_and_perturbations_are_none(job):
+def test_every_machine_of_the_cases_is_listed_once_without_perturbations(job):
     cases = [*cases_of(job), Case.of(job, {"machine": "xyz"}), Case.of(job, perturbation=Perturbation(payload=0.2))]
     machines = dict(Origin.here(cases).machines)
     assert list(machines) == ["xy", "xyz"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
-from gantrysim import Job
-from gantrysim.study import Case, Plot
+from gantrysim.report.document import Table
+from gantrysim.study import Case, Plot, Report, Study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.series import series
 
@@ -35,16 +35,19 @@ class Counted:
 
 
 @dataclass(frozen=True)
-class Toy:
-    """A study in two rounds: the second looks on where the first found the largest value."""
+class Toy(Study):
+    """A study in two rounds: the second starts at the largest value of the first."""
 
-    job: Job
-    measure: Counted = field(default_factory=Counted)
+    counted: Counted = field(default_factory=Counted)
     broken: bool = False
     values: tuple = (0.3, 0.5, 0.4)
     name: ClassVar[str] = "toy"
     title: ClassVar[str] = "A toy"
     plots: ClassVar[tuple] = ("curve",)
+
+    @property
+    def measure(self):
+        return self.counted
 
     @property
     def settings(self):
@@ -55,17 +58,16 @@ class Toy:
         best = max(row["third"] for row in rows) * 3
         yield cases_of(self.job, (best, best + 0.01))
 
-    def findings(self, rows):
-        return [f"{len(rows)} rows", "a second paragraph"]
-
-    def figures(self, rows):
+    def report(self, rows):
         from matplotlib.figure import Figure
 
         if self.broken:
             raise ZeroDivisionError
         figure = Figure()
         figure.add_subplot().plot(*series(rows, "value", "third"))
-        return [Plot("curve", "The curve", "It rises.", figure)]
+        table = Table(["rows"], [[len(rows)]])
+        plots = [Plot("curve", "The curve", "It rises.", figure)]
+        return Report(f"{len(rows)} rows", [table], ["a note"], plots)
 
 
 def content(folder):

@@ -1,4 +1,3 @@
 """The circular test of a machine."""
 
-from gantrysim.study.circle.rows import circle_row
-from gantrysim.study.circle.study import CircleStudy
+from gantrysim.study.circle.study import CircleStudy, circle_row

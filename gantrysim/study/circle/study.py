@@ -1,44 +1,51 @@
-"""`gantrysim study circle`: a circular test of a machine in the manner of ISO 230-4."""
+"""`gantrysim study circle`: a circular test of a machine after ISO 230-4."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from gantrysim.errors import InputError, positive
 from gantrysim.job.job import Job
-from gantrysim.metrics import SPIKE_REACH, Trace
+from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
+from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, measure
-from gantrysim.study.circle.figures import figures
-from gantrysim.study.circle.findings import findings
-from gantrysim.study.circle.rows import AXES, DECAY, SENSES, circle_row, trace_of
 from gantrysim.study.runner import Measure
-from gantrysim.study.study import Plot, Rounds
+from gantrysim.study.study import Rounds, Study
 
+Link = Literal["radial", "motor"]  # the nozzle's or the motors' path, by the name of its curve
+
+AXES = ("x", "y")
+SENSES = {"clockwise": -1.0, "counter-clockwise": 1.0}  # of the cases, counter-clockwise positive
+DECAY = 0.1  # of a spike after a reversal [s]
+
+_UM = 1e3
 _LARGEST_REACH = 40.0  # of a spike [deg]
-_LEAD = 225.0  # before and after the circle that counts, at least: it begins and ends between two reversals [deg]
-_CALM = 0.3  # at the full speed before it counts, at least [s]
-_LEAST_TICKS = 120  # on the circle, one every 3 deg
-_ACCELERATION = 3000.0  # along the path, at begin and end [mm/s²]
+_LEAD = 225.0  # before and after the evaluated circle, at least: it begins and ends between two reversals [deg]
+_CALM = 0.3  # at full speed before the evaluated circle, at least [s]
+_LEAST_TICKS = 120  # servo periods on the circle, one every 3 deg
+_ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 
 
 @dataclass(frozen=True)
-class CircleStudy:
-    """A circle run both ways, and what an instrument for circular tests would show of it.
+class CircleStudy(Study):
+    """A circle run in both directions, evaluated as an instrument for circular tests does.
 
-    softMC's CIRCLE runs the circle about the axes' zero with a lead before and after it, so that start and stop do not
-    count; what counts is one full circle at constant speed.
+    softMC's CIRCLE runs the circle about the axes' zero, with a lead before and after the one full circle at constant
+    speed that is evaluated.
 
     Args:
         machine: a built-in machine or an MJCF file, with axes x and y.
         radius: of the circle [mm].
         speed: along it [mm/s].
-        overrides: values of the job that is made of this, as "servo.period=0.0005".
+        overrides: values of the resulting job, as "servo.period=0.0005".
     """
+
+    job: Job = field(init=False)
 
     machine: str = "xy"
     radius: float = 50.0
@@ -51,6 +58,7 @@ class CircleStudy:
     def __post_init__(self) -> None:
         positive("radius", self.radius, "mm")
         positive("speed", self.speed, "mm/s")
+        object.__setattr__(self, "job", self._job())
         period = self.job.built_servo.period
         least = _LEAST_TICKS * self.speed * period / (2 * math.pi)
         if self.radius < least:
@@ -66,38 +74,35 @@ class CircleStudy:
 
     @property
     def title(self) -> str:
-        """Heads the report."""
         return f"Circular test of {self.job.built_machine.name}"
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the study does."""
         return {"radius": self.radius, "speed": self.speed}
 
     @property
     def lead(self) -> float:
-        """Angle run before the circle that counts, and after it [deg]."""
-        way = self.speed**2 / (2 * _ACCELERATION) + self.speed * _CALM
-        more = math.degrees(way / self.radius) - _LEAD
+        """Angle run before and after the evaluated circle [deg]."""
+        distance = self.speed**2 / (2 * _ACCELERATION) + self.speed * _CALM
+        more = math.degrees(distance / self.radius) - _LEAD
         return _LEAD + 360 * max(math.ceil(more / 360), 0)
 
     @property
     def decay(self) -> float:
-        """Angle within which a spike after a reversal has decayed [deg]."""
+        """Angle within which a spike after a reversal decays [deg]."""
         return math.degrees(self.speed * DECAY / self.radius)
 
     @property
     def reach(self) -> float:
-        """Angle after a reversal within which its spike is looked for: that of its decay, within bounds [deg]."""
+        """Angle after a reversal within which its spike is searched: that of its decay, within bounds [deg]."""
         return min(max(SPIKE_REACH, self.decay), _LARGEST_REACH)
 
     def _program(self, sense: float) -> str:
         angle = sense * (360 + 2 * self.lead)
         return f"Circle G1 Angle={angle:.10g} CircleCenter={{0, 0}}"
 
-    @cached_property
-    def job(self) -> Job:
-        """The job that runs the circle counter-clockwise."""
+    def _job(self) -> Job:
+        """Return the job that runs the circle counter-clockwise."""
         job = Job(
             name="circle",
             program={
@@ -112,33 +117,72 @@ class CircleStudy:
 
     @cached_property
     def centre(self) -> tuple[float, float]:
-        """Where the nozzle is in the work frame with all axes at zero [mm]."""
+        """Position of the nozzle in the work frame with all axes at zero [mm]."""
         machine = self.job.built_machine
         x, y, _ = machine.tip(np.zeros(len(machine.axes))).tolist()
         return x, y
 
     @property
     def measure(self) -> Measure:
-        """From a case to its row, with the radial deviation as a curve."""
-        of_a_run = partial(circle_row, centre=self.centre, radius=self.radius, lead=self.lead, reach=self.reach)
-        return partial(measure, figures=of_a_run)
+        values = partial(circle_row, centre=self.centre, radius=self.radius, lead=self.lead, reach=self.reach)
+        return partial(measure, values=values)
 
     def rounds(self) -> Rounds:
-        """Yield both ways round."""
+        """Yield both directions."""
         yield [
             Case.of(self.job, {"program.program": self._program(sense)}, direction=name)
             for name, sense in SENSES.items()
         ]
 
-    def traces(self, rows: list[Row]) -> dict[str, Trace]:
-        """Return the nozzle's paths by their direction, those that have figures."""
+    def traces(self, rows: list[Row], link: Link) -> dict[str, Trace]:
+        """Return the paths of nozzle or motors by direction, for the rows that have values."""
         good = [row for row in rows if row["status"] == OK]
-        return {str(row["direction"]): trace_of(row, self.centre, self.radius, "radial") for row in good}
+        return {str(row["direction"]): _trace(row, self.centre, self.radius, link) for row in good}
 
-    def findings(self, rows: list[Row]) -> list[str]:
-        """Return the figures, where the deviation is largest, and what of it the servo makes."""
-        return findings(self, rows)
 
-    def figures(self, rows: list[Row]) -> list[Plot]:
-        """Return the circular-test chart, and the deviation over the angle."""
-        return figures(self, rows)
+def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float, reach: float) -> Row:
+    """Return the values of one circle, and its radial deviation as curves over the angle.
+
+    Args:
+        run: of a circle with leads.
+        centre: of the nominal circle [mm].
+        radius: of the nominal circle [mm].
+        lead: angle commanded before the evaluated circle [deg].
+        reach: as in `Trace.reversals` [deg].
+    """
+    commanded = run.commanded_tip[:, :2] - centre
+    swept = np.degrees(np.abs(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0]))))
+    passed = np.abs(swept - swept[0])
+    evaluated = (passed >= lead) & (passed < lead + 360)
+    nozzle, motor = (Trace(tip[evaluated, :2], centre, radius) for tip in (run.nozzle, run.motor_tip))
+    row: Row = {
+        "circular_deviation_um": _UM * nozzle.circular_deviation,
+        "radial_deviation_max_um": _UM * float(nozzle.deviation.max()),
+        "radial_deviation_min_um": _UM * float(nozzle.deviation.min()),
+    }
+    for reversal in nozzle.reversals(reach):
+        row |= _reversal_row(reversal)
+    # the motors' deviation is given at the nozzle's angle: their distance changes it in second order only
+    curves = {
+        "angle_deg": nozzle.angle,
+        "radial_deviation_um": _UM * nozzle.deviation,
+        "motor_deviation_um": _UM * motor.deviation,
+    }
+    return row | {name: np.round(curve, 6).tolist() for name, curve in curves.items()}
+
+
+def _reversal_row(reversal: Reversal) -> Row:
+    name = f"reversal_{AXES[reversal.axis]}_{reversal.angle:.0f}"
+    return {
+        f"{name}_step_um": _UM * reversal.step,
+        f"{name}_spike_um": _UM * reversal.spike,
+        f"{name}_spike_at_deg": reversal.spike_at,
+    }
+
+
+def _trace(row: Row, centre: tuple[float, float], radius: float, link: Link) -> Trace:
+    """Return the actual path from a row of `circle_row`."""
+    angle = np.radians(np.array(row["angle_deg"], float))
+    deviation = np.array(row[f"{link}_deviation_um"], float) / _UM
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return Trace(centre + (radius + deviation)[:, None] * out, centre, radius)

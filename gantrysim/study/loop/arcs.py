@@ -1,8 +1,7 @@
-"""The arcs that the loop of the Move Spiral lays instead of the involute, in closed forms.
+"""Closed forms of the arcs that the Move Spiral's loop commands instead of the involute.
 
-They share no code with the controllers and the analysis: `SteppedArcs` is exact, and the laws of first order in the
-loop period stand below it. The plane is that of complex numbers, x + i y; the spiral begins at 0 towards +i and turns
-clockwise, as in Trio's application note AN-225.
+They share no code with controllers and analysis: `SteppedArcs` is exact, the functions below it are of first order in
+the loop period. Points are complex, x + i y; the spiral starts at 0 towards +i and turns clockwise, as in AN-225.
 """
 
 from __future__ import annotations
@@ -20,41 +19,41 @@ from gantrysim.metrics.analysis import ErrorSize, Range
 
 Points = NDArray[np.complex128]
 
-_SAMPLES = 10_000  # points of the arcs that figures are taken over
+_SAMPLES = 10_000  # points of the arcs that values are taken over
 _ROUNDING = 1e-9  # of a wait, in parts of wait_resolution
 
 
 @dataclass(frozen=True)
 class SteppedArcs:
-    """The arcs that the loop of the Move Spiral really commands, and their distance from the involute asked for.
+    """The arcs that the loop of the Move Spiral commands, and their distance from the requested involute.
 
     Pass k = 1, 2, ... has the ratio x_k = 1 - k change and lasts t_k = WA(T x_k) + d. In it the virtual circle of the
     radius R turns with the speed v = V / x_k by the angle theta_k = v t_k / R, and the axes run an arc of that angle
     and of the radius x_k R, tangent to the arc before. With the centre c, which moves by
     (x_{k+1} - x_k) R exp(-i phi_k) from one pass to the next, p(phi) = c - x_k R exp(-i phi).
 
-    The path asked for is the involute about C = R + i a, p(phi) = C - (rho + i a) exp(-i phi), rho = R - a phi, with
+    The requested path is the involute about C = R + i a, p(phi) = C - (rho + i a) exp(-i phi), rho = R - a phi, with
     a = thickness / 2 pi. Involutes of one base circle are parallel curves: a point p at r = |p - C| lies on the one
     whose radius of curvature there is sqrt(r^2 - a^2), at the tangent's angle phi_p = arg(rho_p + i a) - arg(C - p).
-    Hence the distance to the one asked for, exact, outwards positive:
+    Hence the exact distance to the requested one, outwards positive:
 
         e = sqrt(r^2 - a^2) - (R - a phi_p).
 
-    A finite ACCEL ramps v from one pass to the next, and from rest at the start; the braking at the end is left out.
+    A finite ACCEL ramps v from pass to pass and from rest at the start; braking at the end is neglected.
 
     Args:
         diameter: of the virtual circle, 2 R [mm].
         turns: number of circles.
-        thickness: pitch asked for [mm].
+        thickness: requested pitch [mm].
         speed: path speed V [mm/s].
         loop_period: T [s].
         interpreter_time: d [s].
-        wait_resolution: WA waits whole multiples of it, cut off; 0 for exact waits [s].
+        wait_resolution: of WA, which rounds waits down to multiples of it; 0 for exact waits [s].
         acceleration: ACCEL [mm/s²].
-        ratio_bits: fractional bits of the ratio that the axes are CONNECTed by, None for an exact one.
+        ratio_bits: fractional bits of the CONNECT ratio, None for an exact one.
 
     Raises:
-        InputError: the ratio comes to zero before the circles are at their end.
+        InputError: the ratio reaches zero before the last turn ends.
     """
 
     diameter: float
@@ -95,9 +94,9 @@ class SteppedArcs:
 
     @cached_property
     def _ratios(self) -> Floats:
-        """The ratio of every pass that could be run, down to zero, (k,)."""
+        """The ratio of every possible pass, down to zero, (k,)."""
         most = math.ceil(1 / self.change) - 1
-        ratios: Floats = 1 - self.change * np.arange(1.0, most + 1)
+        ratios = 1 - self.change * np.arange(1.0, most + 1)
         return ratios[ratios > 0]
 
     @cached_property
@@ -110,17 +109,17 @@ class SteppedArcs:
         wanted = self.speed / self._ratios
         if self.acceleration == math.inf:
             return wanted * time / self.radius
-        way, v = np.empty(time.size), 0.0
+        distance, v = np.empty(time.size), 0.0
         for k, (target, span) in enumerate(zip(wanted.tolist(), time.tolist(), strict=True)):
             ramp = min((target - v) / self.acceleration, span)
             reached = v + self.acceleration * ramp
-            way[k] = 0.5 * (v + reached) * ramp + reached * (span - ramp)
+            distance[k] = 0.5 * (v + reached) * ramp + reached * (span - ramp)
             v = reached
-        return way / self.radius
+        return distance / self.radius
 
     @cached_property
     def _arcs(self) -> tuple[Floats, Floats, Points]:
-        """Angle at the begin of every arc, its radius, and its centre, (k,)."""
+        """Start angle, radius and centre of every arc, (k,)."""
         begin = np.concatenate([[0.0], np.cumsum(self._angles)])
         count = int(np.searchsorted(begin, self._end * (1 - 1e-15)))
         begin, ratio = begin[:count], self._ratios[:count]
@@ -138,7 +137,7 @@ class SteppedArcs:
         return centre[k] - radius[k] * np.exp(-1j * at)
 
     def error(self, phi: ArrayLike) -> Floats:
-        """Distance of the arcs at the angles phi from the involute asked for, outwards positive, (m,) [mm]."""
+        """Distance of the arcs at the angles phi from the requested involute, outwards positive, (m,) [mm]."""
         at = np.asarray(phi, float)
         back = self.radius + 1j * self.a - self.position(at)  # C - p = (rho_p + i a) exp(-i phi_p)
         rho = np.sqrt(np.maximum(np.abs(back) ** 2 - self.a**2, 0.0))
@@ -149,7 +148,7 @@ class SteppedArcs:
         """Distance from the arcs at the angles phi to the next turn, along their own normal, (m,) [mm].
 
         From p the normal n = exp(-i phi) meets the arc about c of the radius r that turns through phi + 2 pi at
-        D.n - sqrt(r^2 - (D x n)^2), with D = c - p; nan where it misses it.
+        D.n - sqrt(r^2 - (D x n)^2), with D = c - p; nan where there is no intersection.
         """
         at = np.asarray(phi, float)
         begin, radius, centre = self._arcs
@@ -160,11 +159,11 @@ class SteppedArcs:
 
     @cached_property
     def _evenly(self) -> Floats:
-        """Angles of points evenly spaced along the arcs, which is in time but for the ramps, (m,) [rad]."""
+        """Angles of points evenly spaced along the arcs, (m,) [rad]."""
         begin, radius, _ = self._arcs
         angle = np.concatenate([begin, [self._end]])
-        way = np.concatenate([[0.0], np.cumsum(radius * np.diff(angle))])
-        return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * way[-1], way, angle)
+        s = np.concatenate([[0.0], np.cumsum(radius * np.diff(angle))])
+        return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * s[-1], s, angle)
 
     @cached_property
     def generation(self) -> ErrorSize:
@@ -173,7 +172,7 @@ class SteppedArcs:
 
     @cached_property
     def spacings(self) -> Range | None:
-        """Spacing of neighbouring turns [mm]; None where there are none."""
+        """Spacing of neighbouring turns [mm], None for a single turn."""
         distance = self.spacing(self._evenly[self._evenly < self._end - 2 * math.pi])
         met = distance[np.isfinite(distance)]
         return Range.of(met) if met.size else None
@@ -182,10 +181,9 @@ class SteppedArcs:
 def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> ErrorSize:
     """Return the generation error of the Move Spiral to first order in the loop period and in 1 / ACCEL [mm].
 
-    The ratio is a step ahead in every pass, on average half a step, and falls while the axes still start: for
-    V / (2 ACCEL) too early. So every arc is too small by delta = (a V / 2 R) (T + V / ACCEL), and tangent to the
-    involute at the start: e = delta (1 - cos phi), rms sqrt(3/2) delta, max 2 delta. The two are alike where T is
-    V / ACCEL.
+    The ratio is half a step ahead on average, and falls while the axes still start, V / (2 ACCEL) too early. Every arc
+    is too small by delta = (a V / 2 R) (T + V / ACCEL), and tangent to the involute at the start:
+    e = delta (1 - cos phi), rms sqrt(3/2) delta, max 2 delta. Loop and ACCEL contribute equally at T = V / ACCEL.
 
     Args:
         thickness: 2 pi a [mm].
@@ -205,13 +203,13 @@ def local_pitch(
     interpreter_time: ArrayLike = 0.0,
     wait_resolution: float = 0.0,
 ) -> Floats:
-    """Return the pitch where the ratio is x: thickness / (1 + (d - r/2) / (T x)) [mm].
+    """Return the pitch at a ratio x: thickness / (1 + (d - r/2) / (T x)) [mm].
 
-    The circle turns on for the interpreter's time d in every pass; a wait cut to a multiple of r is shorter by r/2 on
-    average. To first order in r / (T x).
+    The circle keeps turning for the interpreter time d in every pass; rounding down to a multiple of r shortens a wait
+    by r/2 on average. To first order in r / (T x).
 
     Args:
-        thickness: pitch asked for [mm].
+        thickness: requested pitch [mm].
         loop_period: T [s].
         ratio: x, (m,) or one.
         interpreter_time: d, (m,) or one [s].
@@ -222,7 +220,7 @@ def local_pitch(
 
 
 def involute_radius(diameter: float, turns: int, thickness: float, share: ArrayLike) -> Floats:
-    """Return the radius of curvature of the involute asked for after a share of its length, (m,) [mm].
+    """Return the radius of curvature of the requested involute after a share of its length, (m,) [mm].
 
     From ds = rho d(phi) and d(rho) = -a d(phi): rho^2 = R^2 - 2 a s, down to (R - turns thickness)^2 at the end.
 

@@ -10,18 +10,18 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.loop.variants import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
+from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
 from gantrysim.study.series import series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis of errors: shown, and labelled only at each
-_WIDTH, _HANDLE = 160, 6  # of the legend, and of a sample in it, in letters
+_LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis: least range, and range labelled at decades only
+_WIDTH, _HANDLE = 160, 6  # of the legend, and of a handle in it [characters]
 _FEW = 8  # swept values, up to which each is labelled
 _PER_CENT = 100.0
-_INSIDE = 0.55  # of the size of a point that shows inside another
-# Points have a shape by variant and a colour by figure.
+_INSIDE = 0.55  # size of a point drawn inside another
+# Points have a shape by variant and a colour by value.
 SHAPES: dict[str, dict[str, Any]] = {
     AS_IT_IS: {"marker": "o", "ms": 5.5},
     LOOP_ALONE: {"marker": "o", "ms": 5.5, "mfc": "white"},
@@ -49,25 +49,25 @@ class Panels:
     def points(
         self, panel: Axes, column: str, variant: str, colour: str, label: str, factor: float = 1.0, minus: float = 0.0
     ) -> None:
-        """Draw a column of a variant; zeros and what is not there are left out."""
+        """Draw a column of a variant without zeros and missing values."""
         x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
         shown = (x > 0) & (y != minus)
         if shown.any():
             shape = {"mfc": colour, **SHAPES[variant]}
             if column.startswith("tracking"):
-                shape["ms"] = _INSIDE * shape["ms"]  # it often lies upon the contour error
+                shape["ms"] = _INSIDE * shape["ms"]  # it often coincides with the contour error
             panel.plot(
                 self.scale * x[shown], factor * np.abs(y[shown] - minus), color=colour, ls="none", label=label, **shape
             )
 
     def line(self, panel: Axes, x: Floats, y: Floats, colour: str, label: str, style: str = "-") -> None:
-        """Draw a predicted line, where there is one."""
+        """Draw a predicted line, if there is one."""
         good = np.isfinite(y)
         if good.any():
             panel.plot(self.scale * x[good], y[good], color=colour, ls=style, lw=1.3, label=label, zorder=1.5)
 
     def mark(self, at: float | None, text: str) -> None:
-        """Mark a knee, where there is one."""
+        """Mark a knee, if there is one."""
         if at is None or not math.isfinite(at):
             return
         x = self.scale * at
@@ -86,7 +86,7 @@ class Panels:
         )
 
     def failures(self) -> None:
-        """Mark the values at which the job as it is has no figures."""
+        """Mark the swept values at which the job as it is has no values."""
         at = [
             self.scale * float(row["value"])  # type: ignore[arg-type]
             for row in self.rows
@@ -111,15 +111,15 @@ class Panels:
             self.points(self.ripple, "speed_ripple", variant, INK, variant, _PER_CENT)
 
     def finish(self) -> None:
-        """Label axes in plain numbers, and say what the points and lines are."""
+        """Label the axes in plain numbers and add the legends."""
         from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 
-        values = sorted({self.scale * float(row["value"]) for row in self.rows if self._own(row)})  # type: ignore[arg-type]
+        values = sorted({self.scale * float(row["value"]) for row in self.rows if row["sweep"] == self.sweep})  # type: ignore[arg-type]
         few = [value for value in values if value > 0]
         for panel in (self.errors, self.spacing, self.ripple):
             if not panel.lines:
                 panel.set_axis_off()
-                panel.text(0.5, 0.5, "nothing to show", transform=panel.transAxes, ha="center")
+                panel.text(0.5, 0.5, "no values", transform=panel.transAxes, ha="center")
                 continue
             if len(few) <= _FEW:
                 panel.xaxis.set_major_locator(FixedLocator(few))
@@ -141,6 +141,3 @@ class Panels:
         if labels:
             columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
             figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
-
-    def _own(self, row: Row) -> bool:
-        return row["sweep"] == self.sweep

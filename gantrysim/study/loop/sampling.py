@@ -1,15 +1,11 @@
-"""What the sampling of servo and encoder leaves, in closed forms: the following error, and that of the counts.
-
-They share no code with the simulation. The following error is what sampling and winding leave, `circle_response`; of
-the encoder it is `quantisation`.
-"""
+"""Closed forms of the errors of a sampled servo and encoder; they share no code with the simulation."""
 
 from __future__ import annotations
 
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,21 +15,21 @@ from gantrysim.controllers.servo import AxisDynamics, Servo
 
 
 def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -> complex:
-    """Return the following error E over the command R of one axis that runs R exp(i w t), of the linear, rigid axis.
+    """Return the following error E over the command R of a linear, rigid axis that runs R exp(i w t).
 
-    Motor torque J M'' + b M' moves the position M = R - E. A sampled output is held for a period T, which delays it by
-    T/2, and comes through the winding's lag tau and the delay delta of the servo; a backward difference is late by T/2,
-    the second one by T. With s = i w, H = exp(-s (T/2 + tau + delta)) and B = (1 - exp(-s T)) / T,
+    Motor torque J M'' + b M' moves the position M = R - E. Holding a sampled output for a period T
+    delays it by T/2, besides the winding's lag tau and the servo's delay delta; a backward difference is late by T/2,
+    a second one by T. With s = i w, H = exp(-s (T/2 + tau + delta)) and B = (1 - exp(-s T)) / T,
 
         E / R = (J s^2 + b s - H (kvff B + kaff B^2 + kov B)) / (J s^2 + b s + H (kp + ki / s + kd B - kov B)).
 
-    To leading order the feed-forward of the acceleration, late by 3/2 T + tau + delta, is what is left over:
+    To leading order the acceleration feed-forward, late by 3/2 T + tau + delta, remains:
     E = (3/2 T + tau + delta) J R''' / kp, see `sample_and_hold`.
 
     Args:
-        servo: with its gains.
+        servo: with gains.
         index: of the axis in the servo.
-        axis: inertia J, viscous friction b and lag tau of it.
+        axis: inertia J, viscous friction b and lag tau.
         rate: w [rad/s].
     """
     s = 1j * rate
@@ -46,14 +42,8 @@ def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -
     return (plant - hold * (forward + output)) / (plant + hold * (law - output))
 
 
-@dataclass(frozen=True)
-class FollowingError:
-    """Root mean squares of a following error in the plane [mm].
-
-    Attributes:
-        along: along the path.
-        normal: square to it.
-    """
+class FollowingError(NamedTuple):
+    """Root mean squares of a following error in the plane, along the path and normal to it [mm]."""
 
     along: float
     normal: float
@@ -65,8 +55,8 @@ def sample_and_hold(
     """Return the following error of two axes on a path whose radius of curvature changes slowly.
 
     At each radius it is that of a circle at the rate w = V / rho, by `circle_response`. With h the mean of the two
-    axes' responses and d half their difference, the error turns with the path by rho h and against it by rho d:
-    mean squares rho^2 (Im(h)^2 + |d|^2 / 2) along the path and rho^2 (Re(h)^2 + |d|^2 / 2) square to it.
+    axes' responses and d half their difference, the mean squares are rho^2 (Im(h)^2 + |d|^2 / 2) along the path and
+    rho^2 (Re(h)^2 + |d|^2 / 2) normal to it.
 
     Args:
         servo: with the gains of the machine's axes.
@@ -86,11 +76,5 @@ def sample_and_hold(
 
 
 def quantisation(resolution: ArrayLike) -> Floats:
-    """Return the rms of the error of counts of a resolution q, evenly distributed within one: q / sqrt(12).
-
-    It is the same in any direction of a plane whose axes have equal counts.
-
-    Args:
-        resolution: q, (m,) [mm].
-    """
+    """Return the rms error q / sqrt(12) of counts of a resolution q, (m,) [mm], in any direction of equal axes."""
     return np.asarray(resolution, float) / math.sqrt(12)

@@ -1,4 +1,4 @@
-"""`gantrysim study loop`: what the periods and resolutions of the chain do to the bead, one after the other."""
+"""`gantrysim study loop`: the effect of the periods and resolutions of the chain on the bead."""
 
 from __future__ import annotations
 
@@ -6,71 +6,74 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 from gantrysim.controllers.setpoints import ticks
 from gantrysim.errors import InputError
-from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.study.cases import Case, Mode, Row, measure
+from gantrysim.study.cases import Case, Mode
 from gantrysim.study.loop.arcs import SteppedArcs
-from gantrysim.study.loop.figures import figures
-from gantrysim.study.loop.findings import findings
-from gantrysim.study.loop.variants import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS
-from gantrysim.study.runner import Measure
-from gantrysim.study.study import Plot, Rounds
+from gantrysim.study.study import Rounds, Study
+
+# variants of a job
+AS_IT_IS = "as it is"
+LOOP_ALONE = "loop alone"  # without the controller's other limits
+PERFECT = "loop alone, perfect follower"
+NO_LOOP = "no loop"  # the limit of a loop period of zero
+NO_FRICTION = "no friction"  # nor loop, encoder counts and integral term: as in the theory of the servo
+
+# sweeps in the order of the report, with their titles
+SWEEPS = {
+    "loop_period": "Program loop period",
+    "interpreter_time": "Interpreter time per pass",
+    "servo_period": "Servo period",
+    "encoder_resolution": "Encoder resolution",
+    "physics_step": "Physics step",
+}
+
+# removes all limits of a Move Spiral's controller but its loop
+FREE: dict[str, Any] = {
+    "program.acceleration": math.inf,
+    "program.deceleration": None,
+    "program.wait_resolution": 0.0,
+    "program.ratio_bits": None,
+    "program.interpreter_time": 0.0,
+    "program.servo_period": 0.0,
+    "program.as_published": False,
+    "program.mhelical_mode": 1,
+}
 
 _DECADE = (1.0, 2.0, 3.0, 5.0)
-_FINER = 4  # times, the physics step against which a theory in continuous time is held
+_FINER = 4  # times: the physics step for comparison with a theory in continuous time
 _FRICTIONLESS = Perturbation(friction=1e-9)
 
 
 @dataclass(frozen=True)
-class LoopStudy:
-    """Sweeps of the program loop's period, the interpreter's time, the servo period, the encoder and the physics step.
+class LoopStudy(Study):
+    """Sweeps of program loop period, interpreter time, servo period, encoder resolution and physics step.
 
-    A Move Spiral is run in up to five variants: as it is; with its loop alone, the controller's other limits taken away
-    (ACCEL, WA's whole milliseconds, CONNECT's bits, SERVO_PERIOD, the interpreter's time, and mode 0 of MHELICAL); the
-    same on a perfect follower; without the loop, in its continuous limit; and so without friction, encoder counts and
-    integral term, at a finer physics step, as the theory of the sampled servo has it.
-    Of other programs the loop's sweeps are left out.
+    A Move Spiral runs in up to five variants: as it is; with its loop alone, without the controller's other limits
+    (ACCEL, WA's whole milliseconds, CONNECT's bits, SERVO_PERIOD, the interpreter time, and mode 0 of MHELICAL); the
+    same on a perfect follower; without the loop, its continuous limit; and without loop, friction, encoder counts and
+    integral term at a finer physics step, as in the theory of the sampled servo. Other programs have no loop sweeps.
 
     Args:
-        job: to be studied.
+        job: to study.
         loop_periods: T, ascending [s].
         interpreter_times: d, ascending [s].
         servo_periods: ascending [s].
-        resolutions: of the encoders of the linear axes, ascending; those of rotary axes go in proportion [mm].
+        resolutions: of the linear encoders, ascending; rotary ones change in proportion [mm].
         halvings: of the physics step.
     """
 
-    job: Job
     loop_periods: tuple[float, ...] = (*(round(s * d, 5) for d in (1e-3, 1e-2, 1e-1) for s in _DECADE), 1.0)
     interpreter_times: tuple[float, ...] = (0.0, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
     servo_periods: tuple[float, ...] = (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
     resolutions: tuple[float, ...] = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
     halvings: int = 3
 
-    name: ClassVar[str] = "loop"
-    plots: ClassVar[tuple[str, ...]] = tuple(SWEEPS)
-
-    @property
-    def title(self) -> str:
-        return f"Loop study of the job {self.job.name}"
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        return {
-            "loop_periods": self.loop_periods,
-            "interpreter_times": self.interpreter_times,
-            "servo_periods": self.servo_periods,
-            "resolutions": self.resolutions,
-            "halvings": self.halvings,
-        }
-
-    @property
-    def measure(self) -> Measure:
-        return measure
+    name = "loop"
+    plots = tuple(SWEEPS)
 
     @property
     def spiral(self) -> bool:
@@ -78,9 +81,9 @@ class LoopStudy:
         return "loop_period" in self.job.program
 
     def arcs(self, overrides: Mapping[str, Any]) -> SteppedArcs | None:
-        """Return what is predicted of the job's spiral with some of its values changed, by their full dotted keys.
+        """Return the predicted arcs of the job's spiral with some values changed, by full dotted key.
 
-        None where nothing is: another program, no loop, or a spiral that the controller refuses.
+        None for another program, without a loop, or for a spiral that the controller refuses.
         """
         if not self.spiral:
             return None
@@ -102,18 +105,13 @@ class LoopStudy:
 
     @cached_property
     def cases(self) -> list[Case]:
-        """All cases, those that take longest first."""
-        sweeps = [self._physics_step()]
+        """All cases, the longest first."""
+        cases = [*self._physics_step()]
         if self.spiral:
-            sweeps += [self._loop_period(), self._interpreter_time()]
-        sweeps += [self._servo_period(), self._encoder_resolution()]
-        return [case for sweep in sweeps for case in sweep]
-
-    def findings(self, rows: list[Row]) -> list[str]:
-        return findings(self, rows)
-
-    def figures(self, rows: list[Row]) -> list[Plot]:
-        return figures(self, rows)
+            cases += [*self._program("loop_period", self.loop_periods), self._case("loop_period", 0.0, NO_LOOP, {})]
+            if self.job.program["loop_period"] > 0:
+                cases += self._program("interpreter_time", self.interpreter_times)
+        return [*cases, *self._servo_period(), *self._encoder_resolution()]
 
     def _case(self, sweep: str, value: float, variant: str, changes: dict[str, Any]) -> Case:
         mode: Mode = "perfect follower" if variant == PERFECT else "simulated"
@@ -127,27 +125,20 @@ class LoopStudy:
         perturbation = _FRICTIONLESS if variant == NO_FRICTION else None
         return Case.of(self.job, overrides, mode, perturbation, sweep=sweep, variant=variant, value=value)
 
-    def _loop_period(self) -> Iterable[Case]:
+    def _program(self, sweep: str, values: Sequence[float]) -> Iterable[Case]:
         for variant in (AS_IT_IS, LOOP_ALONE, PERFECT):
-            for value in self.loop_periods:
-                yield self._case("loop_period", value, variant, {"program.loop_period": value})
-        yield self._case("loop_period", 0.0, NO_LOOP, {})
-
-    def _interpreter_time(self) -> Iterable[Case]:
-        if self.job.program["loop_period"] > 0:
-            for variant in (AS_IT_IS, LOOP_ALONE, PERFECT):
-                for value in self.interpreter_times:
-                    yield self._case("interpreter_time", value, variant, {"program.interpreter_time": value})
+            for value in values:
+                yield self._case(sweep, value, variant, {f"program.{sweep}": value})
 
     def _servo_period(self) -> Iterable[Case]:
         bound = self.spiral and self.job.program["servo_period"] > 0
-        for variant in self._servo_variants:
+        for variant in (AS_IT_IS, NO_LOOP, NO_FRICTION) if self.spiral else (AS_IT_IS, NO_FRICTION):
             for value in self.servo_periods:
                 changes = {"servo.period": value}
                 if bound and variant == AS_IT_IS:
                     changes["program.servo_period"] = value  # the program's ticks are the servo's
                 if variant == NO_FRICTION:
-                    # by the number of steps in a servo period the slow servos need them no finer
+                    # slow servos have enough steps in a servo period without finer ones
                     finer = max(self._physics / _FINER, min(value / _FINER**2, self._physics))
                     changes["simulation.physics_step"] = finer
                 yield self._case("servo_period", value, variant, changes)
@@ -155,10 +146,8 @@ class LoopStudy:
     def _encoder_resolution(self) -> Iterable[Case]:
         for variant in (AS_IT_IS, NO_LOOP) if self.spiral else (AS_IT_IS,):
             for value in self.resolutions:
-                resolutions = self._resolutions(value)
-                changes = (
-                    {} if resolutions == list(self.job.built_servo.resolution) else {"servo.resolution": resolutions}
-                )
+                counts = self._resolutions(value)
+                changes = {} if counts == list(self.job.built_servo.resolution) else {"servo.resolution": counts}
                 yield self._case("encoder_resolution", value, variant, changes)
 
     def _physics_step(self) -> Iterable[Case]:
@@ -174,10 +163,6 @@ class LoopStudy:
     def _physics(self) -> float:
         """The job's physics step [s]."""
         return self.job.simulation.physics_step or float(self.job.built_machine.physics.opt.timestep)
-
-    @property
-    def _servo_variants(self) -> Sequence[str]:
-        return (AS_IT_IS, NO_LOOP, NO_FRICTION) if self.spiral else (AS_IT_IS, NO_FRICTION)
 
     def _resolutions(self, value: float) -> list[float]:
         """Resolution of every axis: `value` [mm] of the linear ones, rotary ones changed by the same factor."""

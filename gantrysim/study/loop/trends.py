@@ -1,4 +1,4 @@
-"""What a swept figure does: its knee, where it crosses another, its power law, and where it converges to."""
+"""Trends of a swept value: its knee, crossing, power law and convergence."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
+from gantrysim.study.cases import Row
+from gantrysim.study.loop.study import LOOP_ALONE, NO_LOOP
+from gantrysim.study.series import series
 
-EXCESS = 0.1  # of a floor, up to which what is swept does not matter
+EXCESS = 0.1  # over a floor, up to which the swept setting has no effect
 
-_LEAST_GAIN = 1.05  # of one difference over the next, for an order of convergence to speak of
+# values whose convergence over the physics step is examined
+CONVERGING = {
+    "contour_rms_um": "contour error",
+    "tracking_rms_um": "tracking error",
+    "tracking_along_rms_um": "tracking error along the path",
+    "structure_rms_um": "structure part",
+    "spacing_std_mm": "standard deviation of the spacing",
+}
+
+_LEAST_GAIN = 1.05  # of one difference over the next, for an order of convergence
 
 
 def knee(x: ArrayLike, y: ArrayLike, floor: float, excess: float = EXCESS) -> float | None:
-    """Return the x up to which y stays within its floor and an excess: below it, x does not matter.
+    """Return the knee of y: the x up to which y stays below (1 + excess) floor, so that x has no effect.
 
-    Where y leaves (1 + excess) floor for the first time is interpolated in the logarithms of x and y.
-
-    Args:
-        x: ascending, above zero, (m,).
-        y: above zero, (m,).
-        floor: of y.
-        excess: share of the floor.
-
-    Returns:
-        The knee; None where y is above from the first x on, inf where it is never.
+    The first crossing is interpolated in the logarithms of x and y, both above zero, (m,), x ascending. None if y is
+    above from the first x on, inf if it never is.
     """
     places, values = np.asarray(x, float), np.asarray(y, float)
     bound = (1 + excess) * floor
@@ -39,7 +43,7 @@ def knee(x: ArrayLike, y: ArrayLike, floor: float, excess: float = EXCESS) -> fl
 
 
 def crossing(x: ArrayLike, y: ArrayLike, other: ArrayLike) -> float | None:
-    """Return the first x at which y rises above another figure, interpolated in logarithms; None where it does not.
+    """Return the first x at which y rises above another value, interpolated in logarithms, or None.
 
     Args:
         x: ascending, above zero, (m,).
@@ -53,28 +57,27 @@ def crossing(x: ArrayLike, y: ArrayLike, other: ArrayLike) -> float | None:
 
 
 def _between(x: Floats, ratio: Floats, k: int) -> float:
-    """Where a logarithm passes zero between x[k - 1] and x[k]."""
+    """Return the x between x[k - 1] and x[k] at which the logarithm of a ratio crosses zero."""
     share = ratio[k - 1] / (ratio[k - 1] - ratio[k])
     return float(np.exp((1 - share) * np.log(x[k - 1]) + share * np.log(x[k])))
 
 
 def power(x: ArrayLike, y: ArrayLike) -> float:
-    """Return p of the law y ~ x^p that fits best, by least squares of the logarithms; both above zero, (m,)."""
+    """Return p of y ~ x^p, fitted by least squares of the logarithms; both above zero, (m,)."""
     return float(np.polyfit(np.log(np.asarray(x, float)), np.log(np.asarray(y, float)), 1)[0])
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """A figure over physics steps that are each half of the one before: f(h) = f0 + C h^p + ...
+    """Convergence of a value over halving physics steps: f(h) = f0 + C h^p + ...
 
     With d = f(h) - f(h/2) of one pair of steps and d' of the next, p = log2(d / d'), and by Richardson's extrapolation
-    f0 = f(h/4) - d' / (2^p - 1). Of more steps the last three are taken. Where the differences do not shrink, or change
-    their sign, there is no order to be seen: then the steps' scatter is all that they do to the figure, and f0 is the
-    value at the finest.
+    f0 = f(h/4) - d' / (2^p - 1), from the last three steps. Where the differences do not shrink or change sign, there
+    is no order but scatter, and f0 is the value at the finest step.
 
     Attributes:
         steps: physics steps, descending, (m,) [s].
-        values: of the figure, (m,).
+        values: at the steps, (m,).
         order: p, or None.
         limit: f0.
     """
@@ -97,6 +100,28 @@ class Convergence:
 
     @property
     def deviation(self) -> float:
-        """How far the first step's value is from the limit, without an order from any other, in parts of the limit."""
+        """Relative deviation of the first step's value from the limit; without an order, the largest of any step."""
         others = [self.limit] if self.order is not None else self.values
         return max(abs(self.values[0] - other) for other in others) / abs(self.limit) if self.limit else 0.0
+
+
+def loop_knee(rows: list[Row]) -> tuple[float | None, float] | None:
+    """Return the knee of the loop alone [s], as `knee`, and its floor, the contour error without any loop [µm].
+
+    None without the cases for it.
+    """
+    period, contour = series(rows, "value", "contour_rms_um", sweep="loop_period", variant=LOOP_ALONE)
+    floor = series(rows, "contour_rms_um", sweep="loop_period", variant=NO_LOOP)[0]
+    if not floor.size or period.size < 2:
+        return None
+    return knee(period, contour, float(floor[0])), float(floor[0])
+
+
+def convergence(rows: list[Row], variant: str) -> dict[str, Convergence]:
+    """Return the convergence of a variant's values over the physics step, by column."""
+    found = {}
+    for column in CONVERGING:
+        step, value = series(rows, "value", column, sweep="physics_step", variant=variant)
+        if step.size >= 3:
+            found[column] = Convergence.of(step[::-1], value[::-1])
+    return found

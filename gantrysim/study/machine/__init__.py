@@ -1,4 +1,4 @@
-"""The machine study: how many machines that differ keep a job within its tolerance, and which factor matters."""
+"""The machine study: the yield of a job over machines that differ, and the dominant factor."""
 
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.study.machine.study import MachineStudy

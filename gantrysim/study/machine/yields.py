@@ -1,4 +1,4 @@
-"""Statistics of many machines: the yield, and which factor matters."""
+"""Statistics of many machines: the yield, and the influence of every factor."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _ROUNDING = 1e-12  # of a variance
 
 @dataclass(frozen=True)
 class Yield:
-    """Share of machines that keep to a tolerance.
+    """Share of machines within a tolerance.
 
     Attributes:
-        within: how many do.
-        count: of how many.
-        low, high: bounds of the share's Wilson interval, 95 %. Machines drawn from a Latin hypercube lie more evenly
-            than by chance, so the interval is rather too wide.
+        within: number of machines within it.
+        count: number of all machines.
+        low, high: bounds of the share's 95 % Wilson interval; conservative, as a Latin hypercube is more even than
+            random samples.
     """
 
     within: int
@@ -39,7 +39,7 @@ def yield_of(within: int, count: int) -> Yield:
 
     Source: E. B. Wilson, Probable inference, the law of succession, and statistical inference, 1927.
     """
-    from scipy.stats import norm  # slow to import, and needed by this study alone
+    from scipy.stats import norm  # slow to import
 
     z2 = float(norm.ppf(0.5 + 0.5 * _CONFIDENCE)) ** 2
     share = within / count
@@ -50,12 +50,12 @@ def yield_of(within: int, count: int) -> Yield:
 
 @dataclass(frozen=True)
 class Influence:
-    """How a factor sets a figure.
+    """Influence of a factor on a metric.
 
     Attributes:
-        factor: its name.
-        coefficient: standardised rank regression coefficient, near -1 to 1.
-        clear: whether it is larger than chance makes that of any factor in one study of twenty.
+        factor: name.
+        coefficient: standardised rank regression coefficient, about -1 to 1.
+        clear: whether it is significant: by chance any factor would be in one study of twenty.
     """
 
     factor: str
@@ -63,27 +63,27 @@ class Influence:
     clear: bool
 
 
-def influences(factors: dict[str, Floats], figure: Floats) -> tuple[list[Influence], float]:
-    """Return the influence of every factor, the greatest first, and the share of variance that they explain together.
+def influences(factors: dict[str, Floats], metric: Floats) -> tuple[list[Influence], float]:
+    """Return the influence of every factor, the largest first, and the share of variance that they explain together.
 
-    The ranks of the figure are fitted by those of the factors, all of mean 0 and variance 1: y = X b + e. Of factors
-    that do not go together b is Spearman's rank correlation; unlike that it is judged by what the others leave
-    unexplained. b / sqrt(e.e / (n - k - 1) (X'X)^-1) has Student's distribution where a factor does nothing; of k
-    factors all stay below the quantile 1 - 0.05 / 2k of it in 95 % of all studies (Bonferroni).
+    The ranks of the metric are fitted by those of the factors, all of mean 0 and variance 1: y = X b + e. For
+    uncorrelated factors b is Spearman's rank correlation, but tested against what the others leave unexplained:
+    b / sqrt(e.e / (n - k - 1) (X'X)^-1) has Student's distribution for a factor without influence; of k such factors
+    all stay below its quantile 1 - 0.05 / 2k in 95 % of all studies (Bonferroni).
 
     Args:
         factors: values of k factors by name, (n,) with n above k + 1.
-        figure: of the same machines, (n,); inf where there was none, which is worse than any.
+        metric: of the same machines, (n,); inf for a failed run, worse than any other.
     """
-    from scipy.stats import rankdata, t  # slow to import, and needed by this study alone
+    from scipy.stats import rankdata, t  # slow to import
 
     def standardised(values: Floats) -> Floats:
         ranks = rankdata(values)
-        spread = ranks.std()
-        return (ranks - ranks.mean()) / spread if spread > 0 else np.zeros(ranks.size)
+        deviation = ranks.std()
+        return (ranks - ranks.mean()) / deviation if deviation > 0 else np.zeros(ranks.size)
 
-    n, k = figure.size, len(factors)
-    x, y = np.column_stack([standardised(values) for values in factors.values()]), standardised(figure)
+    n, k = metric.size, len(factors)
+    x, y = np.column_stack([standardised(values) for values in factors.values()]), standardised(metric)
     inverse = np.linalg.pinv(x.T @ x)
     b = inverse @ x.T @ y
     rest = max(float(np.sum((y - x @ b) ** 2)), _ROUNDING * n)

@@ -1,4 +1,4 @@
-"""The repeat study: what repeats of a job have in common, and how far they scatter."""
+"""The repeat study: accuracy and repeatability of a job."""
 
 from gantrysim.study.repeat.repeats import (
     PHASES,

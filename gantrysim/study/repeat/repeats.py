@@ -1,4 +1,4 @@
-"""One repeat of a job: a case that may start between two servo ticks, and where its nozzle is along the path."""
+"""A repeat of a job: a case that may start between two servo ticks, and its nozzle's offset from the path."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
 from gantrysim.study.cases import Case, Row, judged
 
-PHASES = 8  # of a servo period, at which a program may start
-ALL = "all"  # what is varied where everything is
+PHASES = 8  # of a servo period, in which a program may start
+ALL = "all"  # name of the variation of everything
 _UM = 1e3
 
 
@@ -27,14 +27,14 @@ class RepeatCase(Case):
     """A case whose program starts between two servo ticks.
 
     Attributes:
-        phase: by how many `PHASES` of a servo period before a tick.
+        phase: lead over a servo tick, in 1/`PHASES` of a servo period.
     """
 
     phase: int = 0
 
     @property
     def key(self) -> str:
-        """As of any case, and of the phase."""
+        """Identity of the case, with its phase."""
         return f"{super().key}-{self.phase}"
 
 
@@ -44,11 +44,11 @@ def has_phase(job: Job) -> bool:
 
 
 def phased_setpoints(job: Job, phase: int) -> Setpoints:
-    """Return a job's setpoints where its program starts before a servo tick: those of a finer period, every so many.
+    """Return the setpoints of a job whose program starts before a servo tick, every `PHASES`-th of a finer period.
 
     Args:
-        job: whose program is bound to no tick.
-        phase: by how many `PHASES` of a servo period it starts before the tick.
+        job: whose program is not bound to servo ticks.
+        phase: lead over the tick, in 1/`PHASES` of a servo period.
     """
     if not phase:
         return job.setpoints
@@ -61,7 +61,7 @@ def phased_setpoints(job: Job, phase: int) -> Setpoints:
 
 
 def places_along(analysis: Analysis, count: int) -> Floats:
-    """Return places along the requested path where glue is laid, evenly over it, at most `count` [mm]."""
+    """Return at most `count` evenly spaced places on the requested path where glue is laid, by arc length [mm]."""
     s, first = analysis.commanded.s, np.diff(analysis.ticks, prepend=analysis.ticks[0] - 2) > 1
     step = float(np.abs(np.diff(s))[~first[1:]].max(initial=0.0))
     even = np.linspace(s.min(), s.max(), count)
@@ -72,7 +72,7 @@ def places_along(analysis: Analysis, count: int) -> Floats:
 
 
 def measure_repeat(case: Case, places: Sequence[float]) -> Row:
-    """Run a repeat and return how far the nozzle is from the path at some places, as curves.
+    """Run a repeat and return the nozzle's offset from the path at some places, as curves.
 
     Args:
         case: a `RepeatCase`.
@@ -82,12 +82,13 @@ def measure_repeat(case: Case, places: Sequence[float]) -> Row:
 
 
 def _repeated(case: Case) -> Run:
-    job, phase = case.job(), getattr(case, "phase", 0)
+    assert isinstance(case, RepeatCase)
+    job = case.job()
     machine = job.built_machine
     return simulate(
         machine if case.perturbation is None else machine.perturbed(case.perturbation),
         job.built_servo,
-        phased_setpoints(job, phase),
+        phased_setpoints(job, case.phase),
         physics_step=job.simulation.physics_step,
         dispenser=job.dispenser,
     )

@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
+from gantrysim.arrays import Floats
 from gantrysim.errors import at_least
-from gantrysim.job.job import Job
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.criterion import Criterion
+from gantrysim.study.criterion import ToleranceStudy
 from gantrysim.study.runner import Measure
-from gantrysim.study.speed.figures import figures
-from gantrysim.study.speed.findings import findings, speed_of
-from gantrysim.study.speed.search import DIGITS, next_speeds
-from gantrysim.study.study import Plot, Rounds
+from gantrysim.study.study import Rounds
+
+_DIGITS = 4  # of a speed
+_SWEEP = 9  # speeds of the first round, half an octave apart, the programmed one in the middle
+_OCTAVES = 2  # on both sides of the programmed speed
+_FURTHER = 3  # more octaves on either side, one after the other, where the limit lies beyond
+_INSIDE = 3  # speeds per round inside the bracket
 
 
 @dataclass(frozen=True)
-class SpeedStudy:
+class SpeedStudy(ToleranceStudy):
     """The fastest path speed within a tolerance: a sweep, then rounds inside the bracket.
 
-    A figure need not grow with the speed. The answer is therefore the fastest speed below which every speed that was
-    tried is within the tolerance; a run that a fault ends, or that is refused, is not.
+    A metric need not grow with the speed. The answer is therefore the fastest speed below which every speed tried is
+    within the tolerance; a run that is refused or ended by a fault is not.
 
     Args:
-        job: whose speed is changed; its controller says how, see `Controller.arguments_at`.
-        tolerance: of the figure, in its unit.
-        figure: of a case's row, as contour_max.
-        resolution: how closely the answer is looked for, relative.
+        job: whose speed is changed, see `Controller.arguments_at`.
+        tolerance: of the metric, in its unit.
+        metric: a value of a case's row, as contour_max.
+        resolution: relative width of the bracket at the end.
         measure: from a case to its row.
     """
 
-    job: Job
-    tolerance: float
-    figure: str = "contour_max"
     resolution: float = 0.01
     measure: Measure = measure
 
@@ -43,51 +46,97 @@ class SpeedStudy:
 
     def __post_init__(self) -> None:
         _ = self.criterion, self.own
-        at_least("resolution", self.resolution, 10.0 ** (1 - DIGITS))  # or the bracket could not be that narrow
-
-    @cached_property
-    def criterion(self) -> Criterion:
-        """The figure with its tolerance."""
-        return Criterion(self.figure, self.tolerance)
+        at_least("resolution", self.resolution, 10.0 ** (1 - _DIGITS))  # or the bracket could not be that narrow
 
     @cached_property
     def own(self) -> float:
-        """The program's own speed [mm/s]."""
+        """The programmed speed [mm/s]."""
         return self.job.controller.programmed_speed
-
-    @property
-    def title(self) -> str:
-        """Heads the report."""
-        return f"How fast may {self.job.name} be?"
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What the study does with the job."""
-        return {"tolerance": self.tolerance, "figure": self.figure, "resolution": self.resolution}
 
     def overrides(self, speed: float) -> dict[str, Any]:
         """Return the values that make the job run at another path speed [mm/s], by their dotted keys."""
         return {f"program.{key}": value for key, value in self.job.controller.arguments_at(speed).items()}
 
     def rounds(self) -> Rounds:
-        """Yield the speeds of one round after the other.
+        """Yield the speeds of each round.
 
         Raises:
-            InputError: there is no such figure.
+            InputError: an unknown metric.
         """
-        overrides = self.overrides(self.own)
-        self.criterion.check(self.measure(Case.of(self.job, overrides, "perfect follower")))
+        self.criterion.check(self.measure(Case.of(self.job, self.overrides(self.own), "perfect follower")))
         tried: dict[float, bool] = {}
         number = 0
         while speeds := next_speeds(tried, self.own, self.resolution):
             number += 1
             rows = yield [Case.of(self.job, self.overrides(speed), round=number, speed_mm_s=speed) for speed in speeds]
-            tried |= {speed_of(row): self.criterion.within(row) for row in rows}
+            tried |= self.tried(rows)
 
-    def findings(self, rows: list[Row]) -> list[str]:
-        """Return the answer, what sets the limit there, and what happens beyond."""
-        return findings(self, rows)
+    def tried(self, rows: list[Row]) -> dict[float, bool]:
+        """Return whether each speed of the rows [mm/s] is within the tolerance."""
+        return {speed_of(row): self.criterion.within(row) for row in rows}
 
-    def figures(self, rows: list[Row]) -> list[Plot]:
-        """Return the figure over the speed with the tolerance, and the links' parts over the speed."""
-        return figures(self, rows)
+
+def speed_of(row: Row) -> float:
+    """Return the programmed path speed of a case [mm/s]."""
+    speed = row["speed_mm_s"]
+    assert isinstance(speed, float)
+    return speed
+
+
+@dataclass(frozen=True)
+class SpeedAnswer:
+    """The result of a search.
+
+    Attributes:
+        fastest: the fastest speed at which, and below which at all speeds tried, the run is within the tolerance; None
+            if there is none [mm/s].
+        above: the next faster speed tried, which is not within; None if there is none [mm/s].
+        islands: faster speeds that are within again, ascending [mm/s].
+    """
+
+    fastest: float | None
+    above: float | None
+    islands: tuple[float, ...] = ()
+
+
+def answer(tried: dict[float, bool]) -> SpeedAnswer:
+    """Return the answer from whether each speed tried [mm/s] is within the tolerance."""
+    speeds = sorted(tried)
+    first = next((k for k, speed in enumerate(speeds) if not tried[speed]), len(speeds))
+    islands = tuple(speed for speed in speeds[first:] if tried[speed])
+    return SpeedAnswer(speeds[first - 1] if first else None, speeds[first] if first < len(speeds) else None, islands)
+
+
+def next_speeds(tried: dict[float, bool], own: float, resolution: float) -> list[float]:
+    """Return the speeds to try next, ascending; none at the end of the search [mm/s].
+
+    First a sweep of two octaves on both sides of the programmed speed; then an octave at a time beyond its end, while
+    everything tried is within the tolerance or nothing is; then speeds inside the bracket of the fastest one within and
+    the next, evenly on a logarithmic scale, until it is narrow enough.
+
+    Args:
+        tried: whether each speed is within the tolerance.
+        own: the programmed speed [mm/s].
+        resolution: relative width of the bracket.
+    """
+    if not tried:
+        return _rounded(own * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
+    found, speeds = answer(tried), sorted(tried)
+    furthest = 2.0 ** (_OCTAVES + _FURTHER) * (1 - 1e-3)
+    if found.fastest is None:
+        if speeds[0] * furthest <= own:
+            return []
+        return _rounded(np.array([0.5, math.sqrt(0.5)]) * speeds[0])
+    if found.above is None:
+        if speeds[-1] >= own * furthest:
+            return []
+        return _rounded(np.array([math.sqrt(2.0), 2.0]) * speeds[-1])
+    if found.above <= found.fastest * (1 + resolution):
+        return []
+    inside = _rounded(np.geomspace(found.fastest, found.above, _INSIDE + 2)[1:-1])
+    return [speed for speed in inside if speed not in tried]
+
+
+def _rounded(speeds: Floats) -> list[float]:
+    """Return speeds of few digits, each once."""
+    return sorted({float(f"{speed:.{_DIGITS}g}") for speed in speeds})

@@ -1,10 +1,10 @@
-"""The plots of a loop study: what was measured as points, the closed forms as lines over them, knees marked."""
+"""The plots of a loop study: simulations as points, closed forms as lines, knees marked."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,37 +13,41 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import Row
 from gantrysim.study.loop.arcs import involute_radius, local_pitch, loop_error
-from gantrysim.study.loop.findings import loop_knee
-from gantrysim.study.loop.integrator import CONVERGING, convergence
 from gantrysim.study.loop.panels import SHAPES, Panels
 from gantrysim.study.loop.sampling import quantisation, sample_and_hold
-from gantrysim.study.loop.trends import knee
-from gantrysim.study.loop.variants import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS
+from gantrysim.study.loop.study import (
+    AS_IT_IS,
+    FREE,
+    LOOP_ALONE,
+    NO_FRICTION,
+    NO_LOOP,
+    PERFECT,
+    SWEEPS,
+    LoopStudy,
+)
+from gantrysim.study.loop.trends import CONVERGING, convergence, knee, loop_knee
 from gantrysim.study.series import series
 from gantrysim.study.study import Plot
-
-if TYPE_CHECKING:
-    from gantrysim.study.loop.study import LoopStudy
 
 _SIZE = (11.0, 6.6)
 _LINE = 60  # points of a predicted line
 _MS = 1e3
 _LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
 _LEAST_DEVIATION = 1e-7
-_FIGURE_COLOURS = (INK, COLOURS["tracking"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["generation"])
+_VALUE_COLOURS = (INK, COLOURS["tracking"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["generation"])
 
 
-def figures(study: LoopStudy, rows: list[Row]) -> list[Plot]:
+def plots(study: LoopStudy, rows: list[Row]) -> list[Plot]:
     """Return a plot for each sweep that has cases."""
-    drawn: dict[str, tuple[Callable[[LoopStudy, Panels], str], float, str]] = {
+    sweeps: dict[str, tuple[Callable[[LoopStudy, Panels], str], float, str]] = {
         "loop_period": (_loop_period, _MS, "program loop period T [ms]"),
         "interpreter_time": (_interpreter_time, _MS, "interpreter time per pass d [ms]"),
         "servo_period": (_servo_period, _MS, "servo period [ms]"),
         "encoder_resolution": (_encoder_resolution, UM, "encoder resolution q [µm]"),
         "physics_step": (_physics_step, _MS, "physics step [ms]"),
     }
-    plots = []
-    for sweep, (draw, scale, label) in drawn.items():
+    drawn = []
+    for sweep, (draw, scale, label) in sweeps.items():
         if not any(row["sweep"] == sweep for row in rows):
             continue
         with sheet(*_SIZE) as figure:
@@ -52,18 +56,18 @@ def figures(study: LoopStudy, rows: list[Row]) -> list[Plot]:
             panels = Panels([left, top, figure.add_subplot(grid[1, 1], sharex=top)], rows, sweep, scale, label)
             text = draw(study, panels)
             panels.finish()
-        plots.append(Plot(sweep, SWEEPS[sweep], text, figure))
-    return plots
+        drawn.append(Plot(sweep, SWEEPS[sweep], text, figure))
+    return drawn
 
 
-def _spread(values: tuple[float, ...]) -> Floats:
-    """Points from the first to the last of ascending values above zero, evenly in the logarithm."""
+def _points(values: tuple[float, ...]) -> Floats:
+    """Return points from the first to the last of ascending values above zero, evenly in the logarithm."""
     positive = [value for value in values if value > 0]
     return np.geomspace(positive[0], positive[-1], _LINE)
 
 
 def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any]) -> dict[str, Floats]:
-    """AnalysisValues of the stepped arcs over a swept value, nan where the spiral is refused, each (m,) [µm]."""
+    """Return values of the stepped arcs over a swept value, nan where the spiral is refused, each (m,) [µm]."""
     found = []
     for value in values.tolist():
         arcs = study.arcs({**base, key: value})
@@ -75,50 +79,50 @@ def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any])
     return dict(zip(("rms", "mean", "std", "min", "max"), np.array(found).T, strict=True))
 
 
-def _loop_period(study: LoopStudy, on: Panels) -> str:
-    amber, program = COLOURS["generation"], study.job.program
-    period, key = _spread(study.loop_periods), "program.loop_period"
-    alone, limited = _predicted(study, key, period, FREE), _predicted(study, key, period, {})
-    radius = 0.5 * program["diameter"]
-    first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
+def _program_errors(
+    study: LoopStudy, on: Panels, values: tuple[float, ...]
+) -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:
+    """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
+    amber, swept, key = COLOURS["generation"], _points(values), f"program.{on.sweep}"
+    alone, limited = _predicted(study, key, swept, FREE), _predicted(study, key, swept, {})
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
     on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
-    on.line(on.errors, period, alone["rms"], amber, "stepped arcs against the involute")
+    on.line(on.errors, swept, alone["rms"], amber, "stepped arcs against the involute")
+    on.line(on.errors, swept, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
+    on.failures()
+    on.ripples(AS_IT_IS, LOOP_ALONE)
+    return swept, alone, limited
+
+
+def _loop_period(study: LoopStudy, on: Panels) -> str:
+    amber, program = COLOURS["generation"], study.job.program
+    period, alone, limited = _program_errors(study, on, study.loop_periods)
+    radius = 0.5 * program["diameter"]
+    first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
     on.line(on.errors, period, np.array(first), INK, "√(3/2) a V T / 2R", ":")
-    on.line(on.errors, period, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
     found = loop_knee(on.rows)
     if found is not None:
-        on.errors.axhline(found[1], color=COLOURS["tracking"], lw=1.2, ls="--", label="contour without any loop")
+        on.errors.axhline(found[1], color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
         on.mark(found[0], "loop alone")
-    on.failures()
-    asked = program["thickness"]
-    on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "mean off, as it is", UM, asked)
-    on.line(on.spacing, period, np.abs(limited["mean"] - UM * asked), COLOURS["requested"], "predicted")
+    nominal = program["thickness"]
+    on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "error of the mean, as it is", UM, nominal)
+    on.line(on.spacing, period, np.abs(limited["mean"] - UM * nominal), COLOURS["requested"], "predicted")
     on.points(on.spacing, "spacing_std_mm", PERFECT, amber, "std, loop alone, follower", UM)
     on.line(on.spacing, period, alone["std"], amber, "predicted")
     on.points(on.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
     on.spacing.set_ylim(bottom=_LEAST_SPACING)
-    on.ripples(AS_IT_IS, LOOP_ALONE)
     return (
-        "The program loop's period alone is changed. Where the controller's other limits are taken away (loop alone), "
-        "the generation error is that of arcs tangent to one another, in closed form; the dotted line is its law of "
-        "first order. As the job is, ACCEL adds an error that no loop period takes away, and WA, which waits whole "
-        "multiples of its resolution, makes short loops worse. The dashed line is what servo and machine leave of a "
+        "Loop alone: without the controller's other limits, the generation error is that of tangent arcs, in closed "
+        "form; the dotted line is its first order. As it is: ACCEL adds an error that no loop period removes, and WA, "
+        "which rounds waits down to its resolution, makes short loops worse. The dashed line is the contour error of a "
         "spiral without any loop."
     )
 
 
 def _interpreter_time(study: LoopStudy, on: Panels) -> str:
     amber, program = COLOURS["generation"], study.job.program
-    time, key = _spread(study.interpreter_times), "program.interpreter_time"
-    alone, limited = _predicted(study, key, time, FREE), _predicted(study, key, time, {})
-    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
-    on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
-    on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
-    on.line(on.errors, time, alone["rms"], amber, "stepped arcs against the involute")
-    on.line(on.errors, time, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
-    on.failures()
+    time, alone, _ = _program_errors(study, on, study.interpreter_times)
     on.spacing.set(yscale="linear", ylabel="[mm]")
     for column, colour in (("max", INK), ("mean", amber), ("min", INK)):
         on.points(on.spacing, f"spacing_{column}_mm", PERFECT, colour, f"{column}, loop alone, follower")
@@ -128,12 +132,11 @@ def _interpreter_time(study: LoopStudy, on: Panels) -> str:
         if ratio > 0:
             pitch = local_pitch(program["thickness"], program["loop_period"], ratio, time)
             on.line(on.spacing, time, pitch, COLOURS["structure"], f"local pitch, {name}", ":")
-    on.ripples(AS_IT_IS, LOOP_ALONE)
     return (
-        "In every pass the interpreter takes its time besides the wait, while the virtual circles turn on: the turns "
-        "come closer, the more so towards the centre where the waits are short. Lines are the stepped arcs in closed "
-        "form; dotted, the local pitch at the start and at the end. As the job is, a little of it makes good for what "
-        "WA cuts from every wait: half of WA's resolution on average."
+        "In every pass the interpreter takes its time besides the wait while the virtual circles turn on; this narrows "
+        "the turns, most near the centre where the waits are short. Lines are the stepped arcs in closed form; dotted, "
+        "the local pitch at start and end. As it is, a short interpreter time offsets WA's rounding of the waits, half "
+        "of its resolution on average."
     )
 
 
@@ -147,7 +150,7 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
     on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
     machine = study.job.built_machine
     if study.spiral and {"x", "y"} <= set(machine.axis_names):
-        program, period = study.job.program, _spread(study.servo_periods)
+        program, period = study.job.program, _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
         middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured
         radius = involute_radius(program["diameter"], program["turns"], program["thickness"], middle)
@@ -162,19 +165,17 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
         at = knee(x, y, float(y.min()))
         on.mark(at if at is not None and at > x[1] else None, "as it is")
     on.failures()
-    _spacings(on, AS_IT_IS, NO_LOOP)
-    on.ripples(AS_IT_IS, NO_LOOP)
+    _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
     return (
-        "The gains follow from the servo period: the slower the servo, the lower the frequency that leaves the loop "
-        "its phase margin. Most of the tracking error is friction. Without it, and without the loop, the encoder's "
-        "counts and the integral term, there remains what the theory of the sampled servo says (lines): the "
-        "feed-forward comes late by one and a half servo periods and the winding's lag. These are taken in the middle "
-        "90 % of the time, when the start has died away, at a quarter of the physics step."
+        "The gains follow from the servo period: a slower servo has a lower bandwidth at the same phase margin. Most "
+        "of the tracking error is friction. Without friction, program loop, encoder counts and integral term, the "
+        "theory of the sampled servo remains (lines): the feed-forward is late by one and a half servo periods and the "
+        "winding's lag. These errors are taken in the middle 90 % of the time, at a quarter of the physics step."
     )
 
 
 def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
-    pink, count = COLOURS["measurement"], _spread(study.resolutions)
+    pink, count = COLOURS["measurement"], _points(study.resolutions)
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     if study.spiral:
         on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
@@ -187,37 +188,36 @@ def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
     if x.size > 1:
         on.mark(knee(x, y, float(y[0])), variant)
     on.failures()
-    _spacings(on, AS_IT_IS, NO_LOOP)
-    on.ripples(AS_IT_IS, NO_LOOP)
+    _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
     return (
-        "All linear axes have counts of this size, rotary ones in proportion. The measurement part of the error is "
-        "that of counts evenly distributed within one, q / sqrt(12). The servo's derivative makes torque of the "
-        "counts: the path speed ripples long before the contour shows it."
+        "Encoder count of all linear axes, rotary ones in proportion. The measurement part of the error is that of an "
+        "even distribution within a count, q / sqrt(12). The servo's derivative turns counts into torque: the path "
+        "speed ripples at counts that do not yet affect the contour error."
     )
 
 
 def _physics_step(study: LoopStudy, on: Panels) -> str:
-    on.errors.set(ylabel="from the limit, in parts of it", title="Convergence of the figures")
+    on.errors.set(ylabel="relative deviation from the limit", title="Convergence")
     for variant in (AS_IT_IS, NO_FRICTION):
-        for (column, figure), colour in zip(convergence(on.rows, variant).items(), _FIGURE_COLOURS, strict=False):
-            step = np.array(figure.steps)
-            away = np.abs(np.array(figure.values) / figure.limit - 1) if figure.limit else np.zeros(step.size)
-            order = "scatter" if figure.order is None else f"order {figure.order:.2f}"
+        for (column, found), colour in zip(convergence(on.rows, variant).items(), _VALUE_COLOURS, strict=False):
+            step = np.array(found.steps)
+            away = np.abs(np.array(found.values) / found.limit - 1) if found.limit else np.zeros(step.size)
+            order = "scatter" if found.order is None else f"order {found.order:.2f}"
             shown = away > _LEAST_DEVIATION
             shape = {"mfc": colour, **SHAPES[variant]}
             label = f"{CONVERGING[column]}, {variant}: {order}"
             on.errors.plot(on.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
-            if figure.order is not None and away[0] > _LEAST_DEVIATION:
-                on.line(on.errors, step, away[0] * (step / step[0]) ** figure.order, colour, "")
-    _spacings(on, AS_IT_IS, NO_FRICTION)
-    on.ripples(AS_IT_IS, NO_FRICTION)
+            if found.order is not None and away[0] > _LEAST_DEVIATION:
+                on.line(on.errors, step, away[0] * (step / step[0]) ** found.order, colour, "")
+    _spacings_and_ripples(on, AS_IT_IS, NO_FRICTION)
     return (
-        "The physics step is halved again and again, and each figure extrapolated to a step of zero where it has an "
-        "order of convergence; lines have that order's slope. A figure that only scatters is held against its value at "
-        "the finest step. Without friction, which is not smooth, the integrator's first order is plain."
+        "The physics step is halved repeatedly, and each value with an order of convergence extrapolated to a step of "
+        "zero; lines have that order's slope. A value that scatters is compared with that at the finest step. Without "
+        "friction, which is not smooth, the first order of the integrator shows."
     )
 
 
-def _spacings(on: Panels, *variants: str) -> None:
+def _spacings_and_ripples(on: Panels, *variants: str) -> None:
     for variant in variants:
         on.points(on.spacing, "spacing_std_mm", variant, INK, f"std, {variant}", UM)
+    on.ripples(*variants)

@@ -1,24 +1,22 @@
-"""The plots and tables of a circular test."""
+"""The report of a circular test."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
-from gantrysim.study.cases import Row
-from gantrysim.study.circle.rows import AXES, SENSES
-from gantrysim.study.study import Plot
+from gantrysim.report.document import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.circle.study import AXES, DECAY, SENSES, CircleStudy
+from gantrysim.study.study import Plot, Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
-
-    from gantrysim.report import Table
-    from gantrysim.study.circle.study import CircleStudy
 
 _PATHS = {"clockwise": AXIS_COLOURS[1], "counter-clockwise": AXIS_COLOURS[0]}
 _DIVISIONS = (1, 2, 5)
@@ -26,68 +24,90 @@ _RINGS = 4  # divisions from the nominal circle to the largest deviation, at mos
 _INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviations
 
 
-def figures(study: CircleStudy, rows: list[Row]) -> list[Plot]:
-    """Return the circular-test chart, and the deviation over the angle."""
-    traces = study.traces(rows)
+def report(study: CircleStudy, rows: list[Row]) -> Report:
+    """Return the circular deviations, the reversals, the chart, and the deviation over the angle."""
+    traces, motors = study.traces(rows, "radial"), study.traces(rows, "motor")
     if len(traces) < len(SENSES):
-        return []
+        failed = next(row for row in rows if row["status"] != OK)
+        return Report(f"The circle run {failed['direction']} has no values: {failed['status']}")
     test = CircularTest(traces["clockwise"], traces["counter-clockwise"])
-    structure = {
-        str(row["direction"]): trace.deviation - np.array(row["motor_deviation_um"], float) / UM
-        for row, trace in zip(rows, traces.values(), strict=True)
-    }
-    return [
+    one, other = (UM * trace.circular_deviation for trace in traces.values())
+    headline = (
+        f"Circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-clockwise, bidirectional "
+        f"G(b) = {UM * test.bidirectional_circular_deviation:.1f} µm, for a radius of {study.radius:g} mm at "
+        f"{study.speed:g} mm/s on {study.job.built_machine.name}."
+    )
+    notes = [
+        f"Evaluated on one full circle at constant speed after {study.lead:g} deg of lead, after public descriptions "
+        "of ISO 230-4:2005 and 2022: F from the nominal circle about the axes' zero, G and G(b) from minimum-zone "
+        "circles, D, the error of the mean radius, from the least-squares circle of both paths.",
+        "Steps and spikes at reversals are not part of the standard (see gantrysim.metrics). The motors' G is that of "
+        "the motor positions; the difference to the nozzle's is the structure's.",
+    ]
+    if study.decay > study.reach:
+        notes.append(
+            f"A spike takes {DECAY:g} s to decay, {study.decay:.0f} deg at this speed: steps and spikes are not "
+            "clearly separated."
+        )
+    structure = {name: trace.deviation - motors[name].deviation for name, trace in traces.items()}
+    plots = [
         Plot(
             "chart",
             "Radial deviation, magnified",
-            "The nominal circle is the bold ring; outside of it the path is too large. The dashed rings are the "
-            "minimum zone of both paths.",
+            "The nominal circle is the bold ring; outside it the path is too large. The dashed rings are the minimum "
+            "zone of both paths.",
             _draw_chart(test),
-            tables=[_figures_table(test), _reversals_table(traces, study.reach)],
         ),
         Plot(
             "deviation",
             "Radial deviation over the angle",
-            "At 0 and 180 deg x reverses, at 90 and 270 deg y; the marks are the spikes. Below, what of it arises "
+            "x reverses at 0 and 180 deg, y at 90 and 270 deg; the marks are the spikes. Below, the part that arises "
             "behind the motors.",
             _draw_deviation(traces, structure, study.reach),
         ),
     ]
+    return Report(headline, [_values_table(test, traces, motors), _reversals_table(traces, study.reach)], notes, plots)
 
 
-def _figures_table(test: CircularTest) -> Table:
-    from gantrysim.report import Column, Table
-
-    rows: list[list[Any]] = []
-    for name, trace in (("clockwise", test.clockwise), ("counter-clockwise", test.counter_clockwise)):
-        deviation = UM * trace.deviation
-        rows.append([name, UM * trace.circular_deviation, deviation.max(), deviation.min(), None, None])
+def _values_table(test: CircularTest, traces: dict[str, Trace], motors: dict[str, Trace]) -> Table:
     both = UM * test.bidirectional_circular_deviation, UM * test.mean_bidirectional_radial_deviation
-    rows.append(["both", None, None, None, *both])
-    heads = ("G [µm]", "Fmax [µm]", "Fmin [µm]", "G(b) [µm]", "D [µm]")
-    columns: list[str | Column] = ["path", *(Column(head, ".2f") for head in heads)]
-    return Table(columns, rows, caption="AnalysisValues in the manner of ISO 230-4.")
+    rows = [
+        [
+            name,
+            UM * trace.circular_deviation,
+            UM * motors[name].circular_deviation,
+            UM * trace.deviation.max(),
+            UM * trace.deviation.min(),
+            None,
+            None,
+        ]
+        for name, trace in traces.items()
+    ]
+    rows.append(["both", None, None, None, None, *both])
+    heads = ("G [µm]", "motors' G [µm]", "Fmax [µm]", "Fmin [µm]", "G(b) [µm]", "D [µm]")
+    return Table(["path", *(Column(head, ".2f") for head in heads)], rows, caption="Values after ISO 230-4.")
 
 
 def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
-    from gantrysim.report import Column, Table
-
-    found = {name: trace.reversals(reach) for name, trace in traces.items()}
     rows = [
         [
-            f"{angle:g} deg",
-            AXES[k % 2],
-            *(UM * value for one in found.values() for value in (one[k].step, one[k].spike)),
+            name,
+            f"{reversal.angle:g} deg",
+            AXES[reversal.axis],
+            UM * reversal.step,
+            UM * reversal.spike,
+            reversal.spike_at,
         ]
-        for k, angle in enumerate((0, 90, 180, 270))
+        for name, trace in traces.items()
+        for reversal in trace.reversals(reach)
     ]
-    columns: list[str | Column] = ["reversal at", "axis"]
-    columns += [Column(f"{name}, {what} [µm]", ".2f") for name in found for what in ("step", "spike")]
+    heads = (("step [µm]", ".2f"), ("spike [µm]", ".2f"), ("spike after [deg]", ".1f"))
+    columns: list[str | Column] = ["path", "reversal at", "axis", *(Column(*head) for head in heads)]
     return Table(columns, rows, caption="Reversals of the axes; outward is positive.")
 
 
 def _draw_chart(test: CircularTest) -> Figure:
-    """Draw the radial deviation of both paths on a circle, magnified, with the zone that envelops them."""
+    """Draw the radial deviation of both paths on a circle, magnified, with their minimum zone."""
     paths = {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise}
     reach = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
     division = _division(reach)
@@ -122,13 +142,7 @@ def _draw_chart(test: CircularTest) -> Figure:
 
 
 def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
-    """Draw the radial deviation over the angle, a panel for each direction, and what of it the structure makes below.
-
-    Args:
-        traces: of the nozzle, by direction.
-        structure: radial deviation of the nozzle less that of the motors, at the points of the traces, (n,) [mm].
-        reach: of the spikes after reversals [deg].
-    """
+    """Draw the radial deviation over the angle, a panel per direction, and the structure's part, (n,) [mm], below."""
     with sheet(9.0, 7.2) as figure:
         *panels, last = figure.subplots(len(traces) + 1, sharex=True, height_ratios=(3,) * len(traces) + (2,))
         for panel, (name, trace) in zip(panels, traces.items(), strict=True):
@@ -155,7 +169,7 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
             panel.set_title(f"nozzle, run {name}", loc="right")
             panel.set_ylabel("outward [µm]")
         panels[-1].sharey(panels[0])
-        last.set_title("nozzle less motors: the structure's part", loc="right")
+        last.set_title("nozzle minus motors: the structure's part", loc="right")
         last.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
         last.set(xlabel="angle, counter-clockwise from +x [deg]", xlim=(0, 360), ylabel="outward [µm]")
         last.set_xticks(range(0, 361, 45))
@@ -163,7 +177,7 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
 
 
 def _division(reach: float) -> float:
-    """The least of 1, 2, 5, 10, ... that has the reach in few divisions."""
+    """Return the smallest of 1, 2, 5, 10, ... that covers the reach in few divisions."""
     decade = 10.0 ** np.floor(np.log10(max(reach, 1e-3)) - 1)
     return next(
         float(step * decade * ten)

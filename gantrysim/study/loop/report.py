@@ -1,0 +1,223 @@
+"""The report of a loop study."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.report.document import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.loop.plots import plots
+from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, LoopStudy
+from gantrysim.study.loop.trends import CONVERGING, EXCESS, convergence, crossing, knee, loop_knee, power
+from gantrysim.study.series import series
+from gantrysim.study.study import Report
+
+_PER_CENT = 100.0
+_TURNED = 1.05  # over the least error: a significant rise
+_HIDING = 0.5  # of the contour error: a generation error that hides the servo's
+_SENSITIVE = 0.05  # of a value: a significant effect of the physics step
+
+Lines = list[tuple[str, str, str, str]]  # sweep, variant, result and value
+
+
+def report(study: LoopStudy, rows: list[Row]) -> Report:
+    """Return the knees and errors of all sweeps, the convergence over the physics step, and a plot of each sweep."""
+    lines = [*_loop(study, rows), *_interpreter(study, rows), *_servo(rows), *_encoder(rows)]
+    caption = (
+        f"Contour errors are rms. Knee: largest value up to which the contour error is within {_PER_CENT * EXCESS:.0f} "
+        "% of its floor; below it, the sweep has no effect."
+    )
+    tables = [Table(["sweep", "variant", "result", "value"], lines, caption)] if lines else []
+    tables += _convergence_table(rows)
+    notes = []
+    converging = convergence(rows, AS_IT_IS)
+    if moved := [CONVERGING[column] for column, value in converging.items() if value.deviation > _SENSITIVE]:
+        notes.append(f"More than {_PER_CENT * _SENSITIVE:.0f} % off due to the physics step: {', '.join(moved)}.")
+    if not study.spiral:
+        controller = study.job.program["controller"]
+        notes.append(f"{controller} has no program loop: the sweeps of loop period and interpreter time are left out.")
+    if failed := sum(row["status"] != OK for row in rows):
+        notes.append(f"{failed} of {len(rows)} cases have no values: refused by the controller, or ended by a fault.")
+    return Report(_headline(lines), tables, notes, plots(study, rows))
+
+
+def _headline(lines: Lines) -> str:
+    values = {(sweep, variant, result): value for sweep, variant, result, value in lines}
+    parts = []
+    if best := values.get(("loop period", AS_IT_IS, "best period")):
+        least = values["loop period", AS_IT_IS, f"contour error at {best}"]
+        parts.append(f"least contour error {least} rms at a loop period of {best}")
+    knees = [f"{sweep} ({variant}) {value}" for sweep, variant, result, value in lines if result == "knee"]
+    if knees:
+        parts.append(f"knees of the contour error: {', '.join(knees)}")
+    text = "; ".join(parts) or "too few cases with values for a result"
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
+    lines: Lines = []
+
+    def add(variant: str, result: str, value: str) -> None:
+        lines.append(("loop period", variant, result, value))
+
+    program = study.job.program
+    period, contour = series(rows, "value", "contour_rms_um", sweep="loop_period", variant=AS_IT_IS)
+    alone = series(rows, "value", "contour_rms_um", sweep="loop_period", variant=LOOP_ALONE)
+    if period.size > 1:
+        best = int(contour.argmin())
+        add(AS_IT_IS, "best period", _ms(period[best]))
+        add(AS_IT_IS, f"contour error at {_ms(period[best])}", _um(contour[best]))
+        if alone[0].size:
+            by_itself = np.interp(float(period[best]), alone[0], alone[1])
+            add(LOOP_ALONE, f"contour error at {_ms(period[best])}", _um(by_itself))
+        if math.isfinite(program["acceleration"]):
+            add(AS_IT_IS, "loop period with the same error as ACCEL", _ms(program["speed"] / program["acceleration"]))
+        if contour[0] > _TURNED * contour[best]:
+            times = f"{contour[0] / contour[best]:.1f} times the least"
+            add(AS_IT_IS, f"contour error at {_ms(period[0])}", f"{_um(contour[0])}, {times}")
+            if uncut := _without_wa(study, float(period[0])):
+                cut = _ms(program["wait_resolution"])
+                add(AS_IT_IS, f"generation error without WA's rounding to {cut}, at {_ms(period[0])}", _um(uncut))
+        refused = [
+            float(row["value"])  # type: ignore[arg-type]
+            for row in rows
+            if row["sweep"] == "loop_period" and row["variant"] == AS_IT_IS and row["status"] != OK
+        ]
+        if shorter := [value for value in refused if value < period[0]]:
+            add(AS_IT_IS, "no values at and below", _ms(max(shorter)))
+    found = loop_knee(rows)
+    if found is not None:
+        add(LOOP_ALONE, "knee", _knee(found[0], alone[0], _ms))
+        add(NO_LOOP, "contour error", _um(found[1]))
+        exact, generation = series(rows, "value", "generation_rms_um", sweep="loop_period", variant=PERFECT)
+        if exact.size > 1:
+            per_ms = _um(generation[0] / exact[0] * 1e-3)
+            add(PERFECT, "growth of the generation error", f"T^{power(exact, generation):.2f}, {per_ms} per ms")
+    return lines
+
+
+def _without_wa(study: LoopStudy, period: float) -> float | None:
+    """Return the generation error at a loop period without WA's rounding [µm]; None where that makes no difference."""
+    shortest = {"program.loop_period": period}
+    cut, uncut = study.arcs(shortest), study.arcs({**shortest, "program.wait_resolution": 0.0})
+    if uncut is None or (cut is not None and uncut.generation.rms >= cut.generation.rms / _TURNED):
+        return None
+    return 1e3 * uncut.generation.rms
+
+
+def _interpreter(study: LoopStudy, rows: list[Row]) -> Lines:
+    time, pitch = series(rows, "value", "spacing_mean_mm", sweep="interpreter_time", variant=PERFECT)
+    if time.size < 2 or time[0] > 0:
+        return []
+    sweep, nominal = "interpreter time", study.job.program["thickness"]
+    narrowing = f"{_um(1e3 * (pitch[0] - pitch[-1]))} of {nominal:g} mm"
+    lines = [(sweep, PERFECT, f"narrowing of the turns at {_ms(time[-1])} per pass", narrowing)]
+    as_is, contour = series(rows, "value", "contour_rms_um", sweep="interpreter_time", variant=AS_IT_IS)
+    if as_is.size > 1:
+        best = int(contour.argmin())
+        if best and contour[0] > _TURNED * contour[best]:
+            value = f"{_um(contour[best])} instead of {_um(contour[0])}"
+            lines.append((sweep, AS_IT_IS, f"least contour error, at {_ms(as_is[best])}", value))
+    return lines
+
+
+def _servo(rows: list[Row]) -> Lines:
+    lines: Lines = []
+
+    def add(variant: str, result: str, value: str) -> None:
+        lines.append(("servo period", variant, result, value))
+
+    for shown in (AS_IT_IS, NO_LOOP):
+        period, contour = series(rows, "value", "contour_rms_um", sweep="servo_period", variant=shown)
+        if period.size < 2:
+            continue
+        at = knee(period, contour, float(contour.min()))
+        below_second = at is None or at < period[1]  # every shorter period reduces the error
+        add(shown, "knee", _knee(None if below_second else at, period, _ms))
+    variants = [variant for _, variant, *_ in lines]
+    if AS_IT_IS not in variants:
+        return []
+    if NO_LOOP in variants:
+        columns = ("contour_rms_um", "tracking_rms_um", "generation_rms_um")
+        period, contour, tracking, generation = series(rows, "value", *columns, sweep="servo_period", variant=AS_IT_IS)
+        if period.size and generation.min() > _HIDING * contour.min():
+            add(AS_IT_IS, "least generation error, which hides the servo's", _um(generation.min()))
+        if np.all(generation > 0) and np.all(tracking > 0) and (at := crossing(period, tracking, generation)):
+            add(AS_IT_IS, "tracking exceeds generation error above", _ms(at))
+    shown = variants[-1]
+    period, contour = series(rows, "value", "contour_rms_um", sweep="servo_period", variant=shown)
+    for value, error in zip(period, contour, strict=True):
+        add(shown, f"contour error at {_ms(value)}", _um(error))
+    add(shown, "growth of the contour error", f"period^{power(period, contour):.1f}")
+    steady = "steady_tracking_normal_rms_um"
+    errors = {
+        variant: dict(np.transpose(series(rows, "value", steady, sweep="servo_period", variant=variant)).tolist())
+        for variant in (shown, NO_FRICTION)
+    }
+    if shared := [value for value in errors[shown] if value in errors[NO_FRICTION]]:
+        middle = shared[len(shared) // 2]
+        for variant, values in errors.items():
+            add(variant, f"steady normal tracking error at {_ms(middle)}", _um(values[middle]))
+    return lines
+
+
+def _encoder(rows: list[Row]) -> Lines:
+    sweep = "encoder resolution"
+    for variant in (NO_LOOP, AS_IT_IS):
+        count, contour = series(rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
+        if count.size > 1:
+            break
+    else:
+        return []
+    at = knee(count, contour, float(contour[0]))
+    lines = [(sweep, variant, "knee", _knee(at, count, lambda value: _um(1e3 * value)))]
+    count, ripple = series(rows, "value", "speed_ripple", sweep="encoder_resolution", variant=AS_IT_IS)
+    if count.size > 1:
+        for k in (0, -1):
+            ripple_text = f"{_PER_CENT * ripple[k]:.2g} %"
+            lines.append((sweep, AS_IT_IS, f"speed ripple at {_um(1e3 * count[k])}", ripple_text))
+    return lines
+
+
+def _convergence_table(rows: list[Row]) -> list[Table]:
+    found = {variant: convergence(rows, variant) for variant in (AS_IT_IS, NO_FRICTION)}
+    if not found[AS_IT_IS]:
+        return []
+    steps = next(iter(found[AS_IT_IS].values())).steps
+    cells = [
+        [
+            CONVERGING[column],
+            variant,
+            _PER_CENT * value.deviation,
+            "scatter" if value.order is None else f"{value.order:.2f}",
+        ]
+        for variant, values in found.items()
+        for column, value in values.items()
+    ]
+    caption = (
+        f"Deviation at a physics step of {_ms(steps[0])} from the limit extrapolated (Richardson) over halved steps "
+        f"down to {_ms(steps[-1])}; without an order of convergence, the whole scatter."
+    )
+    return [Table(["value", "variant", Column("deviation [%]", ".2g"), "order"], cells, caption)]
+
+
+def _knee(at: float | None, swept: Floats, text: Callable[[float], str]) -> str:
+    """Return a knee as text, or the end of the sweep beyond which it lies."""
+    if at is None:
+        return f"< {text(swept[0])}"
+    return f"> {text(swept[-1])}" if at == math.inf else text(at)
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.4g} ms"
+
+
+def _um(micrometres: Floats | float) -> str:
+    value = float(micrometres)
+    if value >= 100:
+        return f"{value:.0f} µm"
+    return f"{value:.3g} µm" if value >= 0.1 else f"{1e3 * value:.2g} nm"

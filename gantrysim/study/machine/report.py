@@ -1,0 +1,215 @@
+"""The report of a machine study."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.machine.tolerances import in_words
+from gantrysim.plots.style import COLOURS, INK, sheet
+from gantrysim.report.document import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.machine.study import MachineStudy
+from gantrysim.study.machine.yields import Influence, influences, yield_of
+from gantrysim.study.study import Plot, Report
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_GOOD, _BAD = COLOURS["structure"], COLOURS["fault"]
+_BINS = (12, 40)
+_WORST = 5
+_MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
+
+
+def report(study: MachineStudy, rows: list[Row]) -> Report:
+    """Return the yield, the distribution of the metric over the machines, and the influence of every factor."""
+    nominal, others, values = study.drawn(rows)
+    good = [row for row in rows if row["status"] == OK]
+    if not good:
+        return Report(f"None of the {len(rows)} machines gives a run with values: {rows[0]['status']}")
+    criterion, label = study.criterion, study.criterion.axis_label(good[0])
+    found = yield_of(int(np.sum(values <= criterion.tolerance)), values.size)
+    factors, explained = influences(study.machines, values)
+    headline = (
+        f"Yield {100 * found.share:.1f} % (95 % confidence: {100 * found.low:.1f} to {100 * found.high:.1f} %): "
+        f"{found.within} of {found.count} machines are within the tolerance of {criterion.limit(good[0])}"
+    )
+    headline += f"; the dominant factor is {in_words(factors[0].factor)}." if factors[0].clear else "."
+    notes = []
+    if not factors[0].clear:
+        notes.append("No factor has a significant influence.")
+    if nominal["status"] != OK:
+        notes.append(f"The nominal machine has no values: {nominal['status']}.")
+    if failed := [row for row in others if row["status"] != OK]:
+        notes.append(f"{len(failed)} runs failed, such as machine {failed[0]['sample']}: {failed[0]['status']}.")
+    notes.append("Every machine runs with the servo gains of the nominal machine.")
+    tables = [
+        _distribution_table(criterion.value(nominal), values, label),
+        _influence_table(study, factors, explained, values),
+        _variation_table(study),
+    ]
+    if not np.isfinite(values).any():
+        return Report(headline, tables, notes)
+    most = {in_words(one.factor): study.machines[one.factor] for one in factors[:4]}
+    plots = [
+        Plot(
+            "yield",
+            "Distribution over the machines",
+            "Above, the share of machines up to a value; below, their number at it. Failed machines are beyond the "
+            "right end.",
+            _draw_yield(values, criterion.value(nominal), criterion.tolerance, label),
+            tables=[_worst_table(study, values, label)],
+        ),
+        Plot(
+            "influence",
+            "Influence of the factors",
+            "Coefficients of a linear regression of the metric's rank on the ranks of all factors, all scaled to unit "
+            "variance: near 1 where more of a factor always increases the metric, near -1 where it decreases it. Pale "
+            "bars are not significant.",
+            _draw_influence([(in_words(one.factor), one.coefficient, one.clear) for one in factors]),
+        ),
+        Plot(
+            "scatter",
+            "Metric over the most influential factors",
+            "Each point is a machine.",
+            _draw_scatter(most, values, criterion.tolerance, label),
+        ),
+    ]
+    return Report(headline, tables, notes, plots)
+
+
+def _distribution_table(nominal: float, values: Floats, label: str) -> Table:
+    low, median, high = np.percentile(values, [5, 50, 95], method="inverted_cdf")
+    worst = int(values.argmax())
+    sizes = {"nominal": nominal, "5 % quantile": low, "median": median, "95 % quantile": high}
+    sizes[f"worst, number {worst + 1}"] = values[worst]
+    rows = [[name, float(size) if np.isfinite(size) else None] for name, size in sizes.items()]
+    return Table(["machine", label], rows, caption="Distribution over the machines.")
+
+
+def _influence_table(study: MachineStudy, factors: list[Influence], explained: float, values: Floats) -> Table:
+    within = values <= study.tolerance
+    rows = []
+    for one in factors:
+        more = study.machines[one.factor] > np.median(study.machines[one.factor])
+        shares = (100 * float(within[half].mean()) for half in (more, ~more))
+        rows.append([in_words(one.factor), one.coefficient, "yes" if one.clear else "no", *shares])
+    columns: list[str | Column] = [
+        "factor",
+        Column("rank coefficient", "+.2f"),
+        "significant",
+        Column("yield above [%]", ".0f"),
+        Column("below [%]", ".0f"),
+    ]
+    caption = (
+        f"Influence, with the yield of the machines above and below the median of each factor. Together the factors "
+        f"explain {100 * explained:.0f} % of the variance of the ranks."
+    )
+    return Table(columns, rows, caption=caption)
+
+
+def _variation_table(study: MachineStudy) -> Table:
+    rows = [
+        [in_words(name), f"0 to {spread:g} kg" if name == "payload" else f"{1 / (1 + spread):.3g} to {1 + spread:.3g}"]
+        for name, spread in asdict(study.spread).items()
+        if spread
+    ]
+    caption = f"Variation, per axis: payload, and factors of the nominal values; Latin hypercube, seed {study.seed}."
+    return Table(["quantity", "range"], rows, caption=caption)
+
+
+def _worst_table(study: MachineStudy, values: Floats, label: str) -> Table:
+    order = np.argsort(-values, kind="stable")[:_WORST]
+    columns: list[str | Column] = ["machine", label]
+    columns += [Column(in_words(name) + (" [kg]" if name == "payload_kg" else ""), ".3f") for name in study.machines]
+    cells = [
+        [
+            int(k) + 1,
+            float(values[k]) if np.isfinite(values[k]) else None,
+            *(float(factor[k]) for factor in study.machines.values()),
+        ]
+        for k in order
+    ]
+    return Table(columns, cells, caption="The worst machines; factors multiply the nominal machine's values.")
+
+
+def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) -> Figure:
+    """Draw the distribution of a metric over machines, (n,), inf if failed: cumulative above, a histogram below."""
+    finite = np.sort(values[np.isfinite(values)])
+    share = 100 * np.arange(1, finite.size + 1) / values.size
+    within = 100 * float(np.mean(values <= tolerance))
+    with sheet(9.0, 6.4) as drawing:
+        above, below = drawing.subplots(2, sharex=True, height_ratios=(3, 2))
+        above.step(np.concatenate([finite[:1], finite]), np.concatenate([[0], share]), where="post", color=INK, lw=1.8)
+        above.plot([tolerance], [within], "o", ms=7, color=_BAD, zorder=4)
+        # the curve rises to the right: the label fits above it on the left and below it on the right
+        left = tolerance > 0.5 * (finite[0] + finite[-1])
+        above.annotate(
+            f"yield {within:.1f} %",
+            (tolerance, within),
+            xytext=(-8, 6) if left else (8, -6),
+            textcoords="offset points",
+            ha="right" if left else "left",
+            va="bottom" if left else "top",
+            color=_BAD,
+            weight="bold",
+        )
+        bins = int(np.clip(np.sqrt(finite.size) * 1.5, *_BINS))
+        low, high = min(finite[0], tolerance), max(finite[-1], tolerance)
+        width = max((high - low) / bins, 1e-9 * abs(high))
+        edges = tolerance + width * np.arange(
+            np.floor((low - tolerance) / width), np.ceil((high - tolerance) / width) + 1
+        )
+        counts, edges = np.histogram(finite, np.append(edges, edges[-1] + width))
+        colours = [_GOOD if edge < tolerance - 1e-9 * width else _BAD for edge in edges[:-1]]
+        below.bar(edges[:-1], counts, np.diff(edges), align="edge", color=colours, alpha=0.75, edgecolor="w", lw=0.6)
+        for axes in (above, below):
+            axes.axvline(tolerance, color=_BAD, lw=1.2, ls="--", label=f"tolerance {tolerance:g}")
+            if np.isfinite(nominal):
+                axes.axvline(nominal, color=COLOURS["tracking"], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
+        above.set(ylabel="share of machines [%]", ylim=(-_MARGIN, 100 + _MARGIN), yticks=range(0, 101, 20))
+        below.set(ylabel="machines", xlabel=label)
+        below.yaxis.get_major_locator().set_params(integer=True)
+        drawing.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return drawing
+
+
+def _draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
+    """Draw name, coefficient and significance of all factors as bars, the largest on top."""
+    with sheet(9.0, 1.4 + 0.32 * len(found)) as drawing:
+        axes = drawing.add_subplot()
+        for k, (_, coefficient, clear) in enumerate(found):
+            colour = _BAD if coefficient > 0 else COLOURS["tracking"]
+            axes.barh(k, coefficient, color=colour, alpha=0.9 if clear else 0.25, height=0.7)
+            at = coefficient + (0.015 if coefficient >= 0 else -0.015)
+            side = "left" if coefficient >= 0 else "right"
+            axes.text(at, k, f"{round(coefficient, 2) + 0.0:+.2f}", va="center", ha=side, fontsize=9)
+        axes.axvline(0, color=INK, lw=0.8)
+        axes.set_yticks(range(len(found)), [name for name, _, _ in found])
+        axes.invert_yaxis()
+        axes.set(xlim=(-1.12, 1.12), xlabel="standardised rank coefficient")
+        axes.grid(visible=False, axis="y")
+    return drawing
+
+
+def _draw_scatter(factors: dict[str, Floats], metric: Floats, tolerance: float, label: str) -> Figure:
+    """Draw a metric, (n,), over some factors, (n,) each by name, with a panel each; failed machines are left out."""
+    finite = np.isfinite(metric)
+    columns = min(len(factors), 2)
+    rows = -(-len(factors) // columns)
+    with sheet(9.0, 0.6 + 2.9 * rows) as drawing:
+        panels = drawing.subplots(rows, columns, sharey=True, squeeze=False).ravel()
+        for panel, (name, values) in zip(panels, factors.items(), strict=False):
+            for within, colour in ((True, _GOOD), (False, _BAD)):
+                chosen = finite & ((metric <= tolerance) == within)
+                panel.plot(values[chosen], metric[chosen], "o", ms=4, mew=0, alpha=0.75, color=colour)
+            panel.axhline(tolerance, color=_BAD, lw=1.0, ls="--")
+            panel.set_xlabel("payload [kg]" if name == "payload" else f"{name}, factor")
+        for panel in panels[len(factors) :]:
+            panel.set_visible(False)
+        drawing.supylabel(label, fontsize="medium")
+    return drawing

@@ -1,0 +1,144 @@
+"""The report of a repeat study."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.metrics import RepeatedPath
+from gantrysim.metrics.analysis import THOUSANDTH
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.report.document import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.repeat.repeats import ALL, PHASES, has_phase
+from gantrysim.study.repeat.study import RepeatStudy
+from gantrysim.study.study import Plot, Report
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def report(study: RepeatStudy, rows: list[Row]) -> Report:
+    """Return accuracy and repeatability by the source of variation, along the path and on the plan."""
+    paths = study.paths(rows)
+    if ALL not in paths:
+        return Report(f"Fewer than two of {study.repeats} repeats have values: {rows[0]['status']}")
+    path = paths[ALL]
+    accuracy, repeatability = UM * path.path_accuracy, UM * path.path_repeatability
+    headline = (
+        f"Path accuracy ATp = {accuracy:.2f} µm, path repeatability RTp = {repeatability:.2f} µm over "
+        f"{len(path.attained)} repeats of {study.job.name}."
+    )
+    notes = []
+    if repeatability > 0:
+        ratio = accuracy / repeatability
+        notes.append(f"The systematic error, removable by correcting the program, is {ratio:.3g} times the scatter.")
+    notes.append(
+        f"After public descriptions of ISO 9283:1998, at {study.s.size} places along the dispensing path, in planes "
+        "normal to it; load, speed and path are the job's, not the standard's (see gantrysim.metrics)."
+    )
+    if failed := sum(row["status"] != OK for row in rows):
+        notes.append(f"{failed} of {len(rows)} runs failed and are left out.")
+    plots = [
+        Plot(
+            "along",
+            "Along the path",
+            "Above, the distance from the requested path to the mean of the repeats, with the circle of repeatability "
+            "as a band. Below, the repeatability with everything varied and with each source alone.",
+            _draw_along(paths),
+        ),
+        Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(path)),
+    ]
+    return Report(headline, [_table(paths), _variation_table(study)], notes, plots)
+
+
+def _table(paths: dict[str, RepeatedPath]) -> Table:
+    heads = ("ATp [µm]", "at s [mm]", "median AT [µm]", "RTp [µm]", "at s [mm]", "median RT [µm]")
+    columns: list[str | Column] = [
+        "varied",
+        "repeats",
+        *(Column(head, ".1f" if head.startswith("at") else ".2f") for head in heads),
+    ]
+    rows = [
+        [
+            varied,
+            len(path.attained),
+            *(
+                value
+                for size in (path.accuracy, path.repeatability)
+                for value in (UM * size.max(), path.s[size.argmax()], UM * np.median(size))
+            ),
+        ]
+        for varied, path in paths.items()
+    ]
+    return Table(columns, rows, caption="Path accuracy and repeatability by varied source, after ISO 9283.")
+
+
+def _variation_table(study: RepeatStudy) -> Table:
+    counts = [
+        f"{axis.name} {UM * count:g} {THOUSANDTH[axis.unit]}"
+        for axis, count in zip(study.job.built_machine.axes, study.counts, strict=True)
+        if count
+    ]
+    phase = "none, it starts on a servo tick"
+    if has_phase(study.job):
+        phase = f"{PHASES} phases of the servo period, {UM * study.job.built_servo.period:g} ms"
+    rows = [
+        ["friction and viscous friction, per axis", f"{100 * study.friction:g} % standard deviation"],
+        ["axis zero, within one encoder count", ", ".join(counts) or "none"],
+        ["start of the program", phase],
+    ]
+    return Table(["source", "variation"], rows, caption=f"Variation from repeat to repeat, seed {study.seed}.")
+
+
+def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
+    """Draw accuracy and repeatability along the path, and the repeatability by varied source."""
+    path = paths[ALL]
+    accuracy, reach = UM * path.accuracy, UM * path.repeatability
+    with sheet(9.0, 6.6) as figure:
+        above, below = figure.subplots(2, sharex=True)
+        low, high = np.maximum(accuracy - reach, 0), accuracy + reach
+        above.fill_between(path.s, low, high, color=COLOURS["tracking"], alpha=0.25, lw=0, label="± repeatability RT")
+        above.plot(path.s, accuracy, color=INK, lw=1.2, label="accuracy AT: mean of the repeats to the path")
+        k = int(accuracy.argmax())
+        above.plot(path.s[k], accuracy[k], "v", ms=7, color=COLOURS["fault"], label=f"ATp = {accuracy[k]:.2f} µm")
+        below.plot(path.s, reach, color=INK, lw=1.4, label=f"{ALL} varied, RTp = {reach.max():.2f} µm")
+        for colour, (varied, one) in zip(AXIS_COLOURS, ((n, p) for n, p in paths.items() if n != ALL), strict=False):
+            label = f"{varied} alone, {UM * one.path_repeatability:.2f} µm"
+            below.plot(one.s, UM * one.repeatability, color=colour, lw=1.0, label=label)
+        above.set(ylabel="to the requested path [µm]")
+        below.set(ylabel="repeatability [µm]", xlabel="arc length along the requested path [mm]")
+        for axes in (above, below):
+            axes.set_ylim(bottom=0)
+            axes.set_xlim(path.s[0], path.s[-1])
+            axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=9, borderaxespad=0.2)
+    return figure
+
+
+def _draw_plan(path: RepeatedPath) -> Figure:
+    """Draw the plan of the path, coloured by the repeatability."""
+    from matplotlib.collections import LineCollection
+
+    points, reach = path.command[:, :2], UM * path.repeatability
+    steps = np.diff(path.s)
+    joined = steps < 1.5 * np.median(steps)  # no line where no glue is laid
+    segments = np.stack([points[:-1], points[1:]], axis=1)[joined]
+    width, depth = np.maximum(np.ptp(points, axis=0), 1e-9)
+    with sheet(7.4, float(np.clip(5.6 * depth / width + 1.1, 3.0, 7.4))) as figure:
+        axes = figure.add_subplot()
+        lines = LineCollection(list(segments), cmap="viridis", linewidths=3.0, capstyle="round")
+        lines.set_array(0.5 * (reach[:-1] + reach[1:])[joined])
+        lines.set_clim(0, float(reach.max()) or 1.0)
+        axes.add_collection(lines)
+        k = int(reach.argmax())
+        label = f"RTp = {reach[k]:.2f} µm"
+        axes.plot(*points[k], "o", ms=11, mfc="none", mew=1.6, color=COLOURS["fault"], ls="none", label=label)
+        k = int(path.accuracy.argmax())
+        label = f"ATp = {UM * path.path_accuracy:.2f} µm"
+        axes.plot(*points[k], "s", ms=11, mfc="none", mew=1.6, color=INK, ls="none", label=label)
+        axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+        axes.margins(0.06)
+        figure.colorbar(lines, ax=axes, label="repeatability RT [µm]", shrink=0.85)
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    return figure

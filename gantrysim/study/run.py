@@ -1,0 +1,231 @@
+"""Run a study: check its job, run its cases in rounds, and write its folder whole."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from gantrysim.engine.simulate import simulate
+from gantrysim.errors import InputError
+from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.report.document import Section, Table, write_page
+from gantrysim.report.folder import JOB, PLOTS, REPORT, Output, output_folder
+from gantrysim.report.summary import versions
+from gantrysim.study.cases import OK, Row, forget_jobs, is_fault
+from gantrysim.study.ledger import Ledger
+from gantrysim.study.runner import Progress, run_cases
+from gantrysim.study.study import Report, Study
+
+_ROWS, _CURVES, _STUDY = "study.csv", "curves.csv", "study.toml"
+_DPI = 130
+
+
+class NoValuesError(InputError):
+    """No case of a study has values.
+
+    Attributes:
+        faulted: whether a fault ended any of them.
+    """
+
+    def __init__(self, text: str, faulted: bool) -> None:
+        super().__init__(text)
+        self.faulted = faulted
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of a study.
+
+    Attributes:
+        rows: of all cases, in order.
+        report: headline, tables, notes and plots.
+        written: names of the files in the folder.
+        kept: number of rows taken over from an interrupted run.
+        discarded: why rows found in the folder were not taken over, or None.
+    """
+
+    rows: list[Row]
+    report: Report
+    written: list[str]
+    kept: int
+    discarded: str | None
+
+    @property
+    def findings(self) -> list[str]:
+        """Headline and notes of the report."""
+        return self.report.findings
+
+
+class StudyInterrupted(KeyboardInterrupt):
+    """A study was interrupted; its finished rows are kept in its folder.
+
+    Attributes:
+        done: number of finished cases.
+    """
+
+    def __init__(self, done: int) -> None:
+        super().__init__(done)
+        self.done = done
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Run a study, or resume an interrupted one, and write its folder, whole or not at all.
+
+    Args:
+        study: to run.
+        folder: for study.csv (one row per case), curves.csv (lists in the rows, if any), study.toml and job.toml
+            (enough to repeat the study), report.html and plots. Until they are written, a hidden file in the folder
+            keeps the finished rows.
+        workers: as in `run_cases`.
+        progress: as in `run_cases`, over all rounds so far.
+
+    Raises:
+        InputError: a folder that may not be written to or is in use by another study, or a job that is refused.
+        NoValuesError: no case has values; nothing is written.
+        WorkerError: as in `run_cases`; finished rows are kept.
+        StudyInterrupted: by Ctrl-C; the same call resumes.
+    """
+    plots = (f"{PLOTS}/{name}.png" for name in study.plots)
+    output = Output("study", _ROWS, (_ROWS, _CURVES, _STUDY, JOB, REPORT, *study.texts, *plots))
+    target = output.check(folder)
+    forget_jobs()  # a machine's file may have changed since another study
+    _check_job(study.job)  # here, not case by case
+    rounds = study.rounds()
+    cases = next(rounds)
+    identity = {
+        "study": study.name,
+        "settings": _plain(study.settings),
+        "job": study.job.toml(),
+        "versions": versions(study.job.built_machine),
+    }
+    rows: list[Row] = []
+
+    def advance(done: int, every: int) -> None:
+        if progress is not None:
+            progress(len(rows) + done, max(len(rows) + every, study.expected))
+
+    with Ledger(target, identity) as ledger:
+        try:
+            while True:
+                found = run_cases(
+                    cases,
+                    ledger,
+                    workers=workers,
+                    measure=study.measure,
+                    measure_together=study.measure_together,
+                    progress=advance,
+                )
+                rows += found
+                try:
+                    cases = rounds.send(found)
+                except StopIteration:
+                    break
+        except KeyboardInterrupt:
+            raise StudyInterrupted(len(ledger)) from None
+        try:
+            _check_values(rows)
+        except NoValuesError:
+            ledger.remove()
+            raise
+        report = study.report(rows)
+        with output_folder(folder, output) as scratch:
+            _write(study, rows, report, scratch, identity)
+            written = sorted(item.name for item in scratch.iterdir())
+        ledger.remove()
+    return Outcome(rows, report, written, ledger.kept, ledger.discarded)
+
+
+def _check_job(job: Job) -> None:
+    """Refuse a job that `gantrysim run` refuses, or whose dispenser is never on.
+
+    Raises:
+        InputError: the job is refused.
+    """
+    Analysis(job.follow())
+    # what a machine and its servo refuse, they refuse before they move: the first servo period shows it
+    whole, none = job.setpoints, np.zeros(0, np.int64)
+    setpoints = replace(whole, position=whole.position[:2], dispense=whole.dispense[:2], gates=none)
+    simulate(job.built_machine, job.built_servo, setpoints, physics_step=job.simulation.physics_step)
+
+
+def _check_values(rows: list[Row]) -> None:
+    """Refuse rows none of which has values.
+
+    Raises:
+        NoValuesError: with the status of the first fault, or else of the first case.
+    """
+    if any(row["status"] == OK for row in rows):
+        return
+    faults = [row for row in rows if is_fault(row)]
+    reason = (faults or rows)[0]["status"]
+    raise NoValuesError(f"none of the study's {len(rows)} cases has values: {reason}", bool(faults))
+
+
+def _write(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
+    (folder / JOB).write_text(study.job.toml(), encoding="utf-8")
+    content = {
+        "study": study.name,
+        "command": f"gantrysim {study.command} {JOB}",
+        "cases": len(rows),
+        "findings": report.findings,
+        "settings": identity["settings"],
+        "versions": identity["versions"],
+    }
+    (folder / _STUDY).write_text(tomli_w.dumps(content, multiline_strings=True), encoding="utf-8")
+    for name in study.texts:
+        (folder / name).write_text(study.text(name, rows), encoding="utf-8")
+    curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
+    columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves]
+    with (folder / _ROWS).open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, columns, restval="", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    if curves:
+        _write_curves(rows, curves, folder / _CURVES)
+    for plot in report.plots:
+        plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
+        plot.figure.set_layout_engine("none")  # laid out by now: the page need not do it again
+    sections = [Section("Result", [report.headline], table=report.tables or None)]
+    if report.notes:
+        sections.append(Section("Notes", report.notes))
+    sections += [Section(plot.title, plot.text, plot.figure, plot.tables or None) for plot in report.plots]
+    failed = [row for row in rows if row["status"] != OK]
+    if failed:
+        tags = columns[: columns.index("status") + 1]
+        table = Table(tags, [[row.get(key) for key in tags] for row in failed])
+        sections.append(Section("Failed cases", table=table))
+    facts = Table(["component", "version"], [[name, value] for name, value in identity["versions"].items()])
+    sections.append(Section("Job and versions", code=study.job.toml(), table=facts))
+    write_page(folder / REPORT, study.title, f"{len(rows)} cases of the job {study.job.name}", sections)
+
+
+def _write_curves(rows: list[Row], names: list[str], file: Path) -> None:
+    """Write the lists of all rows, one line per element: the number of the row, from 1, and the values."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["case", *names])
+        for number, row in enumerate(rows, 1):
+            lists = [value if isinstance(value := row.get(name), list) else [] for name in names]
+            writer.writerows([number, *values] for values in zip_longest(*lists, fillvalue=""))
+
+
+def _plain(value: Any) -> Any:
+    """Return settings as TOML and JSON give them back: tuples as lists, dataclasses as tables, no None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = asdict(value)
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items() if item is not None}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,154 @@
+"""The report of a speed study."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.metrics.budget import LINKS
+from gantrysim.plots.style import COLOURS, INK, sheet
+from gantrysim.report.document import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.drawing import logarithmic
+from gantrysim.study.speed.study import SpeedStudy, answer, speed_of
+from gantrysim.study.study import Plot, Report
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SATURATED = 1.02  # times the least duration: as short as the limits let it be
+_LOGARITHMIC_FROM = 5.0  # times the least value
+
+
+def report(study: SpeedStudy, rows: list[Row]) -> Report:
+    """Return the fastest speed within the tolerance, the runs around it, and metric and links over the speed."""
+    good = sorted((row for row in rows if row["status"] == OK), key=speed_of)
+    if not good:
+        return Report(f"None of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}")
+    limit, found = f"the tolerance of {study.criterion.limit(good[0])}", answer(study.tried(rows))
+    tried = f"from {min(map(speed_of, rows)):g} to {max(map(speed_of, rows)):g} mm/s"
+    if found.fastest is None:
+        headline = f"No speed tried, {tried}, is within {limit}."
+    elif found.above is None:
+        headline = f"Every speed tried, {tried}, is within {limit}."
+    else:
+        headline = (
+            f"Fastest speed {found.fastest:g} mm/s, {found.fastest / study.own:.3g} times the programmed "
+            f"{study.own:g} mm/s, within {limit}."
+        )
+    scaling = study.job.controller.speed_scaling
+    notes = [*_saturation(good), f"Speed is {scaling}; ramps and limits of controller and axes stay those of the job."]
+    if found.islands:
+        islands = ", ".join(f"{speed:g}" for speed in found.islands)
+        notes.insert(0, f"Not monotonic: faster runs are within the tolerance again, at {islands} mm/s.")
+    plots = [
+        Plot(
+            "speed",
+            "Metric over the speed",
+            "Every run of the search, which narrows the bracket of the fastest speed within the tolerance and the next "
+            "faster one.",
+            _draw_metric(study, rows, good),
+        ),
+        Plot(
+            "links",
+            "Links over the speed",
+            "Root mean square of the parts of the error normal to the requested path, one for each link of the chain; "
+            "lag along the path is in none of them.",
+            _draw_links(good),
+        ),
+    ]
+    return Report(headline, [_table(study, rows, good)], notes, plots)
+
+
+def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
+    """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
+    criterion, by_speed = study.criterion, {speed_of(row): row for row in rows}
+    found = answer(study.tried(rows))
+    columns: list[str | Column] = [
+        "run",
+        Column("speed [mm/s]"),
+        criterion.axis_label(good[0]),
+        "largest part",
+        Column("rms [µm]", ".4g"),
+        Column("nozzle mean [mm/s]"),
+        Column("duration [s]"),
+    ]
+    cells = []
+    runs = {"fastest": found.fastest, "next": found.above, "programmed": study.own, "slowest": min(by_speed)}
+    for name, speed in runs.items():
+        row = by_speed.get(speed) if speed is not None else None
+        if row is None:
+            continue
+        if row["status"] != OK:
+            cells.append([name, speed, None, row["status"], None, None, None])
+            continue
+        sizes = {link: size for link in LINKS if isinstance(size := row[f"{link}_rms_um"], float)}
+        most = max(sizes, key=lambda link: sizes[link])
+        values = (criterion.value(row), most, sizes[most], row["speed_mean_mm_s"], row["duration_s"])
+        cells.append([name, speed, *values])
+    return Table(columns, cells, caption="Fastest run within the tolerance, next faster, programmed and slowest run.")
+
+
+def _saturation(good: list[Row]) -> list[str]:
+    """Return a note of the speed from which a faster program does not shorten the job, if it was reached."""
+    durations = {speed_of(row): value for row in good if isinstance(value := row["duration_s"], float)}
+    least = min(durations.values())
+    enough = min(speed for speed, duration in durations.items() if duration <= _SATURATED * least)
+    if enough == max(durations):
+        return []
+    return [f"From {enough:g} mm/s on, ramps, clamps and axis limits keep the duration at {least:.4g} s."]
+
+
+def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
+    criterion, found = study.criterion, answer(study.tried(rows))
+    with sheet(9.0, 4.8) as figure:
+        axes = figure.add_subplot()
+        speeds, values = [speed_of(row) for row in good], [criterion.value(row) for row in good]
+        axes.plot(speeds, values, color=INK, lw=1.0, alpha=0.5)
+        kinds = (("within the tolerance", True, COLOURS["structure"]), ("out of tolerance", False, COLOURS["fault"]))
+        for label, within, colour in kinds:
+            chosen = [k for k, row in enumerate(good) if criterion.within(row) is within]
+            if chosen:
+                at = [speeds[k] for k in chosen], [values[k] for k in chosen]
+                axes.plot(*at, "o", ms=5, color=colour, label=label, zorder=3)
+        axes.axhline(criterion.tolerance, color=COLOURS["fault"], lw=1.2, ls="--", label="tolerance")
+        failed = sorted(speed_of(row) for row in rows if row["status"] != OK)
+        if failed:
+            transform = axes.get_xaxis_transform()
+            heights = [0.97] * len(failed)
+            axes.plot(failed, heights, "x", ms=7, color=COLOURS["fault"], transform=transform, label="fault or refused")
+        axes.axvline(study.own, color=COLOURS["requested"], lw=1.0, ls=":", label="programmed speed")
+        if found.fastest is not None:
+            axes.axvspan(min(speeds + failed), found.fastest, color=COLOURS["structure"], alpha=0.08, lw=0)
+            axes.set_title(f"within the tolerance up to {found.fastest:g} mm/s", loc="right")
+        logarithmic(axes, "x", [*speeds, *failed])
+        if max(values) > _LOGARITHMIC_FROM * min(values):
+            logarithmic(axes, "y", [*values, criterion.tolerance])
+        else:
+            axes.set_ylim(0, 1.1 * max(*values, criterion.tolerance))
+        axes.set(xlabel="programmed path speed [mm/s]", ylabel=criterion.axis_label(good[0]))
+        figure.legend(loc="outside lower center", ncols=5)
+    return figure
+
+
+def _draw_links(good: list[Row]) -> Figure:
+    speeds = [speed_of(row) for row in good]
+    with sheet(9.0, 4.8) as figure:
+        axes = figure.add_subplot()
+        drawn: list[float] = []
+        for link in (*LINKS, "contour"):
+            values = np.array([row[f"{link}_rms_um"] for row in good], float)
+            if values.max() < 1e-3:  # nothing to show on a logarithmic scale
+                continue
+            values = np.maximum(values, 1e-3)
+            drawn += values.tolist()
+            if link == "contour":  # a broad band, on which the link with the largest part is drawn
+                axes.plot(speeds, values, lw=7, alpha=0.25, color=COLOURS[link], label=link, zorder=1)
+            else:
+                axes.plot(speeds, values, "o-", ms=3.5, lw=1.4, color=COLOURS[link], label=link)
+        logarithmic(axes, "x", speeds)
+        logarithmic(axes, "y", drawn)
+        axes.set(xlabel="programmed path speed [mm/s]", ylabel="error normal to the path, rms [µm]")
+        figure.legend(loc="outside lower center", ncols=5)
+    return figure
