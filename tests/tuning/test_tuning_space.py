@@ -1,4 +1,4 @@
-"""What a search of gains moves: numbers of a law and the gains that follow, and the margin that bounds them."""
+"""The search space, its gains and bounds, and the stability margin that limits it."""
 
 import dataclasses
 import math
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Machine, Servo
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Plant
-from gantrysim.tuning.laws import LAWS, Space
+from gantrysim.tuning.space import SPACES, SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability, phase_margin
 
 PERIOD = 1e-3
@@ -29,14 +29,14 @@ def scaled(servo, **factors):
 
 def space(law="pid", start=None, per_axis=False, axes=AXES, derived=DERIVED):
     start = start or Servo.derive(axes, PERIOD, integral_time=0.03)
-    return Space(law, axes, derived, start, per_axis)
+    return SearchSpace(law, axes, derived, start, per_axis)
 
 
 factor = st.floats(0.03, 30.0)
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.tuples(*[factor] * 5), st.sampled_from(list(LAWS)), st.booleans())
+@given(st.tuples(*[factor] * 5), st.sampled_from(list(SPACES)), st.booleans())
 def test_the_start_has_a_place_that_gives_it_back(factors, law, per_axis):
     names = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")
     start = scaled(Servo.derive(AXES, PERIOD, integral_time=0.03), **dict(zip(names, factors, strict=True)))
@@ -208,7 +208,7 @@ def test_axes_that_move_each_other_keep_the_margin_together():
     stage = Machine("stage")
     axes = stage.axes
     derived = Servo.derive(axes, PERIOD)
-    own = Space("pd", axes, derived, derived, per_axis=True)
+    own = SearchSpace("pd", axes, derived, derived, per_axis=True)
     stability = Stability([stage, stage.perturbed(Perturbation(payload=1.0))], PERIOD, 0.0, 2.0)
     shape = np.repeat([-0.1, 1.0, 1.0], len(axes))
     found = stability.fastest(own, shape, Fastest(np.zeros(len(axes))))
