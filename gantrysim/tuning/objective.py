@@ -27,7 +27,11 @@ from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.search import TrialResult
 from gantrysim.tuning.space import GAINS
 
-METRICS = tuple(f"{link}_{statistic}" for link in ("contour", "tracking") for statistic in ("rms", "p95", "max"))
+METRICS = {
+    f"{link}_{statistic}": f"{word} {link} error"
+    for link in ("contour", "tracking")
+    for statistic, word in (("rms", "rms"), ("p95", "95 %"), ("max", "largest"))
+}
 RIPPLE = "torque_ripple_percent"
 
 _STATISTICS: dict[str, Callable[[Floats], float]] = {
@@ -35,16 +39,9 @@ _STATISTICS: dict[str, Callable[[Floats], float]] = {
     "p95": lambda size: float(np.percentile(size, 95)),
     "max": lambda size: float(size.max()),
 }
-_WORDS = {"rms": "rms", "p95": "95 %", "max": "largest"}
 _THOUSANDTHS = 1e3
 _TOGETHER = 8  # runs whose records are held at once
 _FAULT_TIME = "fault_time_s"
-
-
-def label(metric: str) -> str:
-    """Return a metric in words, as in "rms contour error"."""
-    link, _, statistic = metric.partition("_")
-    return f"{_WORDS[statistic]} {link} error"
 
 
 def column(metric: str) -> str:

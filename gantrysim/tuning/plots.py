@@ -31,7 +31,6 @@ _RANK_STYLES: dict[int, dict[str, Any]] = {
     2: {"marker": "o", "mfc": "none", "mec": COLOURS["generation"]},
     3: {"marker": "D", "mfc": "none", "mec": COLOURS["measurement"]},
 }
-_EQUAL = 1.01  # ratio of factors that share one label
 _CHANGED = 0.02  # of the logarithm, from which a change is drawn
 _FREQUENCIES = 1500
 _LOWEST = 1e-3  # of half the servo's frequency
@@ -148,31 +147,24 @@ def _draw_leaders(axes: Axes, history: History) -> None:
 def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
     """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
     names, width = GAINS[:-1], 0.8 / len(axes)
+    old, new = (np.array([getattr(servo, name) for name in names]) for servo in (start, tuned))
+    drawn = [0.5, 2.0]
     with sheet(9.0, 3.2) as figure:
         panel = figure.add_subplot()
-        factors: list[float] = []
-        for k, name in enumerate(names):
-            pairs = zip(getattr(start, name), getattr(tuned, name), strict=True)
-            own = {a: new / old for a, (old, new) in enumerate(pairs) if old > 0 and new > 0}
-            at = {a: k + (a - 0.5 * (len(axes) - 1)) * width for a in own}
-            for a, factor in own.items():
-                panel.bar(at[a], factor - 1, 0.9 * width, bottom=1.0, color=AXIS_COLOURS[a % len(AXIS_COLOURS)])
-            if own and max(own.values()) < _EQUAL * min(own.values()):
-                own, at = {0: next(iter(own.values()))}, {0: sum(at.values()) / len(at)}
-            for a, factor in own.items():
-                panel.annotate(
-                    f"{factor:.3g}", (at[a], factor), xytext=(0, 2 if factor > 1 else -2), textcoords="offset points",
-                    ha="center", va="bottom" if factor > 1 else "top", fontsize=8,
-                )  # fmt: skip
-            factors += own.values()
-        logarithmic(panel, "y", [0.6 * min([0.5, *factors]), 1.6 * max([2.0, *factors])])
+        for a, axis in enumerate(axes):
+            k = np.flatnonzero((old[:, a] > 0) & (new[:, a] > 0))
+            ratio = new[k, a] / old[k, a]
+            at, colour = k + (a - 0.5 * (len(axes) - 1)) * width, AXIS_COLOURS[a % len(AXIS_COLOURS)]
+            bars = panel.bar(at, ratio - 1, 0.9 * width, bottom=1.0, color=colour, label=axis)
+            panel.bar_label(bars, [f"{one:.3g}" for one in ratio], padding=2, fontsize=8)
+            drawn += ratio.tolist()
+        logarithmic(panel, "y", [0.6 * min(drawn), 1.6 * max(drawn)])
         panel.axhline(1.0, color=INK, lw=0.8)
         panel.set_xticks(range(len(names)), names)
         panel.set_xlim(-0.5, len(names) - 0.5)
         panel.grid(visible=False, axis="x")
         panel.set_ylabel("tuned gain / gain at the start")
-        handles = [panel.bar(0, 0, color=AXIS_COLOURS[a % len(AXIS_COLOURS)]) for a in range(len(axes))]
-        panel.legend(handles, axes, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(axes))
+        panel.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(axes))
     return figure
 
 

@@ -14,7 +14,7 @@ from gantrysim.report import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot
 from gantrysim.tuning import plots as drawing
-from gantrysim.tuning.objective import RIPPLE, column, label, micrometres
+from gantrysim.tuning.objective import METRICS, RIPPLE, column, micrometres
 from gantrysim.tuning.search import RANKS, Candidate, History, Phase
 from gantrysim.tuning.servo import TUNED, UNITS
 from gantrysim.tuning.space import GAINS
@@ -33,7 +33,7 @@ _ENDED = {
 def headline(study: TuningStudy, rows: list[Row]) -> str:
     """Return the metric at the start and tuned, in one sentence."""
     history = study.history(rows)
-    name = f"{label(study.metric)}, {_machines(study)}"
+    name = f"{METRICS[study.metric]}, {_machines(study)}"
     if history.best is history.start:
         return f"No better gains found: {name}, stays at {_rated(study, history.start)}."
     text = f"{name}: {_rated(study, history.start)} at the start, {_rated(study, history.best)} tuned."
@@ -61,15 +61,14 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
         link = max(parts, key=lambda link: parts[link].share)
         text = f"Largest part of the tuned contour error: {link}, {100 * parts[link].share:.0f} % of its mean square."
         if link == "generation":
-            text += " Tuning cannot fix errors of the controller's program; tracking_rms is the servo's error alone."
+            text += " Tuning cannot fix program errors; the metric tracking_rms is the servo's error alone."
         found.append(text)
     axes = "each axis by itself" if study.per_axis else "one factor for all axes"
-    skipped = f", {history.skipped} candidates skipped as no frequency met the margin" if history.skipped else ""
     return [
         *found,
         f"CMA-ES over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
-        f"{study.budget}), {len(history.candidates)} candidates in {history.generations} generations{skipped}; ended: "
-        f"{_ENDED[history.ended]}.",
+        f"{study.budget}) of {len(history.candidates)} candidates in {history.generations} generations; skipped, as no "
+        f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
         f"{TUNED} holds the tuned servo, for gantrysim run --servo.",
     ]
 
@@ -78,7 +77,7 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
     """Return the plots: error budget, error along the path, search, gains, loops, unseen machines."""
     history = study.history(rows)
     start, tuned = history.start.servo, history.best.servo
-    axes, metric = study.job.built_machine.axis_names, label(study.metric)
+    axes, metric = study.job.built_machine.axis_names, METRICS[study.metric]
     budgets = _budgets(study, history)
     shown = []
     if budgets:
@@ -170,7 +169,7 @@ def _finite(value: float) -> float | None:
 
 
 def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Table:
-    budgets, metric = _budgets(study, history), label(study.metric)
+    budgets, metric = _budgets(study, history), METRICS[study.metric]
     results: list[dict[str, Any]] = []
     for phase, candidate in history.phases.items():
         values = budgets[phase].values.contour if phase in budgets else None

@@ -70,6 +70,9 @@ class TuningStudy:
     spread: Tolerances = field(default_factory=Tolerances)
     unseen: int = 32
     seed: int = 1
+    _runs: dict[Servo, Run] = field(init=False, repr=False, compare=False, default_factory=dict)
+    _histories: list[tuple[list[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
+    _leaders: list[Candidate] = field(init=False, repr=False, compare=False, default_factory=list)
 
     name = "tune"
     command = "tune"
@@ -110,7 +113,10 @@ class TuningStudy:
     @property
     def news(self) -> str:
         """The best metric so far."""
-        return self._news[-1] if self._news else ""
+        if not self._leaders:
+            return ""
+        rank, metric = self._leaders[-1].order(0.01 * self.ripple)
+        return f"best {metric:.3g} µm" if rank == 1 else "none feasible yet"
 
     @property
     def measure_together(self) -> MeasureTogether:
@@ -186,7 +192,7 @@ class TuningStudy:
             budget=self.budget,
             ripple=0.01 * self.ripple,
             seed=self.seed,
-            on_leader=self._report_leader,
+            on_leader=self._leaders.append,
         )
         trials = next(own)
         while True:
@@ -271,19 +277,3 @@ class TuningStudy:
             f"Usage: gantrysim run JOB --servo {TUNED}",
         ]
         return servo_toml(job, best.servo, comments)
-
-    @cached_property
-    def _runs(self) -> dict[Servo, Run]:
-        return {}
-
-    @cached_property
-    def _histories(self) -> list[tuple[list[Row], History]]:
-        return []
-
-    @cached_property
-    def _news(self) -> list[str]:
-        return []
-
-    def _report_leader(self, candidate: Candidate) -> None:
-        rank, metric = candidate.order(0.01 * self.ripple)
-        self._news.append(f"best {metric:.3g} µm" if rank == 1 else "none feasible yet")

@@ -437,7 +437,7 @@ def test_the_report_has_the_values_of_the_rows(outcome):
     assert peak[1] <= peak[2] == 2.0
     assert table["torque ripple [% of the peak torque]"] == [100 * start.ripple, 100 * best.ripple, study.ripple]
     assert (
-        f"{history.runs} runs (budget 44), {len(history.candidates)} candidates" in report.notes(study, done.rows)[-2]
+        f"{history.runs} runs (budget 44) of {len(history.candidates)} candidates" in report.notes(study, done.rows)[-2]
     )
 
 
@@ -458,7 +458,7 @@ def test_a_note_says_that_tuning_cannot_fix_errors_of_the_program():
     study = tuning(job, budget=8, robust=0, unseen=0)
     notes = " ".join(report.notes(study, searched(study)))
     assert "Largest part of the tuned contour error: generation, " in notes
-    assert "Tuning cannot fix errors of the controller's program; tracking_rms is the servo's error alone." in notes
+    assert "Tuning cannot fix program errors; the metric tracking_rms is the servo's error alone." in notes
 
 
 def test_progress_covers_all_rounds_and_shows_the_best_metric_so_far(poor, tmp_path):
