@@ -39,7 +39,7 @@ _STATISTICS: dict[str, Callable[[Floats], float]] = {
     "p95": lambda size: float(np.percentile(size, 95)),
     "max": lambda size: float(size.max()),
 }
-_THOUSANDTHS = 1e3
+_UM = 1e3
 _TOGETHER = 8  # runs whose records are held at once
 _FAULT_TIME = "fault_time_s"
 
@@ -147,9 +147,7 @@ def _values(run: Run, job: Job, metric: str) -> Row:
     if metric.startswith("tracking"):
         sizes["tracking"] = Budget(analysis).parts["tracking"].size
     row: Row = {
-        column(f"{link}_{statistic}"): _THOUSANDTHS * of(size)
-        for link, size in sizes.items()
-        for statistic, of in _STATISTICS.items()
+        column(f"{link}_{name}"): _UM * of(size) for link, size in sizes.items() for name, of in _STATISTICS.items()
     }
     peak = np.array([axis.peak_torque for axis in job.built_machine.axes])  # of the nominal motor, as the drive has it
     return {**row, RIPPLE: 100 * float((torque_ripple(run) / peak).max())}

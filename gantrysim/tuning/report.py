@@ -187,7 +187,7 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
             unseen = unseen_metric(study, rows, phase)
             for name, percent in (("median", 50), ("95 %", 95), ("worst", 100)):
                 value = float(np.percentile(unseen, percent, method="inverted_cdf"))
-                result[f"{metric}, {name} of {study.unseen} unseen machines [µm]"] = _finite(value)
+                result[f"{metric}, {name} of {study.unseen} unseen [µm]"] = _finite(value)
             result["unseen machines within all limits"] = _feasible(study, rows, phase, candidate)
         results.append(result)
     limits = {

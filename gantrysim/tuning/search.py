@@ -84,11 +84,7 @@ class Candidate:
     runs: int = 0
 
     def order(self, ripple: float) -> tuple[int, float]:
-        """Return rank and amount, by which candidates are compared, from the results so far.
-
-        Args:
-            ripple: largest torque ripple allowed, a share of the peak torque.
-        """
+        """Return rank and amount from the results so far; `ripple` is the largest allowed, a share of peak torque."""
         faults = [result.fault for result in self.results.values() if result.fault is not None]
         if faults:
             return 4, -min(faults)
@@ -111,12 +107,8 @@ class Candidate:
     @property
     def hardest(self) -> int:
         """Number of the machine with the earliest fault, or else the largest metric."""
-
-        def hardness(machine: int) -> tuple[float, float]:
-            result = self.results[machine]
-            return (-math.inf if result.fault is None else -result.fault, result.metric)
-
-        return max(self.results, key=hardness)
+        faults = {machine: math.inf if one.fault is None else one.fault for machine, one in self.results.items()}
+        return max(self.results, key=lambda machine: (-faults[machine], self.results[machine].metric))
 
 
 @dataclass(frozen=True)
@@ -176,9 +168,9 @@ def search(
     seed: int,
     on_leader: Callable[[Candidate], None] = lambda candidate: None,
 ) -> Search:
-    """Yield the trials to be run next, be sent their results in the same order, and return the history.
+    """Yield the trials to be run next, receive their results in the same order, and return the history.
 
-    The search is determined by the arguments and the results.
+    The arguments and the results determine the search.
 
     Args:
         space: to be searched.

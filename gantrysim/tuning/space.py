@@ -77,11 +77,6 @@ class SearchSpace:
         """Number of groups of axes."""
         return len(self.axes) if self.per_axis else 1
 
-    @property
-    def shapes(self) -> int:
-        """Number of coordinates of a shape."""
-        return (len(SPACES[self.name]) - 1) * self.groups
-
     @cached_property
     def begin(self) -> tuple[Floats, Floats]:
         """Frequencies and shape of the start, within the bounds.

@@ -1,4 +1,4 @@
-"""Jobs and studies that the tests of tuning ask for."""
+"""Jobs and studies for the tests of tuning."""
 
 import dataclasses
 import itertools
@@ -37,7 +37,7 @@ def circle(**servo):
 
 
 def detuned(factor, job=None, **factors):
-    """The job with its gains so many times the derived ones."""
+    """The job with its gains multiplied by a factor, or by one of their own."""
     job = job or circle()
     times = {name: factors.get(name, factor) for name in GAINS}
     servo = job.built_servo
@@ -45,11 +45,11 @@ def detuned(factor, job=None, **factors):
 
 
 def best_of_grid(study, factors):
-    """The least metric of all combinations of factors on the derived gains, by the study's own objective.
+    """The least metric of all combinations of factors on the derived gains, and the number of runs.
 
     Args:
         study: for its job, its machines and its bounds.
-        factors: of each gain, by its name; what is left out is none.
+        factors: of each gain, by its name; gains left out are 0.
     """
     derived = circle().built_servo
 

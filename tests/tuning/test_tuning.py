@@ -143,7 +143,7 @@ def test_the_search_reaches_the_best_of_a_fine_grid_on_machines_that_differ(seed
     assert history.best.metric <= OF_GRID * grid
 
 
-def test_the_answer_is_run_on_all_machines_and_within_all_bounds(outcome):
+def test_the_result_is_run_on_all_machines_and_meets_all_limits(outcome):
     study, done, _ = outcome
     history = study.history(done.rows)
     assert len(history.best.results) == 2
@@ -158,7 +158,7 @@ def test_the_answer_is_run_on_all_machines_and_within_all_bounds(outcome):
     assert history.best.ripple <= 0.02
 
 
-def test_the_start_is_measured_as_the_job_is(outcome):
+def test_the_row_of_the_start_equals_a_run_of_the_job(outcome):
     study, done, _ = outcome
     row = done.rows[0]
     assert (row["stage"], row["machine"]) == ("start", 0)
@@ -181,7 +181,7 @@ def test_the_final_check_runs_start_and_result_on_other_machines(outcome):
 
 
 @pytest.mark.parametrize("workers", [2])
-def test_the_answer_does_not_depend_on_the_number_of_workers(outcome, poor, tmp_path, workers):
+def test_the_result_does_not_depend_on_the_number_of_workers(outcome, poor, tmp_path, workers):
     _, done, folder = outcome
     other = run_study(tuning(poor, budget=44), tmp_path / "b", workers=workers)
     assert other.rows == done.rows
@@ -342,7 +342,7 @@ def test_settings_out_of_bounds_are_refused(job, settings, text):
         tuning(job, **settings)
 
 
-def test_a_job_that_lays_nothing_is_refused_before_anything_is_written(tmp_path):
+def test_a_job_without_glue_is_refused_before_anything_is_written(tmp_path):
     job = circle().changed({"program.program": CIRCLE_WITHOUT_GLUE})
     with pytest.raises(InputError, match="the dispenser is never on in this run"):
         run_study(tuning(job), tmp_path / "a", workers=1)
@@ -393,7 +393,7 @@ def test_the_folder_holds_rows_servo_report_and_plots(outcome):
         assert page.count(f">{title}</h2>") == 1
 
 
-def test_the_servo_that_is_written_is_the_servo_that_was_found(outcome):
+def test_the_tuned_servo_is_written_exactly(outcome):
     study, done, folder = outcome
     history = study.history(done.rows)
     table = tomllib.loads((folder / TUNED).read_text())["servo"]
@@ -446,8 +446,8 @@ def test_the_median_of_unseen_machines_is_that_of_the_lower_half(outcome):
     table = results(study, done.rows)
     for k, phase in enumerate(("start", "tuned")):
         errors = [row["contour_rms_um"] for row in study.unseen_rows(done.rows, phase)]
-        assert table["rms contour error, median of 2 unseen machines [µm]"][k] == min(errors)
-        assert table["rms contour error, worst of 2 unseen machines [µm]"][k] == max(errors)
+        assert table["rms contour error, median of 2 unseen [µm]"][k] == min(errors)
+        assert table["rms contour error, worst of 2 unseen [µm]"][k] == max(errors)
         servo = study.history(done.rows).phases[phase].servo
         peaks = [max(axis.sensitivity for axis in study.unseen_stability.margins(servo, machine)) for machine in (0, 1)]
         assert table["unseen machines within all limits"][k] == sum(peak <= 2.0 for peak in peaks)
