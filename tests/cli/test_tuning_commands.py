@@ -130,12 +130,12 @@ def test_ctrl_c_keeps_the_runs_and_the_same_command_resumes(gantrysim_command, t
     assert (process.returncode, output) == (130, "")
     done = spoken(folder)
     assert done >= 10
-    assert f"the rows of {done} finished cases are kept in {folder}/; " in said
+    assert f"the rows of {done} finished cases are kept in {folder}/; the same command goes on" in said
     assert list(content(folder)) == [LEDGER]
     settings = ("--budget", 30, "--robust", 1, "--unseen", 0, "--workers", 1)
     status, _, error = gantrysim_command("tune", file, *settings, "--out", folder)
     assert status == 0
-    assert f"the rows of {done} cases" in error
+    assert f"note: the rows of {done} cases were there from an interrupted start" in error
     rows = (folder / "study.csv").read_text().splitlines()
     assert done < len(rows) - 1 <= 30
 
