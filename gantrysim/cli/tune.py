@@ -19,31 +19,35 @@ def tune(
             "pid where the job has an integral term."
         ),
     ] = None,
-    budget: Annotated[int, typer.Option(help="Most runs of the search.")] = 300,
+    budget: Annotated[int, typer.Option(help="Maximum number of runs of the search.")] = 300,
     robust: Annotated[
-        int, typer.Option(metavar="K", help="Machines besides the job's own; the worst of all counts.")
+        int, typer.Option(metavar="K", help="Perturbed machines besides the job's own; the worst of all counts.")
     ] = 4,
-    figure: Annotated[
+    metric: Annotated[
         str,
-        typer.Option(help="What is to be small: rms, p95 or max of the contour or the tracking error, as contour_rms."),
+        typer.Option(
+            "--figure",
+            help="Metric to minimise: contour or tracking error, followed by _rms, _p95 or _max.",
+        ),
     ] = "contour_rms",
     margin: Annotated[
         float,
         typer.Option(
             metavar="M",
-            help="Least gain margin, kept in every direction: the peak of |S| is at most M/(M - 1), and the phase "
-            "margin of 2 at least 29 deg.",
+            help="Least gain margin, in every direction: the peak of |S| is at most M/(M - 1); a margin of 2 gives a "
+            "phase margin of at least 29 deg.",
         ),
     ] = 2.0,
-    ripple: Annotated[float, typer.Option(metavar="%", help="Most torque ripple, of the peak torque.")] = 2.0,
+    ripple: Annotated[float, typer.Option(metavar="%", help="Largest torque ripple, in % of the peak torque.")] = 2.0,
     per_axis: Annotated[
-        bool, typer.Option("--per-axis", help="Search the gains of every axis by themselves, not one factor for all.")
+        bool, typer.Option("--per-axis", help="Search the gains of every axis separately, not one factor for all.")
     ] = False,
     spread: Annotated[
-        str, typer.Option(help="How far machines differ, as for gantrysim study machine: payload=0.5,friction=0.3.")
+        str,
+        typer.Option(help="Tolerances of the machines, as in gantrysim study machine: payload=0.5,friction=0.3."),
     ] = "",
     unseen: Annotated[
-        int, typer.Option(metavar="N", help="Machines that the answer is tried on in the end, not in the budget.")
+        int, typer.Option(metavar="N", help="Machines for the final check of the tuned gains, not in the budget.")
     ] = 32,
     seed: Seed = 1,
     out: Out = None,
@@ -52,11 +56,11 @@ def tune(
     workers: Workers = None,
     backend: Backend = None,
 ) -> None:
-    """Search the servo's gains with which a job's error is smallest, on machines that differ.
+    """Find the servo gains that minimise a job's error on the worst of several perturbed machines.
 
-    CMA-ES begins at the job's own gains. Every candidate keeps the margin on every axis and machine; those whose torque
-    ripple is too much, or which end in a fault, come after all others. What was found is written as tuned.toml, for
-    gantrysim run --servo, with a report of before and after. One that was interrupted goes on where it stopped.
+    CMA-ES starts at the job's gains. Every candidate keeps the margin on every axis and machine; candidates with too
+    much torque ripple, or a fault, rank behind all others. The result is written as tuned.toml, for gantrysim run
+    --servo, with a report that compares start and tuned. An interrupted search resumes when rerun.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
@@ -67,7 +71,7 @@ def tune(
     study = TuningStudy(
         Job.load(job, settings or (), model),
         law=law,
-        figure=figure,
+        metric=metric,
         budget=budget,
         robust=robust,
         margin=margin,

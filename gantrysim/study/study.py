@@ -6,9 +6,11 @@ function `report(study, rows)`; a command in gantrysim/cli/study.py runs it.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gantrysim.job.job import Job
@@ -65,7 +67,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(ABC):
     """Base class of studies; cases and report follow from the study's fields and the rows alone.
 
     A derived class sets `name`, and `plots` and `texts` where it has any, and defines `rounds`.
@@ -120,22 +122,23 @@ class Study:
         """Intermediate result in a few words, for the progress."""
         return ""
 
+    @abstractmethod
     def rounds(self) -> Rounds:
         """Yield the cases of each round and receive their rows: `rows = yield cases`.
 
         A study without rounds yields once; a search chooses its next cases by the rows received. What can be refused
         without running a case is refused before the first yield, while nothing is written.
         """
-        raise NotImplementedError
 
     def report(self, rows: list[Row]) -> Report:
-        """Return the report: `report(study, rows)` of the module report.py beside the study's own.
+        """Return the report: `report(study, rows)` of the module report.py beside the class, or beside a base class.
 
         It is imported on this call, so that running a study depends on no plotting.
         """
-        package = type(self).__module__.rpartition(".")[0]
-        return import_module(f"{package}.report").report(self, rows)
+        packages = (kind.__module__.rpartition(".")[0] for kind in type(self).__mro__)
+        module = next(f"{package}.report" for package in packages if package and find_spec(f"{package}.report"))
+        return import_module(module).report(self, rows)
 
     def text(self, name: str, rows: list[Row]) -> str:
         """Return the content of one of `texts`."""
-        raise NotImplementedError
+        raise KeyError(name)

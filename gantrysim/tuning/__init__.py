@@ -1,4 +1,4 @@
-"""Tuning: the gains with the smallest error of a job, within a stability margin and on machines that differ."""
+"""Tuning: servo gains that minimise the error of a job within a stability margin, on perturbed machines."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""From cases that differ in gains and machine to their rows: simulated together, and no more worked out than is asked.
+"""The objective: rows of cases that differ in gains and machine alone, simulated together.
 
-A row has the sizes of the contour error, those of the tracking part of the error budget where they are asked for, the
-torque ripple, and the gains; that of a run which a fault has ended has the fault's time and the gains.
+A row has the contour error and the torque ripple, the tracking part of the error budget where the metric needs it, and
+the gains; that of a run ended by a fault has the fault's time and the gains.
 """
 
 from __future__ import annotations
@@ -24,70 +24,75 @@ from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, Value, judged
-from gantrysim.tuning.laws import GAINS
-from gantrysim.tuning.search import Measured
+from gantrysim.tuning.search import TrialResult
+from gantrysim.tuning.space import GAINS
 
-FIGURES = tuple(f"{link}_{statistic}" for link in ("contour", "tracking") for statistic in ("rms", "p95", "max"))
+METRICS = {
+    f"{link}_{statistic}": f"{word} {link} error"
+    for link in ("contour", "tracking")
+    for statistic, word in (("rms", "rms"), ("p95", "95 %"), ("max", "largest"))
+}
+RIPPLE = "torque_ripple_percent"
 
 _STATISTICS: dict[str, Callable[[Floats], float]] = {
     "rms": lambda size: float(np.sqrt(np.mean(size**2))),
     "p95": lambda size: float(np.percentile(size, 95)),
     "max": lambda size: float(size.max()),
 }
-_THOUSANDTHS = 1e3
+_UM = 1e3
 _TOGETHER = 8  # runs whose records are held at once
-_FAULT_TIME, _RIPPLE = "fault_time_s", "torque_ripple_percent"
+_FAULT_TIME = "fault_time_s"
 
 
-def column(figure: str) -> str:
-    """Return the name of a figure in a row, with its unit."""
-    return f"{figure}_um"
+def column(metric: str) -> str:
+    """Return the column of a metric in study.csv, with its unit."""
+    return f"{metric}_um"
+
+
+def micrometres(value: float) -> str:
+    """Return the value of a metric with its unit; a run without one ended in a fault."""
+    return f"{value:.4g} µm" if math.isfinite(value) else "fault"
 
 
 def case_of(job: Job, servo: Servo, perturbation: Perturbation | None, **tags: Value) -> Case:
-    """Return the case of a job with other gains, on a machine that differs from its own."""
+    """Return the case of a job with other gains, on a perturbed machine or its own."""
     gains = {f"servo.{name}": list(getattr(servo, name)) for name in GAINS}
     return Case.of(job, gains, perturbation=perturbation).tagged(**tags)
 
 
-def measured(row: Row, figure: str) -> Measured:
-    """Return what the search is to know of a row."""
-    if row["status"] != OK:  # of what was refused there is no time
-        return Measured(math.inf, math.inf, float(row.get(_FAULT_TIME) or 0.0))  # type: ignore[arg-type]
-    return Measured(float(row[column(figure)]), 0.01 * float(row[_RIPPLE]))  # type: ignore[arg-type]
+def trial_result(row: Row, metric: str) -> TrialResult:
+    """Return the result of a trial from its row."""
+    if row["status"] != OK:  # a refused case has no fault time
+        return TrialResult(math.inf, math.inf, float(row.get(_FAULT_TIME) or 0.0))  # type: ignore[arg-type]
+    return TrialResult(float(row[column(metric)]), 0.01 * float(row[RIPPLE]))  # type: ignore[arg-type]
 
 
-def measure_together(cases: Sequence[Case], figure: str = "contour_rms") -> list[Row]:
-    """Simulate cases of one job or several, that differ from it in their gains and machines alone, and return rows.
+def measure_together(cases: Sequence[Case], metric: str = "contour_rms") -> list[Row]:
+    """Simulate cases that differ from their jobs in gains and machine alone, and return their rows.
 
     Args:
         cases: as `case_of` makes them.
-        figure: one of `FIGURES`, which the rows have besides those of the contour error.
+        metric: one of `METRICS`, a column of the rows besides the contour error.
 
     Raises:
-        GantryError: a case in which something else is changed.
+        GantryError: a case changes something else.
     """
     rows: list[Row] = []
     for first in range(0, len(cases), _TOGETHER):
         lot = cases[first : first + _TOGETHER]
         try:
-            rows += [_row(run, case, figure) for run, case in zip(_simulated(lot), lot, strict=True)]
-        except InputError:  # of one of them, which is to say why
-            rows += [_alone(case, figure) for case in lot]
+            rows += [_row(run, case, metric) for run, case in zip(_simulated(lot), lot, strict=True)]
+        except InputError:  # one of them is refused
+            rows += [_measure(case, metric) for case in lot]
     return rows
 
 
-def _alone(case: Case, figure: str) -> Row:
+def _measure(case: Case, metric: str) -> Row:
     try:
         (run,) = _simulated([case])
-    except InputError as error:
-        refusal = error
-
-        def refuse() -> Run:
-            raise refusal
-
-        return judged(refuse, lambda run: {})
-    return _row(run, case, figure)
+    except InputError:
+        return judged(lambda: _simulated([case])[0], lambda run: {})  # refused again; its row has the reason
+    return _row(run, case, metric)
 
 
 def _base(case: Case) -> Job:
@@ -119,15 +124,15 @@ def _perturbed(machine: Machine, perturbation: Perturbation) -> Machine:
 
 def _servo(case: Case) -> Servo:
     job, changes = _base(case), case.settings
-    known = {f"servo.{name}" for name in GAINS}
-    if other := sorted(set(changes) - known):
-        raise GantryError(f"a case that changes {other[0]}: only {', '.join(sorted(known))} may differ")
+    allowed = {f"servo.{name}" for name in GAINS}
+    if other := sorted(set(changes) - allowed):
+        raise GantryError(f"a case that changes {other[0]}: only {', '.join(sorted(allowed))} may differ")
     settings = ServoSettings(**{**dict(job.servo), **{key.removeprefix("servo."): changes[key] for key in changes}})
     return Servo.derive(job.built_machine.axes, **dict(settings))
 
 
-def _row(run: Run, case: Case, figure: str) -> Row:
-    row = judged(lambda: run, lambda run: _figures(run, _base(case), figure))
+def _row(run: Run, case: Case, metric: str) -> Row:
+    row = judged(lambda: run, lambda run: _values(run, _base(case), metric))
     time: Row = {} if run.fault is None else {_FAULT_TIME: run.fault.time}
     servo = _servo(case)
     gains: Row = {
@@ -136,14 +141,13 @@ def _row(run: Run, case: Case, figure: str) -> Row:
     return {**row, **time, **gains}
 
 
-def _figures(run: Run, job: Job, figure: str) -> Row:
+def _values(run: Run, job: Job, metric: str) -> Row:
     analysis = Analysis(run)
     sizes = {"contour": analysis.nozzle.distance}
-    if figure.startswith("tracking"):
+    if metric.startswith("tracking"):
         sizes["tracking"] = Budget(analysis).parts["tracking"].size
-    row: Row = {}
-    for link, size in sizes.items():
-        for statistic, of in _STATISTICS.items():
-            row[column(f"{link}_{statistic}")] = _THOUSANDTHS * of(size)
-    peak = np.array([axis.peak_torque for axis in job.built_machine.axes])  # the drive knows the nominal motor's alone
-    return {**row, _RIPPLE: 100 * float((torque_ripple(run) / peak).max())}
+    row: Row = {
+        column(f"{link}_{name}"): _UM * of(size) for link, size in sizes.items() for name, of in _STATISTICS.items()
+    }
+    peak = np.array([axis.peak_torque for axis in job.built_machine.axes])  # of the nominal motor, as the drive has it
+    return {**row, RIPPLE: 100 * float((torque_ripple(run) / peak).max())}

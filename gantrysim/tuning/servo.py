@@ -1,14 +1,11 @@
-"""The servo that a search has found, as a file that `gantrysim run --servo` takes."""
+"""The tuned servo as a file for `gantrysim run --servo`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import version
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from gantrysim.tuning.search import History
-    from gantrysim.tuning.study import TuningStudy
+from gantrysim.controllers.servo import Servo
+from gantrysim.job.job import Job
 
 TUNED = "tuned.toml"
 
@@ -29,23 +26,18 @@ def unit_of(name: str, units: Sequence[str]) -> str:
     return UNITS[name].replace("u", units[0]) if len(set(units)) == 1 else UNITS[name]
 
 
-def servo_toml(study: TuningStudy, history: History) -> str:
-    """Return the servo of a search as TOML: a table with everything that there is to say of it.
+def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
+    """Return a servo of a job as TOML: a [servo] table with every value, so that nothing is left to be derived.
 
-    What gains are derived from is left out, as there is nothing left to be derived.
+    Args:
+        job: gives the axes and the limit of the following error.
+        servo: to be written.
+        comments: lines that stand above the table.
     """
-    job, servo, best = study.job, history.best.servo, history.best
     axes = job.built_machine.axes
-    count, units = study.robust + 1, [axis.unit for axis in axes]
+    units = [axis.unit for axis in axes]
     lines = [
-        f"# Gains for the job {job.name} on the machine {job.built_machine.name}, found by gantrysim tune "
-        f"{version('gantrysim')}: law {study.searched_law},",
-        f"# {study.figure} of {_micrometres(best.figure)}, before {_micrometres(history.start.figure)}"
-        f"{f', the largest of {count} machines' if study.robust else ''};",
-        f"# gain margin of {study.margin:g} in every direction, torque ripple of at most {study.ripple:g} % of the "
-        "peak torque;",
-        f"# candidate {best.number} of generation {best.generation}; {history.runs} runs, seed {study.seed}.",
-        f"# It takes the place of a job's: gantrysim run JOB --servo {TUNED}",
+        *(f"# {comment}" for comment in comments),
         f"# One value per axis: {', '.join(f'{axis.name} [{axis.unit}]' for axis in axes)}.",
         "",
         "[servo]",
@@ -57,7 +49,3 @@ def servo_toml(study: TuningStudy, history: History) -> str:
         values = ", ".join(repr(float(value)) for value in getattr(servo, name))
         lines.append(f"{name} = [{values}]  # [{unit_of(name, units)}]")
     return "\n".join(lines) + "\n"
-
-
-def _micrometres(figure: float) -> str:
-    return f"{figure:.4g} µm" if figure < float("inf") else "none, a fault"

@@ -1,7 +1,7 @@
-"""The margin that every candidate keeps: how near the loops of several machines come to instability.
+"""The stability margin that every candidate keeps on several machines.
 
-A gain margin of M alone lets a loop through whose phase margin is next to nothing. It is therefore asked for in every
-direction: the open loop L stays as far from -1 as it does where it crosses the real axis at -1/M,
+A gain margin of M alone admits loops with hardly any phase margin. The margin is therefore required in every direction:
+the open loop L stays as far from -1 as it does where it crosses the real axis at -1/M,
 
     |1 + L| >= 1 - 1/M,        that is, the peak of |S| = |1/(1 + L)| is at most M/(M - 1).
 
@@ -22,18 +22,29 @@ from gantrysim.errors import InputError, finite
 from gantrysim.machine.machine import Machine
 from gantrysim.stability.linear_model import Complexes
 from gantrysim.stability.margins import Margins, Plant
-from gantrysim.tuning.laws import Space
+from gantrysim.tuning.space import SearchSpace
 
-_UNSTABLE = 10.0  # excess of a loop that is next to stable: more than that of any that is
-_LEAST_GAIN = 1e-6
-_STEP = 0.03  # first one of the search for a bracket [decades of w]
-_CLOSE = 0.002  # width of the bracket that will do [decades of w]
-_NEAR = 0.003  # of the excess to 0, that will do as well
-_REACH = 2.0  # of the natural frequency, on both sides [decades of w]
+_UNSTABLE = 10.0  # excess of a barely unstable loop, above that of any stable one
+_MIN_GAIN = 1e-6
+_STEP = 0.03  # first step of the search for a bracket [decades of w]
+_WIDTH = 0.002  # of the bracket at which the search ends [decades of w]
+_TOLERANCE = 0.003  # of the excess below 0, at which it ends as well
+_REACH = 2.0  # to both sides of the natural frequency [decades of w]
+
+
+def sensitivity_bound(margin: float) -> float:
+    """Return the largest peak of |S| that a margin M admits.
+
+    Raises:
+        InputError: M is not above 1.
+    """
+    if not finite("margin", margin) > 1:
+        raise InputError(f"margin = {margin:g}: must be greater than 1, the gain factor at which a loop turns unstable")
+    return margin / (margin - 1)
 
 
 def phase_margin(margin: float) -> float:
-    """Return the phase margin that a margin M brings with it [deg]."""
+    """Return the phase margin that a margin M guarantees [deg]."""
     return 2 * math.degrees(math.asin(0.5 * (1 - 1 / margin)))
 
 
@@ -42,9 +53,9 @@ class Fastest:
     """The fastest loops of a shape that keep the margin.
 
     Attributes:
-        frequencies: as of `Space`, (groups,).
-        excess: of the margin there: at most 0, unless no frequency keeps it.
-        binding: numbers of the machines that bound it.
+        frequencies: as in `SearchSpace`, (groups,).
+        excess: as in `Stability`: at most 0, unless no frequency keeps the margin.
+        binding: numbers of the machines that limit the frequencies.
     """
 
     frequencies: Floats
@@ -53,17 +64,21 @@ class Fastest:
 
 
 class Stability:
-    """The margin on several machines.
+    """Stability margins of servos on several machines.
 
     Args:
         machines: at least one, with the same axes.
         period: of the servos [s].
         delay: of the servos [s].
         margin: M.
-        physics_step: as of `gantrysim.simulate` [s].
+        physics_step: as in `gantrysim.simulate` [s].
+
+    Attributes:
+        peak: bound on the peak of |S|.
+        machines: number of machines.
 
     Raises:
-        InputError: a margin that is not above 1, or a machine whose margins cannot be told.
+        InputError: a margin that is not above 1, or a machine whose margins cannot be computed.
     """
 
     def __init__(
@@ -74,18 +89,32 @@ class Stability:
         margin: float,
         physics_step: float | None = None,
     ) -> None:
-        if not finite("margin", margin) > 1:
-            raise InputError(f"margin = {margin:g}: must be greater than 1, the factor at which a loop is lost")
-        self.peak = margin / (margin - 1)
+        self.peak = sensitivity_bound(margin)
+        self.machines = len(machines)
         self._plants = [Plant.of(machine, period, delay, physics_step=physics_step) for machine in machines]
-        self._known: dict[tuple[Servo, int], tuple[Margins, ...]] = {}
+        self._margins: dict[tuple[Servo, int], tuple[Margins, ...]] = {}
 
     def margins(self, servo: Servo, machine: int = 0) -> tuple[Margins, ...]:
         """Return the margins of every axis on one of the machines."""
-        known = self._known.get((servo, machine))
-        if known is None:
-            known = self._known[servo, machine] = self._plants[machine].margins(servo)
-        return known
+        key = servo, machine
+        if key not in self._margins:
+            self._margins[key] = self._plants[machine].margins(servo)
+        return self._margins[key]
+
+    def worst(self, servo: Servo) -> list[Margins]:
+        """Return the worst margins of every axis over all machines, with the crossover on the first."""
+        return [
+            Margins(
+                gain=min(one.gain for one in axis),
+                gain_lower=max(one.gain_lower for one in axis),
+                phase=min(one.phase for one in axis),
+                delay=min(one.delay for one in axis),
+                sensitivity=max(one.sensitivity for one in axis),
+                crossover=axis[0].crossover,
+                stable=all(one.stable for one in axis),
+            )
+            for axis in zip(*(self.margins(servo, k) for k in range(self.machines)), strict=True)
+        ]
 
     def loop(self, servo: Servo, frequency: Floats, machine: int = 0) -> Complexes:
         """Return the open loop L of every axis on one of the machines, (n, axes).
@@ -98,58 +127,60 @@ class Stability:
         return self._plants[machine].loop(servo, frequency)
 
     def excess(self, servo: Servo, machines: Sequence[int] | None = None) -> Floats:
-        """Return by how much the peak of |S| exceeds its bound, the worst of the machines, (axes,).
+        """Return log(peak / bound) of the peak of |S|, the largest over the machines, (axes,).
 
-        It is log(peak / bound), at most 0 where the margin is kept; of a loop that is not stable 10 and more, the more
-        the smaller the share of its gains with which it would be.
+        It is at most 0 where the margin is kept. An unstable loop has 10 or more; it grows as the factor on the gains
+        at which the loop would be stable falls.
 
         Args:
             servo: the servo.
-            machines: numbers of the machines that are looked at, by default all.
+            machines: numbers of the machines, by default all.
         """
-        looked_at = range(len(self._plants)) if machines is None else machines
-        excess = [[self._excess(own) for own in self.margins(servo, k)] for k in looked_at]
+        chosen = range(self.machines) if machines is None else machines
+        excess = [[self._excess(margins) for margins in self.margins(servo, k)] for k in chosen]
         return np.max(excess, axis=0)
 
     def _excess(self, margins: Margins) -> float:
         if margins.stable:
-            return math.log(max(margins.sensitivity, _LEAST_GAIN) / self.peak)
-        return _UNSTABLE - math.log(max(margins.gain, _LEAST_GAIN))
+            return math.log(max(margins.sensitivity, _MIN_GAIN) / self.peak)
+        return _UNSTABLE - math.log(max(margins.gain, _MIN_GAIN))
 
-    def fastest(self, space: Space, shape: Floats, guess: Fastest) -> Fastest:
+    def fastest(self, space: SearchSpace, shape: Floats, guess: Fastest) -> Fastest:
         """Return the fastest loops of a shape that keep the margin on all machines.
 
-        Every group of axes is made as fast as it can be; where axes move each other, all together if need be.
+        Every group of axes is as fast as it can be by itself; coupled axes are slowed down together where needed.
 
         Args:
             space: of the servos.
-            shape: as of the space, (shapes,).
-            guess: those of another shape: the machines that bound them are tried first.
+            shape: in the space, (shapes,).
+            guess: the fastest loops of another shape: the machines that limit them are tried first.
         """
-        at, binding, together = guess.frequencies, guess.binding, False
+        start, binding, together = guess.frequencies, guess.binding, False
         while True:
-            found = self._edge(space, shape, at, binding, together)
+            found = self._edge(space, shape, start, binding, together)
             if found.excess > 0:
                 return found
             servo = space.servo(found.frequencies, shape)
-            excess = [float(self.excess(servo, [k]).max()) for k in range(len(self._plants))]
+            excess = [float(self.excess(servo, [k]).max()) for k in range(self.machines)]
             worst = int(np.argmax(excess))
             if excess[worst] <= 0:
                 return Fastest(found.frequencies, binding=(max(binding, key=lambda k: excess[k]),))
-            at = found.frequencies
-            if worst in binding:  # by itself each group was at its own edge
-                at, together = at - _STEP, True
+            start = found.frequencies
+            if worst in binding:  # coupled axes: each group kept the margin only by itself
+                start, together = start - _STEP, True
             else:
                 binding = (*binding, worst)
 
-    def _edge(self, space: Space, shape: Floats, guess: Floats, machines: Sequence[int], together: bool) -> Fastest:
-        """Find the frequency of every group by itself, or a shift of all together, on some of the machines.
+    def _edge(
+        self, space: SearchSpace, shape: Floats, guess: Floats, machines: Sequence[int], together: bool
+    ) -> Fastest:
+        """Return the highest frequency of every group by itself, or one shift of all together, on some machines.
 
-        A bracket, then false position; halves where a loop at its upper end is not stable.
+        A bracket is found, then narrowed by false position, or by halving where its upper end is unstable.
         """
         low, high = np.full(space.groups, -np.inf), np.full(space.groups, np.inf)
-        kept, missed = np.full(space.groups, -np.inf), np.full(space.groups, np.inf)  # excess at low and at high
-        least = np.full(space.groups, np.inf)
+        kept, missed = low.copy(), high.copy()  # excess at low and at high
+        least = high.copy()
         at, step = guess, _STEP
         while True:
             excess = self.excess(space.servo(at, shape), machines).reshape(space.groups, -1).max(axis=1)
@@ -161,10 +192,10 @@ class Stability:
             none_kept, none_missed = np.isneginf(low), np.isposinf(high)
             if np.any(none_kept & (high < np.minimum(guess, 0) - _REACH)):
                 return Fastest(at, float(least.max()), tuple(machines))
-            done = (high - low <= _CLOSE) | (kept > -_NEAR) | (low > np.maximum(guess, 0) + _REACH)
+            done = (high - low <= _WIDTH) | (kept > -_TOLERANCE) | (low > np.maximum(guess, 0) + _REACH)
             if done.all():
                 return Fastest(low)
-            with np.errstate(invalid="ignore"):  # where one of them is not yet known
+            with np.errstate(invalid="ignore"):  # where an end of the bracket is not known yet
                 share = np.where(missed < _UNSTABLE, np.clip(kept / (kept - missed), 0.1, 0.9), 0.5)
                 inside = low + share * (high - low)
             at = np.where(none_kept, high - step, np.where(none_missed, low + step, inside))

@@ -1,4 +1,4 @@
-"""Jobs and studies that the tests of tuning ask for."""
+"""Jobs and studies for the tests of tuning."""
 
 import dataclasses
 import itertools
@@ -7,7 +7,7 @@ import numpy as np
 
 from gantrysim import Job
 from gantrysim.tuning import TuningStudy
-from gantrysim.tuning.objective import case_of, measured
+from gantrysim.tuning.objective import case_of, trial_result
 
 CIRCLE = """
 %
@@ -37,7 +37,7 @@ def circle(**servo):
 
 
 def detuned(factor, job=None, **factors):
-    """The job with its gains so many times the derived ones."""
+    """The job with its gains multiplied by a factor, or by one of their own."""
     job = job or circle()
     times = {name: factors.get(name, factor) for name in GAINS}
     servo = job.built_servo
@@ -45,11 +45,11 @@ def detuned(factor, job=None, **factors):
 
 
 def best_of_grid(study, factors):
-    """The least figure of all combinations of factors on the derived gains, by the study's own objective.
+    """The least metric of all combinations of factors on the derived gains, and the number of runs.
 
     Args:
         study: for its job, its machines and its bounds.
-        factors: of each gain, by its name; what is left out is none.
+        factors: of each gain, by its name; gains left out are 0.
     """
     derived = circle().built_servo
 
@@ -68,10 +68,10 @@ def best_of_grid(study, factors):
         for chosen in itertools.product(*(factors[name] for name in shares)):
             own = servo({**loop, **dict(zip(shares, chosen, strict=True))})
             cases = [case_of(study.job, own, one) for one in study.perturbations]
-            found = [measured(row, study.figure) for row in study.measure_together(cases)]
+            found = [trial_result(row, study.metric) for row in study.measure_together(cases)]
             runs += len(found)
             if all(one.fault is None and one.ripple <= 0.01 * study.ripple for one in found):
-                least = min(least, max(one.figure for one in found))
+                least = min(least, max(one.metric for one in found))
     return least, runs
 
 

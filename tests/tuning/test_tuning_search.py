@@ -1,4 +1,4 @@
-"""The search of gains: what is run, how candidates are compared, when it ends; on functions in a machine's place."""
+"""The search: runs, ranking and termination, with functions in place of machines."""
 
 import dataclasses
 import math
@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo
-from gantrysim.tuning.laws import Space
-from gantrysim.tuning.search import Candidate, Measured, least_budget, search
+from gantrysim.tuning.search import Candidate, TrialResult, search
+from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
 PERIOD = 1e-3
 RIPPLE = 0.02
-FOUND = 1.02  # times the least figure that there is
+FOUND = 1.02  # largest ratio of the metric found to the minimum
 XY = Machine("xy")
 DERIVED = Servo.derive(XY.axes, PERIOD)
 
@@ -24,8 +24,8 @@ def stability():
 
 
 @pytest.fixture(scope="module")
-def anything():
-    """A margin that every loop keeps: what is found is the function's alone."""
+def unconstrained():
+    """A margin that every loop keeps, so that the result depends on the function alone."""
     free = Stability([XY], PERIOD, 0.0, 2.0)
     free.fastest = lambda space, shape, guess: Fastest(np.zeros(space.groups))
     free.excess = lambda servo, machines=None: np.full(servo.axes, -1.0)
@@ -40,7 +40,7 @@ def detuned(factor):
 
 
 def space(start=DERIVED, law="pd", per_axis=False):
-    return Space(law, XY.axes, DERIVED, start, per_axis)
+    return SearchSpace(law, XY.axes, DERIVED, start, per_axis)
 
 
 def away(servo, best):
@@ -56,163 +56,162 @@ BEST = {"kp": 0.3, "kd": 0.2, "velocity_ff": 0.6, "acceleration_ff": 0.9}
 
 
 def bowl(servo, machine):
-    return Measured(1.0 + float(np.sum(np.array([1.0, 4.0, 0.1, 1.0]) * away(servo, BEST) ** 2)), 0.001)
+    return TrialResult(1.0 + float(np.sum(np.array([1.0, 4.0, 0.1, 1.0]) * away(servo, BEST) ** 2)), 0.001)
 
 
 def run(own, stability, measure, machines=1, budget=200, seed=1, **more):
-    """Carry a search out; its history, and the runs asked for, round by round."""
-    asked = []
+    """Return the history of a search, and its trials by round."""
+    rounds = []
     generator = search(own, stability, machines=machines, budget=budget, ripple=RIPPLE, seed=seed, **more)
     trials = next(generator)
     while True:
-        asked.append([(trial.candidate, trial.machine) for trial in trials])
+        rounds.append([(trial.candidate, trial.machine) for trial in trials])
         try:
             trials = generator.send([measure(trial.candidate.servo, trial.machine) for trial in trials])
         except StopIteration as stop:
-            return stop.value, asked
+            return stop.value, rounds
 
 
 @pytest.mark.parametrize("factor", [1 / 30, 0.1, 1.0, 10.0, 30.0])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_least_of_a_bowl_is_found_from_anywhere(anything, factor, seed):
-    history, _ = run(space(detuned(factor)), anything, bowl, budget=400, seed=seed)
-    assert history.best.figure < FOUND
+def test_the_minimum_of_a_bowl_is_found_from_anywhere(unconstrained, factor, seed):
+    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=400, seed=seed)
+    assert history.best.metric < FOUND
 
 
-def test_each_axis_finds_its_own(anything):
+def test_each_axis_finds_its_own_gains(unconstrained):
     def measure(servo, machine):
         errors = [math.log10(servo.kp[a] / (best * DERIVED.kp[a])) for a, best in enumerate((0.2, 0.6))]
-        return Measured(1.0 + sum(error**2 for error in errors))
+        return TrialResult(1.0 + sum(error**2 for error in errors))
 
-    history, _ = run(space(per_axis=True), anything, measure, budget=600)
-    assert history.best.figure < FOUND
+    history, _ = run(space(per_axis=True), unconstrained, measure, budget=600)
+    assert history.best.metric < FOUND
     assert history.best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.2, rel=0.3)
     assert history.best.servo.kp[1] / DERIVED.kp[1] == pytest.approx(0.6, rel=0.3)
-    shared, _ = run(space(), anything, measure, budget=600)
-    assert shared.best.figure > 1.1
+    shared, _ = run(space(), unconstrained, measure, budget=600)
+    assert shared.best.metric > 1.1
 
 
 def test_every_candidate_that_is_run_keeps_the_margin_and_the_edge_is_reached(stability):
     def measure(servo, machine):  # the faster the better
-        return Measured(DERIVED.kp[0] / servo.kp[0])
+        return TrialResult(DERIVED.kp[0] / servo.kp[0])
 
-    history, asked = run(space(detuned(0.1)), stability, measure, budget=150)
-    tried = {id(candidate): candidate for lot in asked for candidate, _ in lot if candidate.generation}
+    history, rounds = run(space(detuned(0.1)), stability, measure, budget=150)
+    tried = {id(candidate): candidate for lot in rounds for candidate, _ in lot if candidate.generation}
     assert all(float(stability.excess(candidate.servo).max()) <= 0 for candidate in tried.values())
     assert -0.01 < float(stability.excess(history.best.servo).max()) <= 0
 
 
 def test_shapes_that_keep_the_margin_at_no_frequency_are_not_run(stability):
     hardly_damped = dataclasses.replace(DERIVED, kd=tuple(0.15 * kd for kd in DERIVED.kd), ki=(17.0, 23.0))
-    history, asked = run(space(hardly_damped, "pid"), stability, bowl, budget=40)
-    assert history.unstable > 0
-    assert len(history.candidates) + history.unstable <= 1 + 8 * history.generations
-    assert sum(map(len, asked)) == len(history.candidates) == history.runs
+    history, rounds = run(space(hardly_damped, "pid"), stability, bowl, budget=40)
+    assert history.skipped > 0
+    assert len(history.candidates) + history.skipped <= 1 + 8 * history.generations
+    assert sum(map(len, rounds)) == len(history.candidates) == history.runs
 
 
-def test_a_start_that_keeps_all_is_never_left_for_worse(anything):
+def test_a_feasible_start_is_never_replaced_by_a_worse_candidate(unconstrained):
     def measure(servo, machine):  # the start alone is good
-        return Measured(1.0 if servo == DERIVED else 2.0)
+        return TrialResult(1.0 if servo == DERIVED else 2.0)
 
-    history, _ = run(space(), anything, measure, budget=60)
+    history, _ = run(space(), unconstrained, measure, budget=60)
     assert history.best is history.start
     assert history.leaders == [history.start]
 
 
 @pytest.mark.parametrize("machines", [1, 3, 6])
 @pytest.mark.parametrize("budget", [12, 13, 50, 99])
-def test_no_more_runs_are_made_than_the_budget_has(anything, machines, budget):
-    history, asked = run(space(), anything, bowl, machines=machines, budget=budget)
-    made = sum(map(len, asked))
+def test_the_runs_stay_within_the_budget(unconstrained, machines, budget):
+    history, rounds = run(space(), unconstrained, bowl, machines=machines, budget=budget)
+    made = sum(map(len, rounds))
     assert made == history.runs
     assert budget - machines < made <= budget
     assert history.ended == "budget"
-    assert asked[0] == [(history.start, k) for k in range(machines)]
-    assert least_budget(machines) == 2 * machines
+    assert rounds[0] == [(history.start, k) for k in range(machines)]
 
 
-def test_the_least_budget_tries_the_start_and_one_candidate_on_all_machines(anything):
-    history, asked = run(space(detuned(0.1)), anything, bowl, machines=4, budget=least_budget(4))
-    assert [len(lot) for lot in asked] in ([4, 1, 3], [4, 1])
+def test_the_least_budget_tries_the_start_and_one_candidate_on_all_machines(unconstrained):
+    history, rounds = run(space(detuned(0.1)), unconstrained, bowl, machines=4, budget=8)
+    assert [len(lot) for lot in rounds] in ([4, 1, 3], [4, 1])
     assert len(history.candidates) == 2
 
 
 def harder(servo, machine):
     """Two bowls apart: the first machine's least is where the second is bad, and the other way round."""
     centre = {0: 0.15, 1: 0.6, 2: 0.3}[machine]
-    return Measured(1.0 + abs(math.log10(servo.kp[0] / (centre * DERIVED.kp[0]))))
+    return TrialResult(1.0 + abs(math.log10(servo.kp[0] / (centre * DERIVED.kp[0]))))
 
 
-def test_the_answer_is_the_best_on_its_worst_machine_and_was_run_on_all(anything):
-    history, _ = run(space(detuned(0.1)), anything, harder, machines=3, budget=400)
+def test_the_result_is_the_best_on_its_worst_machine_and_was_run_on_all(unconstrained):
+    history, _ = run(space(detuned(0.1)), unconstrained, harder, machines=3, budget=400)
     best = history.best
-    assert set(best.measured) == {0, 1, 2}
-    assert best.figure == max(harder(best.servo, machine).figure for machine in range(3))
+    assert set(best.results) == {0, 1, 2}
+    assert best.metric == max(harder(best.servo, machine).metric for machine in range(3))
     assert best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.3, rel=0.1)  # half way on the logarithm
-    assert best.figure == pytest.approx(1.301, abs=0.03)
-    once = [len(candidate.measured) for candidate in history.candidates]
+    assert best.metric == pytest.approx(1.301, abs=0.03)
+    once = [len(candidate.results) for candidate in history.candidates]
     assert once.count(1) > 0.4 * len(once)  # even where the hardest machine changes all the time
     for leader in history.leaders:
-        assert len(leader.measured) == 3
+        assert len(leader.results) == 3
 
 
-def test_leaders_follow_each_other_in_order(anything):
-    told = []
-    history, _ = run(space(detuned(0.1)), anything, harder, machines=3, budget=200, leads=told.append)
-    figures = [leader.figure for leader in history.leaders]
-    assert figures == sorted(figures, reverse=True)
-    assert len(set(figures)) == len(figures)
-    assert told == history.leaders
+def test_leaders_improve_in_order(unconstrained):
+    leaders = []
+    history, _ = run(space(detuned(0.1)), unconstrained, harder, machines=3, budget=200, on_leader=leaders.append)
+    metrics = [leader.metric for leader in history.leaders]
+    assert metrics == sorted(metrics, reverse=True)
+    assert len(set(metrics)) == len(metrics)
+    assert leaders == history.leaders
     runs = [leader.runs for leader in history.leaders]
     assert runs == sorted(runs)
 
 
-def test_the_same_seed_searches_the_same_and_another_one_does_not(anything):
+def test_the_same_seed_searches_the_same_and_another_one_does_not(unconstrained):
     first, again, other = (
-        [c.servo for c in run(space(), anything, bowl, budget=60, seed=seed)[0].candidates] for seed in (7, 7, 8)
+        [c.servo for c in run(space(), unconstrained, bowl, budget=60, seed=seed)[0].candidates] for seed in (7, 7, 8)
     )
     assert first == again
     assert first != other
 
 
-def test_the_search_follows_the_order_alone(anything):
-    """A figure on another scale, in the same order, is searched by the same candidates."""
+def test_the_search_depends_on_the_ranking_alone(unconstrained):
+    """A rescaled metric with the same order leads to the same candidates."""
 
     def scaled(servo, machine):
-        return Measured(math.exp(5 * bowl(servo, machine).figure))
+        return TrialResult(math.exp(5 * bowl(servo, machine).metric))
 
-    one, _ = run(space(detuned(0.3)), anything, bowl, budget=100)
-    other, _ = run(space(detuned(0.3)), anything, scaled, budget=100)
+    one, _ = run(space(detuned(0.3)), unconstrained, bowl, budget=100)
+    other, _ = run(space(detuned(0.3)), unconstrained, scaled, budget=100)
     assert [c.servo for c in one.candidates] == [c.servo for c in other.candidates]
 
 
-def test_too_much_torque_ripple_comes_after_all_that_keep_it(anything):
-    """The bowl's least makes too much: the answer stays where there is none."""
+def test_candidates_with_too_much_torque_ripple_rank_behind(unconstrained):
+    """The minimum of the bowl has too much ripple: the result stays at the limit."""
 
     def measure(servo, machine):
         kd = servo.kd[0] / DERIVED.kd[0]
         return dataclasses.replace(bowl(servo, machine), ripple=RIPPLE * kd / 0.15)
 
-    history, _ = run(space(detuned(0.1)), anything, measure, budget=300)
+    history, _ = run(space(detuned(0.1)), unconstrained, measure, budget=300)
     assert history.best.ripple <= RIPPLE
     assert history.best.servo.kd[0] / DERIVED.kd[0] == pytest.approx(0.15, rel=0.1)
-    free, _ = run(space(detuned(0.1)), anything, bowl, budget=300)
+    free, _ = run(space(detuned(0.1)), unconstrained, bowl, budget=300)
     assert free.best.servo.kd[0] / DERIVED.kd[0] == pytest.approx(0.2, rel=0.1)
 
 
-def test_one_finds_the_way_out_of_torque_ripple_and_faults(anything):
-    """From a start that faults, and past much ripple, to what is in order."""
+def test_the_search_leaves_torque_ripple_and_faults_behind(unconstrained):
+    """From a start that faults, through high ripple, to feasible gains."""
 
     def measure(servo, machine):
         far = float(np.abs(away(servo, BEST)[:2]).max())
         if far > 0.8:
-            return Measured(math.inf, math.inf, 5.0 - far)
-        return Measured(bowl(servo, machine).figure, RIPPLE * (far + 0.8))
+            return TrialResult(math.inf, math.inf, 5.0 - far)
+        return TrialResult(bowl(servo, machine).metric, RIPPLE * (far + 0.8))
 
-    history, _ = run(space(detuned(30.0)), anything, measure, budget=300)
+    history, _ = run(space(detuned(30.0)), unconstrained, measure, budget=300)
     assert history.start.order(RIPPLE)[0] == 4
     assert history.best.order(RIPPLE)[0] == 1
-    assert history.best.figure < 1.1
+    assert history.best.metric < 1.1
 
 
 def candidate(*measured, excess=-1.0):
@@ -220,19 +219,19 @@ def candidate(*measured, excess=-1.0):
 
 
 def test_the_order_of_candidates():
-    good, better = candidate(Measured(2.0, 0.01), Measured(3.0, 0.01)), candidate(Measured(2.9, 0.02))
-    restless, very = candidate(Measured(0.1, 0.03)), candidate(Measured(0.1, 0.01), Measured(0.1, 0.04))
+    good, better = candidate(TrialResult(2.0, 0.01), TrialResult(3.0, 0.01)), candidate(TrialResult(2.9, 0.02))
+    restless, very = candidate(TrialResult(0.1, 0.03)), candidate(TrialResult(0.1, 0.01), TrialResult(0.1, 0.04))
     near, far = candidate(excess=0.1), candidate(excess=12.0)
     late, early = (
-        candidate(Measured(1.0, 0.01), Measured(math.inf, math.inf, time), Measured(math.inf, math.inf, 9.0))
+        candidate(TrialResult(1.0, 0.01), TrialResult(math.inf, math.inf, time), TrialResult(math.inf, math.inf, 9.0))
         for time in (3.0, 2.0)
     )
-    missed = candidate(Measured(0.001, 0.001), excess=20.0)  # as a start may
+    missed = candidate(TrialResult(0.001, 0.001), excess=20.0)  # as a start may
     wanted = [better, good, restless, very, missed, late, early, near, far]
     mixed = [good, late, far, better, missed, very, early, restless, near]
     assert sorted(mixed, key=lambda one: one.order(RIPPLE)) == wanted
     assert [one.order(RIPPLE)[0] for one in wanted] == [1, 1, 2, 2, 3, 4, 4, 5, 5]
-    assert good.figure == 3.0
+    assert good.metric == 3.0
     assert (good.hardest, very.ripple, early.hardest) == (1, 0.04, 1)
 
 
@@ -242,8 +241,8 @@ def test_a_start_far_from_any_good_loop_is_left_behind(stability, seed):
 
     def measure(servo, machine):
         if servo.kp[0] < 0.2 * DERIVED.kp[0] and servo.kp[0] != start.kp[0]:
-            return Measured(math.inf, math.inf, 5.0 * servo.kp[0] / DERIVED.kp[0])
-        return Measured(DERIVED.kp[0] / servo.kp[0])
+            return TrialResult(math.inf, math.inf, 5.0 * servo.kp[0] / DERIVED.kp[0])
+        return TrialResult(DERIVED.kp[0] / servo.kp[0])
 
     start = dataclasses.replace(detuned(0.1), ki=(1.7, 2.3))
     history, _ = run(space(start, "pid"), stability, measure, budget=60, seed=seed)
@@ -252,26 +251,26 @@ def test_a_start_far_from_any_good_loop_is_left_behind(stability, seed):
     assert history.ended == "budget"
 
 
-def test_a_candidate_that_misses_the_margin_but_was_run_is_no_better_for_its_figure():
-    start = candidate(Measured(0.001, 0.001), excess=0.2)
+def test_a_start_below_the_margin_gains_no_rank_by_its_metric():
+    start = candidate(TrialResult(0.001, 0.001), excess=0.2)
     assert start.order(RIPPLE) == (3, 0.2)
 
 
-def test_the_search_ends_where_its_candidates_are_all_but_one(anything):
-    history, _ = run(space(), anything, bowl, budget=5000)
+def test_the_search_ends_when_its_candidates_converge(unconstrained):
+    history, _ = run(space(), unconstrained, bowl, budget=5000)
     assert history.ended in ("converged", "no progress")
     assert history.runs < 2000
-    assert history.best.figure < 1.001
+    assert history.best.metric < 1.001
 
 
-def test_the_search_ends_where_nothing_becomes_better(anything):
+def test_the_search_ends_without_progress(unconstrained):
     flat = np.random.default_rng(1)
-    history, _ = run(space(), anything, lambda servo, machine: Measured(1.0 + flat.random()), budget=5000)
+    history, _ = run(space(), unconstrained, lambda servo, machine: TrialResult(1.0 + flat.random()), budget=5000)
     assert history.ended in ("converged", "no progress")
     assert history.generations < 200
 
 
-def test_the_search_ends_where_no_candidate_keeps_the_margin(stability):
+def test_the_search_ends_if_no_candidate_keeps_the_margin(stability):
     excess = np.random.default_rng(1)
 
     class Lost(Stability):
@@ -284,17 +283,17 @@ def test_the_search_ends_where_no_candidate_keeps_the_margin(stability):
         def excess(self, servo, machines=None):
             return np.full(servo.axes, 0.5)
 
-    history, asked = run(space(), Lost(), bowl, budget=100)
+    history, rounds = run(space(), Lost(), bowl, budget=100)
     assert history.ended in ("no candidate", "converged")
     assert history.best is history.start
-    assert [len(lot) for lot in asked] == [1]
-    assert history.unstable == 8 * history.generations
+    assert [len(lot) for lot in rounds] == [1]
+    assert history.skipped == 8 * history.generations
 
 
-def test_few_candidates_are_run_on_more_than_the_hardest_machine(anything):
+def test_few_candidates_are_run_on_more_than_the_hardest_machine(unconstrained):
     def measure(servo, machine):
-        return Measured(bowl(servo, machine).figure * (1.0 + 0.1 * machine))
+        return TrialResult(bowl(servo, machine).metric * (1.0 + 0.1 * machine))
 
-    history, _ = run(space(detuned(0.1)), anything, measure, machines=5, budget=200)
+    history, _ = run(space(detuned(0.1)), unconstrained, measure, machines=5, budget=200)
     assert history.best.hardest == 4
-    assert sum(len(one.measured) == 1 for one in history.candidates) > 0.8 * len(history.candidates)
+    assert sum(len(one.results) == 1 for one in history.candidates) > 0.8 * len(history.candidates)

@@ -1,4 +1,4 @@
-"""What a search of gains moves: numbers of a law and the gains that follow, and the margin that bounds them."""
+"""The search space, its gains and bounds, and the stability margin that limits it."""
 
 import dataclasses
 import math
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Machine, Servo
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Plant
-from gantrysim.tuning.laws import LAWS, Space
+from gantrysim.tuning.space import SPACES, SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability, phase_margin
 
 PERIOD = 1e-3
@@ -29,15 +29,15 @@ def scaled(servo, **factors):
 
 def space(law="pid", start=None, per_axis=False, axes=AXES, derived=DERIVED):
     start = start or Servo.derive(axes, PERIOD, integral_time=0.03)
-    return Space(law, axes, derived, start, per_axis)
+    return SearchSpace(law, axes, derived, start, per_axis)
 
 
 factor = st.floats(0.03, 30.0)
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.tuples(*[factor] * 5), st.sampled_from(list(LAWS)), st.booleans())
-def test_the_start_has_a_place_that_gives_it_back(factors, law, per_axis):
+@given(st.tuples(*[factor] * 5), st.sampled_from(list(SPACES)), st.booleans())
+def test_the_start_has_a_point_that_gives_it_back(factors, law, per_axis):
     names = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")
     start = scaled(Servo.derive(AXES, PERIOD, integral_time=0.03), **dict(zip(names, factors, strict=True)))
     if law == "pd":
@@ -50,15 +50,15 @@ def test_the_start_has_a_place_that_gives_it_back(factors, law, per_axis):
     assert (own.begin[1] <= own.bounds[:, 1]).all()
 
 
-def test_a_place_of_zeros_and_ones_is_the_derived_servo():
+def test_the_point_of_zeros_and_ones_is_the_derived_servo():
     own = space("pd")
-    assert own.shapes == 3
+    assert own.begin[1].size == 3
     found = own.servo(np.zeros(1), np.array([0.0, 1.0, 1.0]))
     for name in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity"):
         np.testing.assert_allclose(getattr(found, name), getattr(DERIVED, name), rtol=ROUNDED)
 
 
-def test_the_law_of_the_numbers():
+def test_the_gains_follow_from_the_numbers():
     """kp = J w^2, kd = 2 zeta J w, ki = kp w / n, velocity_ff = v b, acceleration_ff = a J."""
     own = space("pid")
     u, zeta, n = 0.2, -0.3, 0.1
@@ -81,7 +81,7 @@ def test_gains_have_four_digits():
 def test_axes_share_their_numbers_or_have_their_own():
     crooked = dataclasses.replace(DERIVED, kp=tuple(f * kp for f, kp in zip((4.0, 1.0, 0.25), DERIVED.kp, strict=True)))
     shared, own = space("pd", crooked), space("pd", crooked, per_axis=True)
-    assert (shared.groups, shared.shapes, own.groups, own.shapes) == (1, 3, 3, 9)
+    assert (shared.groups, shared.begin[1].size, own.groups, own.begin[1].size) == (1, 3, 3, 9)
     assert shared.begin[0] == pytest.approx([0.0], abs=1e-12)  # the mean of the logarithms
     assert own.begin[0] == pytest.approx(np.log10([2.0, 1.0, 0.5]))
     np.testing.assert_allclose(own.servo(*own.begin).kp, crooked.kp, rtol=ROUNDED)
@@ -113,7 +113,7 @@ def test_damping_by_the_measured_velocity_is_read_as_damping():
     assert found.output_velocity == (0.0,) * 3
 
 
-def test_gains_that_are_none_begin_at_what_is_natural():
+def test_gains_of_zero_begin_at_their_natural_numbers():
     none = scaled(DERIVED, kp=0.0, kd=-1.0, velocity_ff=-1.0, acceleration_ff=0.0)
     own = space("pid", none)
     frequencies, shape = own.begin
@@ -170,7 +170,7 @@ def test_the_fastest_loops_are_at_the_edge_of_the_margin_on_the_hardest_machine(
     assert max(peak(machine, own.servo(found.frequencies + 0.02, shape)) for machine in machines) > bound
 
 
-def test_a_shape_that_keeps_the_margin_at_no_frequency_says_by_how_much(machines):
+def test_a_shape_that_keeps_the_margin_at_no_frequency_has_its_least_excess(machines):
     stability = Stability(machines, PERIOD, 0.0, 2.0)
     own = space("pid", axes=machines[0].axes)
     excess = [
@@ -196,7 +196,7 @@ def test_the_margin_in_every_direction_is_at_least_the_margins_of_gain_and_phase
     assert phase_margin(2.0) == pytest.approx(28.955, abs=1e-3)
 
 
-def test_the_excess_orders_loops_from_far_to_near(machines):
+def test_the_excess_grows_from_stable_to_unstable_loops(machines):
     stability = Stability(machines, PERIOD, 0.0, 2.0)
     base = Servo.derive(machines[0].axes, PERIOD)
     excess = [float(stability.excess(scaled(base, kp=f * f, kd=f)).max()) for f in (0.5, 1.2, 4.0, 20.0)]
@@ -204,11 +204,11 @@ def test_the_excess_orders_loops_from_far_to_near(machines):
     assert stability.excess(scaled(base, kd=20.0), [0]).shape == (3,)
 
 
-def test_axes_that_move_each_other_keep_the_margin_together():
+def test_coupled_axes_keep_the_margin_together():
     stage = Machine("stage")
     axes = stage.axes
     derived = Servo.derive(axes, PERIOD)
-    own = Space("pd", axes, derived, derived, per_axis=True)
+    own = SearchSpace("pd", axes, derived, derived, per_axis=True)
     stability = Stability([stage, stage.perturbed(Perturbation(payload=1.0))], PERIOD, 0.0, 2.0)
     shape = np.repeat([-0.1, 1.0, 1.0], len(axes))
     found = stability.fastest(own, shape, Fastest(np.zeros(len(axes))))

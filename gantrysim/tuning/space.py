@@ -1,6 +1,6 @@
-"""What a search moves, and how it becomes gains.
+"""The search space: the coordinates that a search moves, and the gains that follow from them.
 
-With J the inertia of an axis at its motor and b its viscous torque per speed, a law has the numbers
+With J the inertia of an axis at its motor and b its viscous torque per speed, a servo has the numbers
 
     w     natural frequency           kp = J w^2
     zeta  damping ratio               kd = 2 zeta J w
@@ -8,17 +8,16 @@ With J the inertia of an axis at its motor and b its viscous torque per speed, a
     v     share of b                  velocity_ff = v b
     a     share of J                  acceleration_ff = a J
 
-w, zeta and n are moved on a logarithmic scale, u = log10(number / natural number). kp, kd and ki are powers and
-products of them, so this moves the gains themselves on a logarithmic scale, in directions in which the loop keeps its
-shape: w alone makes it faster, zeta alone better damped. The natural numbers are those of `Servo.derive`. A
-feed-forward may well be none at all, so that v and a = sinh(2 u) / sinh(2): even about 0, logarithmic far beyond 1.
-Where an axis has no viscous torque, a hundredth of the derived kd stands for b.
+The coordinates of w, zeta and n are logarithmic, u = log10(number / natural number). kp, kd and ki are powers and
+products of them: w alone scales the bandwidth, zeta alone the damping. The natural numbers are those of
+`Servo.derive`. A feed-forward may be zero, so v and a = sinh(2 u) / sinh(2): linear near 0, logarithmic far beyond 1.
+Where an axis has no viscous torque, a hundredth of the derived kd replaces b.
 
 A servo may damp by its measured velocity instead of the change of the error. With dE = dDPOS - dMPOS
 
     kd dE/T + velocity_ff dDPOS/T + output_velocity dMPOS/T
 
-is the same with kd - output_velocity, velocity_ff + output_velocity and 0, and so is the start of the search read.
+is the same with kd - output_velocity, velocity_ff + output_velocity and 0; the start of the search is converted so.
 """
 
 from __future__ import annotations
@@ -35,60 +34,59 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import AxisDynamics, Servo
 
 GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
-LAWS = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}
+SPACES = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}
 
 _INTEGRAL = 5.0  # natural n: the integral term then takes atan(1 / n), 11 degrees, of the phase at w
-_OF_KD = 0.01  # that stands for b where an axis has none
+_VISCOUS_SHARE = 0.01  # of kd, in place of b where an axis has none
 _DIGITS = 4  # of a gain, as a drive's parameters have them
 
-# How far the shape may be from start and natural number: a decade, and for feed-forwards from nothing to a hundred
-# times the natural one.
+# Bounds of a shape: a decade beyond start and natural number; feed-forwards from 0 to 100 times the natural one.
 _ROOM = 1.0
 _SHARES = (0.0, 100.0)
-_BEND = 2.0  # where the scale of v and a turns from even to logarithmic
+_BEND = 2.0  # where the scale of v and a turns from linear to logarithmic
 
 
 @dataclass(frozen=True)
-class Space:
-    """The numbers of a law as coordinates: one number for all axes, or one for each.
+class SearchSpace:
+    """Coordinates of the gains: one set for all axes, or one for each.
 
-    A place in it has two parts: the frequencies, log10(w / natural w), (groups,), and the shape, the coordinates of the
-    law's other numbers one after the other, (shapes,). Axes that share their numbers are one group.
+    A point has two parts: the frequencies, log10(w / natural w), (groups,), and the shape, the coordinates of the
+    other numbers one after the other, (shapes,). Axes that share their numbers are one group.
 
     Attributes:
-        law: "pd" or "pid".
+        name: "pd" or "pid".
         axes: of the machine.
-        derived: servo of the same period and delay, with the gains that `Servo.derive` gives.
-        start: servo to begin at.
+        derived: servo of the same period and delay with the gains of `Servo.derive`.
+        start: servo at which the search starts.
         per_axis: whether every axis has numbers of its own.
     """
 
-    law: str
+    name: str
     axes: Sequence[AxisDynamics]
     derived: Servo
     start: Servo
     per_axis: bool = False
 
     @property
+    def gains(self) -> tuple[str, ...]:
+        """Names of the gains that are searched."""
+        return tuple(gain for gain in GAINS[:-1] if gain != "ki" or "n" in SPACES[self.name])
+
+    @property
     def groups(self) -> int:
         """Number of groups of axes."""
         return len(self.axes) if self.per_axis else 1
-
-    @property
-    def shapes(self) -> int:
-        """Number of coordinates of a shape."""
-        return (len(LAWS[self.law]) - 1) * self.groups
 
     @cached_property
     def begin(self) -> tuple[Floats, Floats]:
         """Frequencies and shape of the start, within the bounds.
 
-        A gain that is not above zero begins at its natural number, or as a feed-forward at none; axes that share a
+        A gain that is not above zero begins at its natural number, a feed-forward at zero; axes that share a
         coordinate begin at its mean.
         """
-        numbers, natural = self._of(self.start), self._natural
+        numbers, natural = self._numbers(self.start), self._natural
         coordinates = {}
-        for name in LAWS[self.law]:
+        for name in SPACES[self.name]:
             share = numbers[name] / natural[name]
             if name in "va":
                 coordinates[name] = np.arcsinh(np.maximum(share, 0) * math.sinh(_BEND)) / _BEND
@@ -101,17 +99,17 @@ class Space:
 
     @cached_property
     def bounds(self) -> Floats:
-        """Lowest and highest coordinates of a shape, (shapes, 2)."""
+        """Lower and upper bounds of a shape, (shapes, 2)."""
         return self._bounds_of(self.begin[1])
 
     def servo(self, frequencies: Floats, shape: Floats) -> Servo:
-        """Return the servo at a place, its gains rounded to four digits.
+        """Return the servo at a point, its gains rounded to four digits.
 
         Args:
             frequencies: (groups,).
             shape: (shapes,).
         """
-        names = LAWS[self.law][1:]
+        names = SPACES[self.name][1:]
         number = {"w": self._natural["w"] * 10.0**frequencies}
         for name, u in zip(names, shape.reshape(len(names), self.groups), strict=True):
             share = np.sinh(_BEND * u) / math.sinh(_BEND) if name in "va" else 10.0**u
@@ -125,15 +123,17 @@ class Space:
             "acceleration_ff": number["a"] * self._inertia,
             "output_velocity": 0.0 * kp,
         }
-        rounded: dict[str, Any] = {name: tuple(map(_rounded, values.tolist())) for name, values in gains.items()}
+        rounded: dict[str, Any] = {
+            name: tuple(float(f"{gain:.{_DIGITS}g}") for gain in values.tolist()) for name, values in gains.items()
+        }
         return replace(self.start, **rounded)
 
     def _bounds_of(self, shape: Floats) -> Floats:
-        names = np.repeat(LAWS[self.law][1:], self.groups)
+        names = np.repeat(SPACES[self.name][1:], self.groups)
         low, high = (math.asinh(share * math.sinh(_BEND)) / _BEND for share in _SHARES)
-        even = np.isin(names, ("v", "a"))
+        linear = np.isin(names, ("v", "a"))
         return np.stack(
-            [np.where(even, low, np.minimum(shape, 0) - _ROOM), np.where(even, high, np.maximum(shape, 0) + _ROOM)],
+            [np.where(linear, low, np.minimum(shape, 0) - _ROOM), np.where(linear, high, np.maximum(shape, 0) + _ROOM)],
             axis=1,
         )
 
@@ -146,15 +146,15 @@ class Space:
     def _viscous(self) -> Floats:
         """b, (axes,)."""
         viscous = np.array([axis.viscous for axis in self.axes])
-        return np.where(viscous > 0, viscous, _OF_KD * np.array(self.derived.kd))
+        return np.where(viscous > 0, viscous, _VISCOUS_SHARE * np.array(self.derived.kd))
 
     @cached_property
     def _natural(self) -> dict[str, Floats]:
-        one, derived = np.ones(len(self.axes)), self._of(self.derived)
+        one, derived = np.ones(len(self.axes)), self._numbers(self.derived)
         return {"w": derived["w"], "zeta": derived["zeta"], "n": _INTEGRAL * one, "v": one, "a": one}
 
-    def _of(self, servo: Servo) -> dict[str, Floats]:
-        """Numbers of a servo, (axes,); not finite or not above zero where it has none."""
+    def _numbers(self, servo: Servo) -> dict[str, Floats]:
+        """Return the numbers of a servo, (axes,); not finite or not above zero where it has none."""
         kp, ki, kd, velocity, acceleration, output = (np.array(getattr(servo, name)) for name in GAINS)
         with np.errstate(divide="ignore", invalid="ignore"):
             w = np.sqrt(kp / self._inertia)
@@ -165,7 +165,3 @@ class Space:
                 "v": (velocity + output) / self._viscous,
                 "a": acceleration / self._inertia,
             }
-
-
-def _rounded(gain: float) -> float:
-    return float(f"{gain:.{_DIGITS}g}")

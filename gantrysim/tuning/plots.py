@@ -1,0 +1,239 @@
+"""The plots of a search. Mappings by phase hold the start and the tuned servo, in this order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.servo import Servo
+from gantrysim.metrics.budget import LINKS, Budget, BudgetValues
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
+from gantrysim.study.drawing import logarithmic
+from gantrysim.tuning.search import RANKS, History, Phase
+from gantrysim.tuning.space import GAINS
+from gantrysim.tuning.stability import Stability
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NO_ERROR = 1e-3  # rms up to which an error counts as none [µm]
+
+_START = "#9aa0a8"
+_PHASE_COLOURS = {"start": _START, "tuned": COLOURS["tracking"]}
+_GAIN_COLOURS = tuple(COLOURS[link] for link in ("tracking", "generation", "structure", "measurement", "contour"))
+_RANK_STYLES: dict[int, dict[str, Any]] = {
+    1: {"marker": "o", "mfc": COLOURS["tracking"], "mec": "none", "alpha": 0.7},
+    2: {"marker": "o", "mfc": "none", "mec": COLOURS["generation"]},
+    3: {"marker": "D", "mfc": "none", "mec": COLOURS["measurement"]},
+}
+_CHANGED = 0.02  # of the logarithm, from which a change is drawn
+_FREQUENCIES = 1500
+_LOWEST = 1e-3  # of half the servo's frequency
+
+
+def draw_links(values: Mapping[Phase, BudgetValues]) -> Figure:
+    """Draw the rms of every link's part at the start and tuned, on one logarithmic scale.
+
+    Args:
+        values: of the budget, by phase; a phase that ended in a fault is missing.
+    """
+    parts = [{**own.parts, "contour": own.contour} for own in values.values()]
+    sizes = {name: [UM * own[name].rms for own in parts] for name in (*LINKS, "contour")}
+    drawn = [size for own in sizes.values() for size in own if size > NO_ERROR]
+    with sheet(9.0, 3.4) as figure:
+        axes = figure.add_subplot()
+        for k, (name, own) in enumerate(sizes.items()):
+            if max(own) <= NO_ERROR:
+                axes.text(0.5, k, "none", transform=axes.get_yaxis_transform(), ha="center", va="center", fontsize=9)
+                continue
+            start, tuned = max(own[0], NO_ERROR), max(own[-1], NO_ERROR)
+            if abs(math.log(start / tuned)) > _CHANGED:
+                arrow = {"arrowstyle": "-|>", "color": COLOURS[name], "lw": 2.0}
+                axes.annotate("", (tuned, k), (start, k), arrowprops=arrow)
+                axes.plot(start, k, "o", ms=7, mfc="w", mec=COLOURS[name], mew=1.6, zorder=3)
+                _label(axes, start, k, right=start > tuned, color="0.4")
+            axes.plot(tuned, k, "o", ms=8, color=COLOURS[name], zorder=4)
+            _label(axes, tuned, k, right=start <= tuned)
+        axes.set_yticks(range(len(sizes)), sizes)
+        axes.set_ylim(len(sizes) - 0.4, -0.6)
+        logarithmic(axes, "x", [min(drawn) / 2, 2 * max(drawn)])
+        axes.set_xlabel("error normal to the path, rms [µm]; open circle: start, full circle: tuned")
+    return figure
+
+
+def _label(axes: Axes, value: float, row: int, right: bool, **style: Any) -> None:
+    """Write a value to the right or left of its mark."""
+    axes.annotate(
+        f"{value:.3g}", (value, row), xytext=(9 if right else -9, 0), textcoords="offset points",
+        ha="left" if right else "right", va="center", fontsize=9, **style,
+    )  # fmt: skip
+
+
+def draw_path(budgets: Mapping[Phase, Budget]) -> Figure:
+    """Draw the contour error and its tracking part along the path, at the start and tuned."""
+    with sheet(10.7, 2.4 * len(budgets) + 0.8) as figure:
+        panels = figure.subplots(len(budgets), sharex=True, squeeze=False)[:, 0]
+        for panel, (phase, budget) in zip(panels, budgets.items(), strict=True):
+            s, ticks = budget.analysis.nozzle.s, budget.analysis.ticks
+            gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
+            lines = (("contour", budget.contour, 1.6), ("tracking", budget.parts["tracking"], 0.9))
+            for name, part, width in lines:
+                line = thinned(np.insert(s, gaps, np.nan), np.insert(UM * part.lateral, gaps, np.nan))
+                panel.plot(*line, color=COLOURS[name], lw=width, label=name)
+            panel.axhline(0, color=INK, lw=0.6)
+            panel.margins(x=0.01)
+            panel.set_title(f"{phase}: contour {UM * budget.values.contour.rms:.3g} µm rms", loc="right")
+        panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2)
+        panels[-1].set_xlabel("arc length on the requested path [mm]")
+        figure.supylabel("left of the requested path [µm]", fontsize="medium")
+    return figure
+
+
+def draw_search(history: History, label: str, ripple: float) -> Figure:
+    """Draw the metric of all candidates over the runs, and below the gains of the best one so far.
+
+    Args:
+        history: of the search.
+        label: of the metric.
+        ripple: largest torque ripple allowed, a share of the peak torque.
+    """
+    points = [(candidate.runs, candidate.metric, candidate.order(ripple)[0]) for candidate in history.candidates]
+    finite = [metric for _, metric, _ in points if math.isfinite(metric)]
+    with sheet(9.0, 6.4) as figure:
+        above, below = figure.subplots(2, sharex=True, height_ratios=(3, 2))
+        for rank, style in _RANK_STYLES.items():
+            chosen = [(runs, metric) for runs, metric, own in points if own == rank and math.isfinite(metric)]
+            if chosen:
+                above.plot(*zip(*chosen, strict=True), ls="", ms=5, label=RANKS[rank], **style)
+        faults = [runs for runs, metric, _ in points if not math.isfinite(metric)]
+        if faults:
+            top = above.get_xaxis_transform()
+            above.plot(faults, [0.97] * len(faults), "x", ms=6, color=COLOURS["fault"], transform=top, label="fault")
+        feasible = [(one.runs, one.metric) for one in history.leaders if one.order(ripple)[0] == 1]
+        if feasible:
+            line = zip(*feasible, (history.runs, feasible[-1][1]), strict=True)
+            above.step(*line, where="post", color=INK, lw=1.6, label="best so far")
+        if finite:
+            logarithmic(above, "y", finite)
+        above.set_ylabel(f"{label} [µm]")
+        above.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=5)
+        _draw_leaders(below, history)
+        below.set(xlabel="runs", xlim=(0, history.runs * 1.02))
+    return figure
+
+
+def _draw_leaders(axes: Axes, history: History) -> None:
+    """Draw the gains of the first axis of every leader as multiples of the tuned ones."""
+    runs, drawn = [one.runs for one in history.leaders], []
+    for name, colour in zip(GAINS[:-1], _GAIN_COLOURS, strict=True):
+        values = np.array([getattr(one.servo, name)[0] for one in history.leaders])
+        if not values[-1] > 0:
+            continue
+        share = np.where(values > 0, values / values[-1], np.nan)
+        drawn += share[np.isfinite(share)].tolist()
+        axes.step([*runs, history.runs], [*share, 1.0], where="post", color=colour, lw=1.4, label=name)
+    if drawn:
+        logarithmic(axes, "y", [min(*drawn, 0.8), max(*drawn, 1.25)])
+    axes.axhline(1.0, color=INK, lw=0.6)
+    axes.set_ylabel("gain / tuned gain")
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=5)
+
+
+def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
+    """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
+    names, width = GAINS[:-1], 0.8 / len(axes)
+    old, new = (np.array([getattr(servo, name) for name in names]) for servo in (start, tuned))
+    drawn = [0.5, 2.0]
+    with sheet(9.0, 3.2) as figure:
+        panel = figure.add_subplot()
+        for a, axis in enumerate(axes):
+            k = np.flatnonzero((old[:, a] > 0) & (new[:, a] > 0))
+            ratio = new[k, a] / old[k, a]
+            at, colour = k + (a - 0.5 * (len(axes) - 1)) * width, AXIS_COLOURS[a % len(AXIS_COLOURS)]
+            bars = panel.bar(at, ratio - 1, 0.9 * width, bottom=1.0, color=colour, label=axis)
+            panel.bar_label(bars, [f"{one:.3g}" for one in ratio], padding=2, fontsize=8)
+            drawn += ratio.tolist()
+        logarithmic(panel, "y", [0.6 * min(drawn), 1.6 * max(drawn)])
+        panel.axhline(1.0, color=INK, lw=0.8)
+        panel.set_xticks(range(len(names)), names)
+        panel.set_xlim(-0.5, len(names) - 0.5)
+        panel.grid(visible=False, axis="x")
+        panel.set_ylabel("tuned gain / gain at the start")
+        panel.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(axes))
+    return figure
+
+
+def draw_loops(stability: Stability, start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
+    """Draw the open loops near -1, and |S| over the frequency: at the start on the first machine, tuned on all.
+
+    Args:
+        stability: on the machines, the first being the job's own.
+        start: servo at the start.
+        tuned: tuned servo.
+        axes: their names.
+    """
+    nyquist = 0.5 / start.period
+    frequency = np.geomspace(_LOWEST * nyquist, nyquist, _FREQUENCIES)
+    radius = 1 / stability.peak
+    with sheet(10.7, 5.0) as figure:
+        left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+        angle = np.linspace(0, 2 * np.pi, 200)
+        left.fill(-1 + radius * np.cos(angle), radius * np.sin(angle), color=COLOURS["fault"], alpha=0.15, lw=0)
+        left.plot(-1, 0, "+", color=COLOURS["fault"], ms=9)
+
+        def draw(servo: Servo, machine: int, colours: Sequence[str], names: Sequence[str], dashes: str) -> None:
+            loops = stability.loop(servo, frequency, machine)
+            for a, name in enumerate(names):
+                style = {"color": colours[a % len(colours)], "lw": 0.6 if machine else 1.6, "ls": dashes}
+                left.plot(loops[:, a].real, loops[:, a].imag, **style)
+                right.plot(frequency, 1 / np.abs(1 + loops[:, a]), label="_" if machine else name, **style)
+
+        draw(start, 0, [_START], ["start", *["_"] * (len(axes) - 1)], "--")
+        for machine in reversed(range(stability.machines)):
+            draw(tuned, machine, AXIS_COLOURS, [f"{axis}, tuned" for axis in axes], "-")
+        left.set(xlim=(-3.2, 0.8), ylim=(-2.4, 2.4), xlabel="Re L", ylabel="Im L", aspect="equal")
+        left.axhline(0, color=INK, lw=0.5)
+        right.axhline(stability.peak, color=COLOURS["fault"], lw=1.2, ls="--")
+        right.annotate(
+            f"limit {stability.peak:.3g}", (frequency[0], stability.peak), xytext=(2, 3),
+            textcoords="offset points", color=COLOURS["fault"], fontsize=9,
+        )  # fmt: skip
+        logarithmic(right, "x", frequency.tolist())
+        logarithmic(right, "y", [0.02, 1.6 * stability.peak])
+        right.set(xlabel="frequency [Hz]", ylabel="sensitivity |S|")
+        right.legend(loc="lower right")
+    return figure
+
+
+def draw_machines(unseen: Mapping[Phase, Floats], searched: Mapping[Phase, Sequence[float]], label: str) -> Figure:
+    """Draw the cumulative distribution of the metric over unseen machines, at the start and tuned.
+
+    Args:
+        unseen: metric on unseen machines, (n,); inf for a fault.
+        searched: metric on the machines of the search.
+        label: of the metric, with its unit.
+    """
+    drawn = [float(value) for own in (*unseen.values(), *searched.values()) for value in own if math.isfinite(value)]
+    with sheet(9.0, 4.4) as figure:
+        axes = figure.add_subplot()
+        for phase, values in unseen.items():
+            colour = _PHASE_COLOURS[phase]
+            finite = np.sort(values[np.isfinite(values)])
+            if finite.size:
+                share = 100 * np.arange(finite.size + 1) / values.size
+                line = np.concatenate([finite[:1], finite]), share
+                axes.step(*line, where="post", color=colour, lw=1.8, label=f"{phase}, unseen machines")
+            marks = [value for value in searched[phase] if math.isfinite(value)]
+            if marks:
+                text = f"{phase}, machines of the search"
+                axes.plot(marks, [-5] * len(marks), "|", ms=11, mew=1.6, color=colour, label=text)
+        if drawn:
+            logarithmic(axes, "x", drawn)
+        axes.set(xlabel=label, ylabel="share of machines [%]", ylim=(-10, 105), yticks=range(0, 101, 20))
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2)
+    return figure

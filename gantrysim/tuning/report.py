@@ -1,0 +1,267 @@
+"""What the report of a tuning shows: a headline, tables, notes and plots, of the start and the tuned servo."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.plots.style import COLOURS, UM
+from gantrysim.report import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.study import Plot, Report
+from gantrysim.tuning import plots as drawing
+from gantrysim.tuning.objective import METRICS, RIPPLE, column, micrometres
+from gantrysim.tuning.search import RANKS, Candidate, History, Phase
+from gantrysim.tuning.servo import TUNED, UNITS
+from gantrysim.tuning.space import GAINS
+from gantrysim.tuning.stability import phase_margin
+from gantrysim.tuning.study import TuningStudy
+
+_AT_LIMIT = 0.98  # share of a limit from which it counts as reached
+_ENDED = {
+    "budget": "budget used up",
+    "converged": "candidates of a generation within 2 %",
+    "no progress": "less than 0.2 % gained in 25 generations",
+    "no candidate": "no candidate of 200 generations kept the margin",
+}
+
+
+def report(study: TuningStudy, rows: list[Row]) -> Report:
+    """Return headline, table of results, notes and plots."""
+    return Report(headline(study, rows), tables(study, rows), notes(study, rows), plots(study, rows))
+
+
+def headline(study: TuningStudy, rows: list[Row]) -> str:
+    """Return the metric at the start and tuned, in one sentence."""
+    history = study.history(rows)
+    name = f"{METRICS[study.metric]}, {_machines(study)}"
+    if history.best is history.start:
+        return f"No better gains found: {name}, stays at {_rated(study, history.start)}."
+    text = f"{name}: {_rated(study, history.start)} at the start, {_rated(study, history.best)} tuned."
+    return text[0].upper() + text[1:]
+
+
+def tables(study: TuningStudy, rows: list[Row]) -> list[Table]:
+    """Return the table of results: a row for each quantity, at the start and tuned, with its limit."""
+    return [_results_table(study, rows, study.history(rows))]
+
+
+def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
+    """Return what limits the gains, what is left of the error, and how the search went."""
+    history = study.history(rows)
+    best = history.best
+    limits = {
+        "stability margin": max(one.sensitivity for one in study.stability.worst(best.servo)) / study.stability.peak,
+        "torque ripple": 100 * best.ripple / study.ripple,
+    }
+    reached = [name for name, share in limits.items() if _AT_LIMIT <= share <= 1]
+    found = [f"Limiting constraint: {' and '.join(reached)}."] if reached else []
+    budget = _budgets(study, history).get("tuned")
+    if budget:
+        parts = budget.values.parts
+        link = max(parts, key=lambda link: parts[link].share)
+        text = f"Largest part of the tuned contour error: {link}, {100 * parts[link].share:.0f} % of its mean square."
+        if link == "generation":
+            text += " Tuning cannot fix program errors; the metric tracking_rms is the servo's error alone."
+        found.append(text)
+    axes = "each axis by itself" if study.per_axis else "one factor for all axes"
+    return [
+        *found,
+        f"CMA-ES over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
+        f"{study.budget}) of {len(history.candidates)} candidates in {history.generations} generations; skipped, as no "
+        f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
+        f"{TUNED} holds the tuned servo, for gantrysim run --servo.",
+    ]
+
+
+def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
+    """Return the plots: error budget, error along the path, search, gains, loops, unseen machines."""
+    history = study.history(rows)
+    start, tuned = history.start.servo, history.best.servo
+    axes, metric = study.job.built_machine.axis_names, METRICS[study.metric]
+    budgets = _budgets(study, history)
+    shown = []
+    if budgets:
+        shown += [
+            Plot(
+                "budget",
+                "Error budget",
+                "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
+                "Tuning changes the tracking part; it cannot fix errors of the program, the encoder or the structure.",
+                drawing.draw_links({phase: budget.values for phase, budget in budgets.items()}),
+                tables=[_links_table(budgets)],
+            ),
+            Plot(
+                "path",
+                "Error along the path",
+                "The nozzle's error normal to the requested path, positive to its left, and the tracking part of it; "
+                "each panel has its own scale.",
+                drawing.draw_path(budgets),
+            ),
+        ]
+    shown += [
+        Plot(
+            "search",
+            "Search",
+            f"Above: {metric} of every candidate, the largest of the machines it was run on. Below: gains of "
+            f"{axes[0]} of the best candidate so far.",
+            drawing.draw_search(history, metric, 0.01 * study.ripple),
+        ),
+        Plot(
+            "gains",
+            "Gains",
+            f"Law {study.space.name}. Ratio of the tuned gains to those of the start; a gain that is 0 in either has "
+            "none.",
+            drawing.draw_gains(start, tuned, axes),
+            tables=[_gains_table(study, history)],
+        ),
+        Plot(
+            "loop",
+            "Loops and margins",
+            "The open loop L of every axis near -1, and |S| = |1/(1 + L)|; thin lines are the other machines of the "
+            f"search. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain margin of at least "
+            f"{study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
+            drawing.draw_loops(study.stability, start, tuned, axes),
+            tables=[_margins_table(study, history)],
+        ),
+    ]
+    if study.unseen:
+        unseen = {phase: unseen_metric(study, rows, phase) for phase in history.phases}
+        searched = {
+            phase: [result.metric for result in candidate.results.values()]
+            for phase, candidate in history.phases.items()
+        }
+        shown.append(
+            Plot(
+                "machines",
+                "Unseen machines",
+                f"Cumulative distribution of the {metric} over {study.unseen} machines that the search did not use; "
+                "machines with a fault are beyond the right end. Marks are the machines of the search.",
+                drawing.draw_machines(unseen, searched, f"{metric} [µm]"),
+            )
+        )
+    return shown
+
+
+def unseen_metric(study: TuningStudy, rows: list[Row], phase: Phase) -> Floats:
+    """Return the metric on the unseen machines, (unseen,) [µm]; inf for a fault."""
+    name = column(study.metric)
+    return np.array([float(row[name]) if row["status"] == OK else math.inf for row in study.unseen_rows(rows, phase)])  # type: ignore[arg-type]
+
+
+def _machines(study: TuningStudy) -> str:
+    return f"worst of {study.robust + 1} machines" if study.robust else "job's machine"
+
+
+def _rated(study: TuningStudy, candidate: Candidate) -> str:
+    """Return the metric of a candidate, with the constraint that it misses."""
+    rank = candidate.order(0.01 * study.ripple)[0]
+    return micrometres(candidate.metric) + (f" ({RANKS[rank]})" if rank in (2, 3) else "")
+
+
+def _budgets(study: TuningStudy, history: History) -> dict[Phase, Budget]:
+    """Return the error budgets on the job's own machine, of the phases without a fault there."""
+    runs = {phase: study.run(candidate.servo) for phase, candidate in history.phases.items()}
+    return {phase: Budget(run) for phase, run in runs.items() if run.fault is None}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Table:
+    budgets, metric = _budgets(study, history), METRICS[study.metric]
+    results: list[dict[str, Any]] = []
+    for phase, candidate in history.phases.items():
+        values = budgets[phase].values.contour if phase in budgets else None
+        margins = study.stability.worst(candidate.servo)
+        result = {
+            f"{metric}, {_machines(study)} [µm]": _finite(candidate.metric),
+            "rms contour error, job's machine [µm]": UM * values.rms if values else None,
+            "largest contour error, job's machine [µm]": UM * values.max if values else None,
+            "gain margin": min(axis.gain for axis in margins),
+            "phase margin [deg]": min(axis.phase for axis in margins),
+            "peak of |S|": max(axis.sensitivity for axis in margins),
+            "torque ripple [% of the peak torque]": _finite(100 * candidate.ripple),
+        }
+        if study.unseen:
+            unseen = unseen_metric(study, rows, phase)
+            for name, percent in (("median", 50), ("95 %", 95), ("worst", 100)):
+                value = float(np.percentile(unseen, percent, method="inverted_cdf"))
+                result[f"{metric}, {name} of {study.unseen} unseen [µm]"] = _finite(value)
+            result["unseen machines within all limits"] = _feasible(study, rows, phase, candidate)
+        results.append(result)
+    limits = {
+        "gain margin": study.margin,
+        "phase margin [deg]": phase_margin(study.margin),
+        "peak of |S|": study.stability.peak,
+        "torque ripple [% of the peak torque]": study.ripple,
+    }
+    return Table(
+        ["", *(Column(phase, ".4g") for phase in history.phases), Column("limit", ".4g")],
+        [[name, *(result[name] for result in results), limits.get(name)] for name in results[0]],
+        "Results; margins and torque ripple are the worst of all axes and machines of the search",
+    )
+
+
+def _feasible(study: TuningStudy, rows: list[Row], phase: Phase, candidate: Candidate) -> int:
+    """Return the number of unseen machines with neither a fault nor too small a margin nor too much ripple."""
+    return sum(
+        row["status"] == OK
+        and float(row[RIPPLE]) <= study.ripple  # type: ignore[arg-type]
+        and float(study.unseen_stability.excess(candidate.servo, [k]).max()) <= 0
+        for k, row in enumerate(study.unseen_rows(rows, phase))
+    )
+
+
+def _links_table(budgets: dict[Phase, Budget]) -> Table:
+    by_phase = [{**budget.values.parts, "contour": budget.values.contour} for budget in budgets.values()]
+    columns: list[str | Column] = ["link"]
+    for head, form in (("rms [µm]", ".4g"), ("95 % [µm]", ".4g"), ("max [µm]", ".4g"), ("share [%]", ".1f")):
+        columns += [Column(f"{head}, {phase}", form) for phase in budgets]
+    rows: list[list[Any]] = []
+    for link in (*LINKS, "contour"):
+        parts = [own[link] for own in by_phase]
+        sizes = [UM * getattr(part, name) for name in ("rms", "p95", "max") for part in parts]
+        cells = [*sizes, *(100 * part.share for part in parts)]
+        rows.append([link, *(cells if max(sizes[: len(parts)]) > drawing.NO_ERROR else [None] * len(cells))])
+    return Table(columns, rows, "Error normal to the path on the job's own machine", COLOURS)
+
+
+def _gains_table(study: TuningStudy, history: History) -> Table:
+    servos = {phase: candidate.servo for phase, candidate in history.phases.items()}
+    names = [name for name in GAINS if any(any(getattr(servo, name)) for servo in servos.values())]
+    return Table(
+        ["axis", "u", "", *(Column(f"{name} [{UNITS[name]}]", ".4g") for name in names)],
+        [
+            [axis.name, axis.unit, phase, *(getattr(servo, name)[a] for name in names)]
+            for a, axis in enumerate(study.job.built_machine.axes)
+            for phase, servo in servos.items()
+        ],
+        "Gains; u is the unit of the axis",
+    )
+
+
+def _margins_table(study: TuningStudy, history: History) -> Table:
+    worst = {phase: study.stability.worst(candidate.servo) for phase, candidate in history.phases.items()}
+    columns = {
+        "gain margin": ".2f",
+        "lower gain margin": ".2f",
+        "phase margin [deg]": ".1f",
+        "delay margin [ms]": ".2f",
+        "peak of |S|": ".2f",
+        "crossover [Hz]": ".1f",
+    }
+    return Table(
+        ["axis", "", *(Column(head, form) for head, form in columns.items())],
+        [
+            [name, phase, own.gain, own.gain_lower, own.phase, 1e3 * own.delay, own.sensitivity, own.crossover]
+            for a, name in enumerate(study.job.built_machine.axis_names)
+            for phase, own in ((phase, margins[a]) for phase, margins in worst.items())
+        ],
+        f"Margins, {_machines(study)}; crossover on the job's machine",
+    )
