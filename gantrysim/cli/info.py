@@ -10,7 +10,7 @@ from rich.table import Table
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import described
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import DERIVED, Servo
 from gantrysim.job.job import Job, ServoSettings, builtin_jobs, job_text
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.dispenser import Dispenser
@@ -71,6 +71,7 @@ def settings_table() -> Table:
     for name, field in ServoSettings.model_fields.items():
         default = "derived" if field.default is None else f"{field.default:g}"
         table.add_row(name, default, escape(field.description or ""))
+    table.caption = "derived: from the axes, unless given as one number or a list of one per axis"
     return table
 
 
@@ -92,30 +93,22 @@ def glue_table() -> Table:
 
 def gains_table(period: float = ServoSettings().period) -> Table:
     """The gains that follow for every machine at a servo period [s]."""
-    table = Table(title=f"gains that follow at a period of {1e3 * period:g} ms", title_justify="left")
+    table = Table(title=f"gains that follow at a period of {1e3 * period:g} ms", title_justify="left", pad_edge=False)
     table.add_column("machine", no_wrap=True)
     table.add_column("axis", no_wrap=True)
-    columns = {
-        "kp": "kp",
-        "kd": "kd",
-        "velocity\n_ff": "velocity_ff",
-        "accelera-\ntion_ff": "acceleration_ff",
-        "limit": "torque_limit",
-    }
-    for column in ("Hz", *columns):
+    servos = {name: Servo.derive(Machine(name).axes, period) for name in builtin_models()}
+    shown = [g for g in DERIVED if g.name != "resolution" and any(any(getattr(s, g.name)) for s in servos.values())]
+    for column in ("Hz", *(g.name.replace("_", "\n_") for g in shown)):
         table.add_column(column, justify="right", no_wrap=True)
-    for name in builtin_models():
+    for name, servo in servos.items():
         axes = Machine(name).axes
-        servo = Servo.derive(axes, period)
         for a, axis in enumerate(axes):
             frequency = math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi)
-            gains = [f"{getattr(servo, gain)[a]:.3g}" for gain in columns.values()]
+            gains = [f"{getattr(servo, g.name)[a]:.3g}" for g in shown]
             table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
         table.add_section()
-    table.caption = (
-        "Hz: natural frequency; kp N·m/u, kd and velocity_ff N·m·s/u, acceleration_ff N·m·s²/u, torque limit N·m; "
-        "u is mm or deg"
-    )
+    units = ", ".join(f"{g.name} {g.unit}" for g in shown)
+    table.caption = f"Hz: natural frequency; {units}; u is mm or deg"
     return table
 
 

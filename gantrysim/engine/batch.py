@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.engine.simulate import CALLS
-from gantrysim.engine.simulation import Row, Simulation
+from gantrysim.engine.advance import advance
+from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.hook import installed
-from gantrysim.native.row import ROW
+from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.run import Run
 
 
@@ -78,13 +77,13 @@ def simulate_batch(
         batch = Batch(own[0].machine, len(own), threads)
         batch.load(own)
 
-        def tell(done: int, before: int = before) -> None:
+        def report(sent: int, before: int = before) -> None:
             if progress is not None:
-                progress((before + done) / every)
+                progress((before + sent) / every)
 
-        batch.finish(own, tell)
+        batch.advance(progress=report)
         before += sum(len(simulation.position) for simulation in own.values())
-        records |= {number: own[place].record(batch.rows[place]) for place, number in group.items()}
+        records |= {number: batch.runs[place].record() for place, number in group.items()}
     return [records[number] for number in range(len(simulations))]
 
 
@@ -140,7 +139,7 @@ class Batch:
         threads: number of threads; by default all cores.
 
     Attributes:
-        rows: the servos' rows by place, once they are loaded; live views of the state.
+        runs: the simulations by place, once they are loaded.
 
     Raises:
         InputError: a number of places or threads below one.
@@ -153,8 +152,8 @@ class Batch:
         self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
         self._models = [machine.physics] * places
         self._source = machine.source
-        self._loaded: dict[int, Simulation] = {}  # kept, for the servos read and write their arrays
-        self.rows: dict[int, Row] = {}
+        self._loaded: dict[int, Simulation] = {}
+        self.runs: dict[int, Started] = {}
 
     def load(self, simulations: Mapping[int, Simulation]) -> None:
         """Put simulations at their start into places, over whatever is there.
@@ -172,47 +171,29 @@ class Batch:
         self._batch.set_models(self._models)
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
         for place, simulation in simulations.items():
-            self._loaded[place] = simulation  # before its row is armed with addresses of its arrays
-            self.rows[place] = simulation.start(self._qpos[place], self._userdata[place])
+            self._loaded[place] = simulation  # kept alive before its row is armed with addresses of its arrays
+            self.runs[place] = simulation.start(self._qpos[place], self._userdata[place])
 
-    def step(self, steps: int, places: Sequence[int] | None = None) -> None:
-        """Step simulations; one that is done does no more than idle.
+    def advance(
+        self,
+        places: Iterable[int] | None = None,
+        steps: int | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Step simulations until all are done or have made a number of steps, see `gantrysim.engine.advance`.
 
         Args:
+            places: of the simulations, by default all.
             steps: number of physics steps of each.
-            places: of those to be stepped, by default all.
+            progress: called after every call of MuJoCo with the number of setpoints that all of them have sent.
         """
-        with installed():
-            self._batch.step(places, nstep=steps)
-
-    def finish(self, places: Iterable[int], tell: Callable[[int], None] | None = None) -> None:
-        """Step simulations until all are done, in calls that Ctrl-C can come between.
-
-        Args:
-            places: of the simulations.
-            tell: called after every call with the number of setpoints that all of them have sent.
-        """
-        simulations = {place: self._loaded[place] for place in places}
-        rows = self.rows
-        most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
-        begun = -1
-        while left := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
-            steps = sum(int(rows[place][0]["steps"]) for place in simulations)
-            if steps == begun:  # MuJoCo does not call the servo: a record says so
-                return
-            begun = steps
-            self.step(min(max(simulations[place].steps_left(rows[place]) for place in left), most), left)
-            if tell is not None:
-                tell(sum(int(rows[place][0]["index"]) for place in simulations))
+        runs = self.runs if places is None else {place: self.runs[place] for place in places}
+        advance(lambda count, left: self._batch.step(left, nstep=count), runs, steps, progress=progress)
 
     def field(self, name: str) -> NDArray[Any]:
-        """Return a field of all servos' rows, a live view of the state, (places,) or of the axes (places, MAX_AXES).
+        """Return a field of all servos' rows, a live view of the state, (places,) and the field's own shape.
 
         Args:
             name: as in `gantrysim.native.row`.
         """
-        assert ROW.fields is not None  # that of a structure
-        kind, offset = ROW.fields[name][:2]
-        numbers: NDArray[Any] = self._userdata.view(kind.base)
-        first = offset // numbers.itemsize
-        return numbers[:, first : first + kind.shape[0]] if kind.shape else numbers[:, first]
+        return self._userdata[:, :ROW_NUMBERS].view(ROW)[name][:, 0]

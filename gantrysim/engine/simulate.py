@@ -1,21 +1,17 @@
-"""Runs setpoints, servo and machine at native speed: the servo lives inside MuJoCo's step."""
+"""Simulates one run: setpoints, servo and machine, at native speed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-import mujoco
-
 from gantrysim.controllers.servo import PlainLaw, Servo
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.advance import Stepper
 from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, axis_positions, checked_dispenser
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.hook import installed, installed_law
 from gantrysim.run import Run
-
-CALLS = 50  # of MuJoCo for a whole run
 
 
 def simulate(
@@ -53,20 +49,9 @@ def simulate(
             a speed above the limit. A dispenser whose start lead is longer than the setpoints wait.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser)
-    model, n = simulation.model, len(simulation.position)
-    data = mujoco.MjData(model)
-    row = simulation.start(data.qpos, data.userdata)
-    with installed() if law is None else installed_law(data, law):
-        # a few calls instead of one cost nothing, and let Ctrl-C and a fault end the job
-        most = max((n - 1) * simulation.substeps // CALLS, 1) + 1
-        while not simulation.done(row):
-            begun = int(row[0]["steps"])
-            mujoco.mj_step(model, data, min(simulation.steps_left(row), most))
-            if row[0]["steps"] == begun:
-                break
-            if progress is not None:
-                progress(float(row[0]["index"]) / n)
-    return simulation.record(row)
+    stepper, count = Stepper(simulation), len(simulation.position)
+    stepper.advance(law=law, progress=None if progress is None else lambda sent: progress(sent / count))
+    return stepper.run.record()
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:

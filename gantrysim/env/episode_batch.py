@@ -10,6 +10,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.servo import GAIN_NAMES
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import GAINS, Episode, Source
@@ -22,8 +23,6 @@ from gantrysim.run import Run
 
 # At most so much is taken from the reward of an interval, and of one that a fault leaves undone: no fault pays.
 _CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
-
-_MOST_STEPS = 20_000  # in one call, so that Ctrl-C need not wait for long
 
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
@@ -140,10 +139,10 @@ class EpisodeBatch:
         Raises:
             GantryError: no tick of it has been run yet.
         """
-        simulation = self._episode(place).simulation
+        self._episode(place)
         if not self._measured[place]:
             raise GantryError("nothing has been run of this episode yet: take a step first")
-        return simulation.record(self._batch.rows[place], partial=True)
+        return self._batch.runs[place].record(partial=True)
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:
         """Return machine, record and tick of the present moment, to be drawn."""
@@ -160,23 +159,22 @@ class EpisodeBatch:
 
     def _run(self, places: Sequence[int]) -> None:
         """Step until the next decision, or where that comes first to the end of the longest episode."""
-        if self.source.ticks is None:
-            self._batch.finish(places)
-            return
-        simulations = {place: self._episode(place).simulation for place in places}
-        substeps = simulations[places[0]].substeps
-        left = max(simulation.steps_left(self._batch.rows[place]) for place, simulation in simulations.items())
-        steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
-        for begun in range(0, steps, _MOST_STEPS):
-            self._batch.step(min(steps - begun, _MOST_STEPS), places)
+        steps = None
+        if self.source.ticks is not None:
+            runs = [self._batch.runs[place] for place in places]
+            substeps = runs[0].simulation.substeps
+            left = max(run.steps_left for run in runs)
+            steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
+        self._batch.advance(places, steps)
 
     def _set_gains(self, places: Sequence[int]) -> None:
         chosen = self._action[places].reshape(len(places), len(GAINS), -1)
         factor = self.settings.gain_range**chosen
+        gains = self._batch.field("gains")
         for g, name in enumerate(GAINS):
-            self._batch.field(name)[places, : self._axes] = self._centre[name] * factor[:, g]
+            gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor[:, g]
         # the integral term keeps its time constant, kp / ki
-        self._batch.field("ki")[places, : self._axes] = self._centre["ki"] * factor[:, GAINS.index("kp")]
+        gains[places, : self._axes, GAIN_NAMES.index("ki")] = self._centre["ki"] * factor[:, GAINS.index("kp")]
 
     def _measure(self, place: int, last: int) -> None:
         """Look at the ticks that have come since the last decision."""
@@ -215,7 +213,7 @@ class EpisodeBatch:
         }
         faults = np.full(len(self.episodes), None, object)
         for place in np.flatnonzero(faulty).tolist():
-            faults[place] = str(self._episode(place).simulation.fault(self._batch.rows[place]))
+            faults[place] = str(self._batch.runs[place].fault)
         ticks, square, largest = self._total.T
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),

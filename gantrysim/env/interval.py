@@ -58,7 +58,7 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
     distance to the path is that to the chords of its points, which are off by spacing^2 curvature / 8.
 
     Args:
-        log: of the servo, see `gantrysim.native.row.log_width`, (ticks, width).
+        log: the servo's, (ticks,) of `gantrysim.native.row.LOG`.
         first: the first tick.
         last: the tick after the last.
         position: the setpoints for all axes, (n, axes).
@@ -73,25 +73,25 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
     n = position.shape[1]
     row[:] = 0.0
     for k in range(first, last):
-        at = int(log[k, -1])
-        tip = log[k, n : n + 3]
+        at = log[k].setpoint
+        tip = log[k].nozzle
         if not np.isfinite(tip).all():
             continue
         row[0] += 1
-        both = k > 0 and dispense[at] and dispense[int(log[k - 1, -1])]
+        both = k > 0 and dispense[at] and dispense[log[k - 1].setpoint]
         row[2] += both
         for a in range(n):
             column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
-            error = position[at, a] - log[k, a]
-            demand = log[k, n + 3 + a]
+            error = position[at, a] - log[k].encoder[a]
+            demand = log[k].demand[a]
             column[0] += error * error
             column[1] = max(column[1], abs(error))
             column[2] += error
             column[3] = max(column[3], abs(demand))
             if both:
-                change = demand - log[k - 1, n + 3 + a]
+                change = demand - log[k - 1].demand[a]
                 column[4] += change * change
-        moved = _distance(tip, log[k - 1, n : n + 3]) if k > 0 else 0.0
+        moved = _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
         row[6] += moved
         if not dispense[at]:
             continue

@@ -1,25 +1,33 @@
-"""What a simulation's servo needs, laid out in its own mjData.userdata: parameters, state, addresses, fault."""
+"""The data that the compiled tick works on: one row of parameters and state, and one log entry per tick.
+
+A run of the physics is a single call into MuJoCo, which calls the servo tick back at every step with nothing but the
+addresses of its mjModel and mjData. Everything else that the tick needs must therefore be found from mjData. MuJoCo
+reserves an array of doubles in it for its users, `userdata`; gantrysim's machines make it long enough for one `ROW`,
+which holds the servo's parameters, its state, and the addresses of two arrays of Python's that the tick reads the
+setpoints from and writes its log to (`LOG`, one entry per tick). Whoever arms a row keeps these arrays alive. As the
+row belongs to one mjData, any number of simulations can be stepped at once by any number of threads.
+"""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
+from gantrysim.controllers.servo import GAINS
 from gantrysim.native.layout import offsets
 
 MAX_AXES = 6
 
-# How far an axis may pass its travel before the limit switch trips, and by how much its speed limit.
+# How far an axis may pass its travel before the limit switch trips, and by which factor its speed limit.
 OVERTRAVEL = 0.1  # [mm or deg]
 OVERSPEED = 1.2
 
-# An unstable loop need not run away: the torque limit can hold it in a limit cycle, whose error looks harmless.
-# So many swings of the demand from one limit to the other, each within this time of the last, are no motion's.
+# The torque limit can hold an unstable loop in a limit cycle whose error looks harmless. It is detected by this many
+# swings of the demand from one limit to the other, each within this time of the last.
 OSCILLATION_SWINGS = 20
 OSCILLATION_TIME = 0.1  # [s]
 
-# MuJoCo switches a control of more than 1e10 off, with a warning and no more.
-LARGEST_TORQUE = 1e9  # [N·m]
+LARGEST_TORQUE = 1e9  # [N·m]; MuJoCo zeroes a control of more than 1e10, with no more than a warning
 
 FAULTS = (
     "none",
@@ -35,10 +43,7 @@ FAULTS = (
 FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = range(1, 6)
 POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
 
-# MuJoCo's own warnings, every one of which says that the numbers are no good any more
-WARNINGS = int(mujoco.mjtWarning.mjNWARNING)
-
-GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any of them makes the state invalid
 
 _WHOLE = [
     "magic",
@@ -50,7 +55,7 @@ _WHOLE = [
     "tick",  # servo ticks begun
     "index",  # of the setpoint that the next tick sends
     "setpoints",  # address of (ticks, axes) positions
-    "log",  # address of log_width numbers per tick
+    "log",  # address of the LOG entries, one per tick
     "ctrl_at",  # byte offsets of mjData's fields
     "act_at",
     "length_at",
@@ -65,7 +70,7 @@ _WHOLE = [
     "position_error_delay",  # servo ticks
     "gates",  # address of the indices of setpoints at which the stream waits
     "gate_count",
-    "gate",  # those that are passed
+    "gate",  # number of gates passed
     "settle_ticks",
     "timeout_ticks",
     "within",  # ticks in a row within the settle error at this gate
@@ -79,7 +84,6 @@ _AXIS_PARAMETERS = [
     "scale",  # axis travel per radian of the motor
     "drive_gain",  # torque that the drive gives per torque demanded
     "resolution",
-    *GAINS,
     "torque_limit",
     "following_error_limit",
     "low",
@@ -107,21 +111,26 @@ ROW = np.dtype(
     [(name, np.int64) for name in _WHOLE]
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
+    + [("gains", np.float64, (MAX_AXES, len(GAINS)))]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
 )
 
 ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata
 
+# what the tick logs; of the axes only as many as there are
+LOG = np.dtype(
+    [
+        ("setpoint", np.int64),  # index of the setpoint sent
+        ("nozzle", np.float64, (3,)),  # in the work frame [mm]
+        ("encoder", np.float64, (MAX_AXES,)),  # position as measured [mm or deg]
+        ("motor", np.float64, (MAX_AXES,)),  # exact position [mm or deg]
+        ("motor_speed", np.float64, (MAX_AXES,)),  # [rad/s]
+        ("demand", np.float64, (MAX_AXES,)),  # torque demand, clamped [N·m]
+        ("current", np.float64, (MAX_AXES,)),  # of the motor, nan where MuJoCo does not simulate it [A]
+    ]
+)
 
-def log_width(axes: int) -> int:
-    """Numbers per tick in the log.
-
-    They are encoder, nozzle (3), torque demand, motor current, motor speed, position, and the setpoint's index.
-    """
-    return 4 + 5 * axes
-
-
-_OFFSETS = offsets()  # verified at import: an error here is better than a wrong address later
+_OFFSETS = offsets()  # at import, so that a layout that differs is an error there
 
 # the row's byte offsets of mjData's fields
 ADDRESSES = {

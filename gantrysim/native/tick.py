@@ -15,12 +15,13 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 from numba import types
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import servo
 from gantrysim.native import pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
-from gantrysim.native.pointers import field, floats, jit, row_at, vector, whole
+from gantrysim.native.pointers import field, floats, jit, log_at, row_at, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -48,6 +49,7 @@ def magic() -> int:
 
 
 _law = jit(servo.law)
+_GAINS = len(servo.GAINS)
 
 
 @jit
@@ -75,12 +77,11 @@ def _sample(data, userdata):
     if row.fault != 0 or row.index >= row.ticks or row.steps % row.substeps != 0:
         return False
     n = row.axes
-    width = 4 + 5 * n
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
-    log = numba.carray(floats(row.log + 8 * width * row.tick), (width,))
+    log = log_at(row, row.tick)
     length = vector(data, row.length_at, row.output[:n].max() + 1)
     velocity = vector(data, row.velocity_at, row.output[:n].max() + 1)
-    log[width - 1] = row.index
+    log.setpoint = row.index
     lost = _warned(data + row.warning_at)
     for a in range(n):
         position = length[row.output[a]] * row.scale[a]
@@ -97,9 +98,9 @@ def _sample(data, userdata):
         row.measured_velocity[a] = (measured - row.measured[a]) / row.period
         row.error_change[a] = (error - row.error[a]) / row.period
         row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
-        log[a] = measured
-        log[3 + 3 * n + a] = velocity[row.output[a]]
-        log[3 + 4 * n + a] = position
+        log.encoder[a] = measured
+        log.motor_speed[a] = velocity[row.output[a]]
+        log.motor[a] = position
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
             continue
@@ -115,14 +116,14 @@ def _sample(data, userdata):
         worst = _furthest(row)
         trip(row, DIVERGED, worst, row.error[worst], np.inf)
     if row.supervised != 0:
-        watch_position_error(row, width)
+        watch_position_error(row)
     if row.supervised == 0 or not waits(row):
         row.index += 1
     tip = vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
     origin = vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
     frame = vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
     for i in range(3):
-        log[n + i] = 1e3 * (
+        log.nozzle[i] = 1e3 * (
             frame[i] * (tip[0] - origin[0]) + frame[3 + i] * (tip[1] - origin[1]) + frame[6 + i] * (tip[2] - origin[2])
         )
     return True
@@ -139,12 +140,7 @@ def _apply_law(row):
             row.demand_velocity[a],
             row.demand_acceleration[a],
             row.measured_velocity[a],
-            row.kp[a],
-            row.ki[a],
-            row.kd[a],
-            row.velocity_ff[a],
-            row.acceleration_ff[a],
-            row.output_velocity[a],
+            to_fixed_tuple(row.gains[a], _GAINS),
         )
         row.torque[a] = torque
         # anti-windup: the sum stands still while the clamp holds the side the error drives towards
@@ -157,7 +153,7 @@ def _command(data, userdata):
     """Clamp and schedule the torques that the law has put into the row, and log them."""
     row = row_at(userdata)
     n = row.axes
-    log = numba.carray(floats(row.log + 8 * (4 + 5 * n) * row.tick), (4 + 5 * n,))
+    log = log_at(row, row.tick)
     currents = vector(data, row.act_at, row.current[:n].max() + 1)
     for a in range(n):
         limit = row.torque_limit[a]
@@ -169,8 +165,8 @@ def _command(data, userdata):
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
-        log[n + 3 + a] = torque
-        log[2 * n + 3 + a] = currents[row.current[a]] if row.current[a] >= 0 else np.nan
+        log.demand[a] = torque
+        log.current[a] = currents[row.current[a]] if row.current[a] >= 0 else np.nan
     if row.fault != 0:
         row.pending[:n] = 0.0
         row.held[:n] = 0.0

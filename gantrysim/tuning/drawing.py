@@ -14,7 +14,7 @@ from gantrysim.metrics.budget import LINKS, Budget, BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.findings import NOTHING
-from gantrysim.tuning.laws import GAINS
+from gantrysim.tuning.laws import SEARCHED
 from gantrysim.tuning.search import History
 from gantrysim.tuning.stability import Stability
 
@@ -140,7 +140,7 @@ def draw_search(history: History, label: str, ripple: float) -> Figure:
 def _draw_leaders(axes: Axes, history: History) -> None:
     """Draw the gains of the first axis of every leader as multiples of those found."""
     runs, drawn = [one.runs for one in history.leaders], []
-    for name, colour in zip(GAINS[:-1], _GAIN_COLOURS, strict=True):
+    for name, colour in zip(SEARCHED, _GAIN_COLOURS, strict=True):
         values = np.array([getattr(one.servo, name)[0] for one in history.leaders])
         if not values[-1] > 0:
             continue
@@ -158,7 +158,7 @@ def draw_gains(before: Servo, after: Servo, axes: Sequence[str]) -> Figure:
     """Draw the factor from every gain before to that after, a bar for each axis."""
     with sheet(9.0, 3.2) as figure:
         panel = figure.add_subplot()
-        names = GAINS[:-1]
+        names = SEARCHED
         factors: list[float] = []
         width = 0.8 / len(axes)
         for k, name in enumerate(names):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import GAIN_NAMES, Servo
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.style import COLOURS
 from gantrysim.report import Column, Table
@@ -13,7 +13,6 @@ from gantrysim.study.cases import Row
 from gantrysim.study.study import Plot
 from gantrysim.tuning import drawing
 from gantrysim.tuning.findings import NOTHING, label, unseen_values
-from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.search import Candidate, History
 from gantrysim.tuning.servo import UNITS
 from gantrysim.tuning.stability import phase_margin
@@ -119,7 +118,7 @@ def _links_table(budgets: dict[str, Budget]) -> Table:
 
 def _gains_tables(study: TuningStudy, servos: dict[str, Servo], history: History) -> list[Table]:
     axes = study.job.built_machine.axes
-    names = [name for name in GAINS if any(any(getattr(servo, name)) for servo in servos.values())]
+    names = [name for name in GAIN_NAMES if any(any(getattr(servo, name)) for servo in servos.values())]
     gains = Table(
         ["axis", "u", "", *(Column(f"{name} [{UNITS[name]}]", ".4g") for name in names)],
         [

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import GAIN_NAMES, Servo
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.study.cases import OK, Row
-from gantrysim.tuning.laws import GAINS
+from gantrysim.tuning.laws import SEARCHED
 from gantrysim.tuning.objective import column
 from gantrysim.tuning.search import Candidate, History
 from gantrysim.tuning.servo import TUNED, unit_of
@@ -153,7 +153,7 @@ def _gains(study: TuningStudy, before: Servo, after: Servo) -> list[str]:
     alike: list[tuple[str, dict[str, float], list[str]]] = []
     for a, axis in enumerate(study.job.built_machine.axes):
         parts, times = [], {}
-        for name in GAINS:
+        for name in GAIN_NAMES:
             old, new = getattr(before, name)[a], getattr(after, name)[a]
             if old > 0 and new > 0:
                 times[name] = new / old
@@ -231,7 +231,7 @@ def _median(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
 
 def _search(study: TuningStudy, history: History) -> str:
     numbers = "each axis by itself" if study.per_axis else "one factor for all axes"
-    moved = ", ".join(name for name in GAINS[:-1] if name != "ki" or study.searched_law == "pid")
+    moved = ", ".join(name for name in SEARCHED if name != "ki" or study.searched_law == "pid")
     ran = len(history.candidates)
     text = (
         f"Law {study.searched_law}: {moved} were searched, {numbers}, by CMA-ES with the seed {study.seed}: "

@@ -34,7 +34,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import AxisDynamics, Servo
 
-GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # what the laws below set
 LAWS = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}
 
 _INTEGRAL = 5.0  # natural n: the integral term then takes atan(1 / n), 11 degrees, of the phase at w
@@ -155,7 +155,8 @@ class Space:
 
     def _of(self, servo: Servo) -> dict[str, Floats]:
         """Numbers of a servo, (axes,); not finite or not above zero where it has none."""
-        kp, ki, kd, velocity, acceleration, output = (np.array(getattr(servo, name)) for name in GAINS)
+        names = (*SEARCHED, "output_velocity")
+        kp, ki, kd, velocity, acceleration, output = (np.array(getattr(servo, name)) for name in names)
         with np.errstate(divide="ignore", invalid="ignore"):
             w = np.sqrt(kp / self._inertia)
             return {

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import GAIN_NAMES, Servo
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job.job import Job, ServoSettings
@@ -24,7 +24,6 @@ from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, Value, judged
-from gantrysim.tuning.laws import GAINS
 from gantrysim.tuning.search import Measured
 
 FIGURES = tuple(f"{link}_{statistic}" for link in ("contour", "tracking") for statistic in ("rms", "p95", "max"))
@@ -46,7 +45,7 @@ def column(figure: str) -> str:
 
 def case_of(job: Job, servo: Servo, perturbation: Perturbation | None, **tags: Value) -> Case:
     """Return the case of a job with other gains, on a machine that differs from its own."""
-    gains = {f"servo.{name}": list(getattr(servo, name)) for name in GAINS}
+    gains = {f"servo.{name}": list(getattr(servo, name)) for name in GAIN_NAMES}
     return Case.of(job, gains, perturbation=perturbation).tagged(**tags)
 
 
@@ -119,7 +118,7 @@ def _perturbed(machine: Machine, perturbation: Perturbation) -> Machine:
 
 def _servo(case: Case) -> Servo:
     job, changes = _base(case), case.settings
-    known = {f"servo.{name}" for name in GAINS}
+    known = {f"servo.{name}" for name in GAIN_NAMES}
     if other := sorted(set(changes) - known):
         raise GantryError(f"a case that changes {other[0]}: only {', '.join(sorted(known))} may differ")
     settings = ServoSettings(**{**dict(job.servo), **{key.removeprefix("servo."): changes[key] for key in changes}})
@@ -131,7 +130,7 @@ def _row(run: Run, case: Case, figure: str) -> Row:
     time: Row = {} if run.fault is None else {_FAULT_TIME: run.fault.time}
     servo = _servo(case)
     gains: Row = {
-        f"{name}_{axis}": gain for name in GAINS for axis, gain in zip(run.axes, getattr(servo, name), strict=True)
+        f"{name}_{axis}": gain for name in GAIN_NAMES for axis, gain in zip(run.axes, getattr(servo, name), strict=True)
     }
     return {**row, **time, **gains}
 

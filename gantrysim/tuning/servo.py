@@ -6,22 +6,15 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from gantrysim.controllers.servo import DERIVED
+
 if TYPE_CHECKING:
     from gantrysim.tuning.search import History
     from gantrysim.tuning.study import TuningStudy
 
 TUNED = "tuned.toml"
 
-UNITS = {
-    "kp": "N·m/u",
-    "ki": "N·m/(u·s)",
-    "kd": "N·m·s/u",
-    "velocity_ff": "N·m·s/u",
-    "acceleration_ff": "N·m·s²/u",
-    "output_velocity": "N·m·s/u",
-    "torque_limit": "N·m",
-    "resolution": "u",
-}  # u is the axis' own unit
+UNITS = {parameter.name: parameter.unit for parameter in DERIVED}  # u is the axis' own unit
 
 
 def unit_of(name: str, units: Sequence[str]) -> str:

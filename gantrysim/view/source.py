@@ -7,13 +7,12 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import whole
-from gantrysim.native.hook import installed
 from gantrysim.run import Fault, Run
 
 _CHUNK = 100  # servo ticks between two looks at the wall's clock
@@ -133,17 +132,15 @@ class Live:
 
     def restart(self) -> None:
         """Begin anew, at rest at the first setpoint, with nobody pushing."""
-        simulation = self._simulation
-        self._data = mujoco.MjData(simulation.model)
-        self._row = simulation.start(self._data.qpos, self._data.userdata)
+        self._stepper = Stepper(self._simulation)
         self._run: Run | None = None
-        self._step_to(1)
+        self._advance(1)
 
     @property
     def run(self) -> Run:
         """The record so far."""
         if self._run is None:
-            self._run = self._simulation.record(self._row, partial=True)
+            self._run = self._stepper.run.record(partial=True)
         return self._run
 
     @property
@@ -154,39 +151,32 @@ class Live:
     @property
     def over(self) -> bool:
         """Whether the last setpoint is sent, or a fault has ended the run."""
-        return self._simulation.done(self._row)
+        return self._stepper.run.done
 
     @property
     def fault(self) -> Fault | None:
         """Why the run ended early."""
-        return self._simulation.fault(self._row)
+        return self._stepper.run.fault
 
     def go(self, moment: float) -> None:
         """Step until the last tick before a moment [s], or until patience is at its end."""
         wanted = math.floor(moment / self._simulation.setpoints.period + _ROUNDING) + 1
         begun = self._timer()
-        while (done := int(self._row[0]["tick"])) < wanted and not self.over:
-            self._step_to(min(done + self._chunk, wanted))
-            if int(self._row[0]["tick"]) == done or self._timer() - begun > self._patience:
+        while (done := self._stepper.run.ticks) < wanted and not self.over:
+            self._advance(min(done + self._chunk, wanted))
+            if self._stepper.run.ticks == done or self._timer() - begun > self._patience:
                 break
 
     def push(self, wrench: Floats) -> None:
         """Have forces and torques act on the bodies of the stepped model from now on, (bodies, 6) [N, N·m]."""
-        self._data.xfrc_applied[:] = wrench
+        self._stepper.data.xfrc_applied[:] = wrench
 
-    def _step_to(self, ticks: int) -> None:
+    def _advance(self, ticks: int) -> None:
         """Step until so many ticks are begun, or the run is over."""
-        simulation, row = self._simulation, self._row
-        with installed():
-            while int(row[0]["tick"]) < ticks and not simulation.done(row):
-                begun = int(row[0]["steps"])
-                steps = (ticks - 1) * simulation.substeps + 1 - begun
-                mujoco.mj_step(simulation.model, self._data, min(steps, simulation.steps_left(row)))
-                if int(row[0]["steps"]) == begun:
-                    break
+        self._stepper.advance((ticks - 1) * self._simulation.substeps + 1 - self._stepper.run.steps)
         self._run = None
 
     @property
     def forces(self) -> Floats:
         """Forces and torques that act on the bodies of the stepped model, (bodies, 6) [N, N·m]."""
-        return np.array(self._data.xfrc_applied)
+        return np.array(self._stepper.data.xfrc_applied)

@@ -11,7 +11,7 @@ import pytest
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.controllers.paths.path import Path
 from gantrysim.engine.batch import Batch
-from gantrysim.engine.simulate import CALLS
+from gantrysim.engine.advance import CALLS
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
@@ -218,26 +218,23 @@ def test_a_batch_takes_one_layout_of_machine(xy, xyz, servo):
 def test_a_place_is_taken_again_without_a_trace_of_what_was_there(xy, servo):
     batch = Batch(xy, 3, 1)
     long, short = (lambda: Simulation.of(xy, servo, ramp(SLOW))), (lambda: Simulation.of(xy, servo, ramp(FAST, 40.0)))
-    first = {place: long() for place in range(3)}
-    batch.load(first)
-    batch.step(1501)
-    second = {1: short()}
-    batch.load(second)
-    while not all(s.done(batch.rows[place]) for place, s in {**first, **second}.items()):
-        batch.step(777)
-    assert same(second[1].record(batch.rows[1]), simulate(xy, servo, ramp(FAST, 40.0)))
-    assert same(first[0].record(batch.rows[0]), simulate(xy, servo, ramp(SLOW)))
+    batch.load({place: long() for place in range(3)})
+    batch.advance(steps=1501)
+    batch.load({1: short()})
+    while not all(run.done for run in batch.runs.values()):
+        batch.advance(steps=777)
+    assert same(batch.runs[1].record(), simulate(xy, servo, ramp(FAST, 40.0)))
+    assert same(batch.runs[0].record(), simulate(xy, servo, ramp(SLOW)))
 
 
 def test_a_place_alone_can_be_stepped(xy, servo):
     batch = Batch(xy, 2, 1)
-    simulations = {place: Simulation.of(xy, servo, ramp(FAST, 40.0)) for place in range(2)}
-    batch.load(simulations)
-    batch.step(400, [1])
-    assert [int(batch.rows[place][0]["tick"]) for place in range(2)] == [0, 100]
+    batch.load({place: Simulation.of(xy, servo, ramp(FAST, 40.0)) for place in range(2)})
+    batch.advance([1], steps=400)
+    assert [batch.runs[place].ticks for place in range(2)] == [0, 100]
     with pytest.raises(GantryError, match="ran for 100 of 501 ticks"):
-        simulations[1].record(batch.rows[1])
-    partial = simulations[1].record(batch.rows[1], partial=True)
+        batch.runs[1].record()
+    partial = batch.runs[1].record(partial=True)
     assert np.array_equal(partial.nozzle, simulate(xy, servo, ramp(FAST, 40.0)).nozzle[:100])
 
 

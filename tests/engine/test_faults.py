@@ -186,15 +186,15 @@ def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
     simulation = Simulation.of(machine, servo, ramp(400.0), physics_step=STEP)
     model = simulation.model
     data = mujoco.MjData(model)
-    row = simulation.start(data.qpos, data.userdata)
+    run = simulation.start(data.qpos, data.userdata)
     before = 0.0
     with installed():
         for _ in range(4000):
             mujoco.mj_step(model, data)
-            if row[0]["fault"]:
+            if run.fault:
                 break
             before = data.ctrl[0]
-    assert row[0]["fault"]
+    assert run.fault
     assert before != 0.0
     assert not data.ctrl.any()
 

@@ -464,7 +464,7 @@ def test_nothing_is_stepped_after_the_end():
     env.reset(seed=1)
     *_, truncated, _ = env.step(np.zeros(4))
     assert truncated
-    row = env._episodes._batch.rows[0][0]
+    row = env._episodes._batch.runs[0].row
     assert row["steps"] <= row["tick"] * row["substeps"]
     assert row["tick"] == len(env._episodes.episodes[0].simulation.position)
 
@@ -506,7 +506,7 @@ def test_an_interrupt_in_a_reset_leaves_nothing_that_could_be_stepped(kind, monk
         with pytest.raises(KeyboardInterrupt):
             env.reset()
     fleet = env._episodes._batch
-    row = fleet.rows[0][0]
+    row = fleet.runs[0].row
     assert row["log"] == fleet._loaded[0].log.ctypes.data  # what the armed row writes to is kept alive
     if kind is SpiralTuningEnv:
         with pytest.raises(ResetNeeded):

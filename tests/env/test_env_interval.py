@@ -7,7 +7,7 @@ from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
 from gantrysim.env.observation import Measured
-from gantrysim.native.row import log_width
+from gantrysim.native.row import LOG
 
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
 AXES = 2
@@ -15,11 +15,11 @@ AXES = 2
 
 def log_of(tips, encoder=None, demand=None):
     """A servo's log with the nozzle at these points."""
-    log = np.zeros((len(tips), log_width(AXES)))
-    log[:, :AXES] = tips[:, :AXES] if encoder is None else encoder
-    log[:, AXES : AXES + 3] = tips
-    log[:, AXES + 3 : 2 * AXES + 3] = 0.0 if demand is None else demand
-    log[:, -1] = np.arange(len(tips))
+    log = np.zeros(len(tips), LOG)
+    log["encoder"][:, :AXES] = tips[:, :AXES] if encoder is None else encoder
+    log["nozzle"] = tips
+    log["demand"][:, :AXES] = 0.0 if demand is None else demand
+    log["setpoint"] = np.arange(len(tips))
     return log
 
 
