@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from gantrysim.jit import inner_jit, jit
 
 # what stands in a row of measurements before what every axis has, which is listed in PER_AXIS
 SHARED = ("ticks", "dispensing", "pairs", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
@@ -18,13 +19,13 @@ _BEGIN = 1.0  # [mm], about the path's start, within which a trace may begin bes
 _CHORD = 8  # entries of the table to either side of a foot, over which heading and curvature are taken
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _distance(a, b):
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return np.sqrt(x * x + y * y + z * z)
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _nearest(points, tip, low, high):
     low, high = max(low, 0), min(high, len(points) - 1)
     best, least = low, np.inf
@@ -36,7 +37,7 @@ def _nearest(points, tip, low, high):
     return best
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _to_chord(points, i, tip):
     """Distance of a tip to the chord from one entry to the next, and how far left of it in the XY plane."""
     a, b = points[i], points[i + 1]
@@ -50,7 +51,7 @@ def _to_chord(points, i, tip):
     return np.sqrt(x * x + y * y + z * z), left
 
 
-@numba.njit(cache=True, error_model="numpy")
+@jit
 def measure(log, first, last, position, dispense, points, spacing, foot, row):
     """Measure the ticks from `first` to before `last` and return the foot of the last.
 

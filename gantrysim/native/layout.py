@@ -1,7 +1,7 @@
-"""Where MuJoCo's C structs keep their fields, for code that runs inside the step.
+"""Byte offsets of the fields of MuJoCo's C structs, for code that runs inside the step.
 
-The layout is built from the struct declarations that MuJoCo's wheel describes itself with, and compared
-with the addresses its Python bindings report before any of it is used.
+They follow from the struct declarations in MuJoCo's wheel (`mujoco.introspect`), and are verified against the addresses
+that its Python bindings report before they are used.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ WARNING_NUMBER = 4
 
 
 class LayoutError(GantryError, ImportError):
-    """The installed MuJoCo does not lay out its structs as it describes them."""
+    """The installed MuJoCo lays out its structs otherwise than it declares."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,6 @@ class Offsets:
 
     model_nuserdata: int
     data_userdata: int
-    data_time: int
     data_ctrl: int
     data_act: int
     data_actuator_length: int
@@ -60,7 +59,7 @@ def offsets() -> Offsets:
     """Return the verified offsets.
 
     Raises:
-        LayoutError: a field is not where the declarations put it.
+        LayoutError: a field is not where it is declared.
     """
     found = {}
     for field in fields(Offsets):
@@ -106,22 +105,18 @@ def _verify(layout: Offsets) -> None:
     spec.nuserdata = 137
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.time = 0.731
     for k, warning in enumerate(data.warning):
         warning.number = 11 + k
     wrong = []
-    for k, warning in enumerate(data.warning):
-        at = data._address + layout.data_warning + k * WARNING_SIZE
-        if ctypes.c_int.from_address(at + WARNING_NUMBER).value != warning.number:
-            wrong.append("mjData.warning")
-            break
+    at = data._address + layout.data_warning + WARNING_NUMBER
+    numbers = [ctypes.c_int.from_address(at + k * WARNING_SIZE).value for k in range(len(data.warning))]
+    if numbers != [warning.number for warning in data.warning]:
+        wrong.append("mjData.warning")
     if ctypes.c_int64.from_address(model._address + layout.model_nuserdata).value != model.nuserdata:
         wrong.append("mjModel.nuserdata")
-    if ctypes.c_double.from_address(data._address + layout.data_time).value != data.time:
-        wrong.append("mjData.time")
     for field in fields(Offsets):
         member = field.name.removeprefix("data_")
-        if field.name in ("model_nuserdata", "data_time", "data_warning"):
+        if field.name in ("model_nuserdata", "data_warning"):
             continue
         address = ctypes.c_uint64.from_address(data._address + getattr(layout, field.name)).value
         if address != getattr(data, member).ctypes.data:

@@ -1,8 +1,7 @@
-"""Access to memory by its address, for code that numba compiles.
+"""Memory at an address as an array or a record, in code that numba compiles.
 
-Numba knows arrays, not addresses. An intrinsic turns an integer into a pointer of a given type (LLVM's `inttoptr`,
-which costs nothing), and `numba.carray` turns the pointer into an array that shares the memory. No check of any kind
-is made: an address must be right.
+An intrinsic makes a typed pointer of an integer (LLVM's `inttoptr`), and `numba.carray` an array of the pointer. The
+array is a view of the memory. Nothing is checked: the address must be right.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
@@ -15,9 +14,8 @@ import numba
 from numba import types
 from numba.extending import intrinsic
 
+from gantrysim.jit import inner_jit
 from gantrysim.native.row import LOG, ROW
-
-jit = numba.njit(error_model="numpy")
 
 _LOG_SIZE = LOG.itemsize
 
@@ -57,25 +55,25 @@ def _typed_pointer(target: types.Type) -> Any:
     return types.CPointer(target)(types.int64), codegen
 
 
-@jit
+@inner_jit
 def field(struct, offset):
     """Return the 64-bit integer at an offset of a struct."""
     return numba.carray(integers(struct + offset), (1,))[0]
 
 
-@jit
+@inner_jit
 def vector(struct, offset, size):
     """Return the doubles to which the pointer at an offset of a struct points."""
     return numba.carray(floats(field(struct, offset)), (size,))
 
 
-@jit
+@inner_jit
 def row_at(address):
-    """Return the row at an address; a view, so that what is written to it is written there."""
+    """Return the row at an address, a view."""
     return numba.carray(_rows(address), (1,))[0]
 
 
-@jit
+@inner_jit
 def log_at(row, tick):
-    """Return the entry of a tick in the log; a view."""
+    """Return a tick's entry in the log, a view."""
     return numba.carray(_entries(row.log + _LOG_SIZE * tick), (1,))[0]

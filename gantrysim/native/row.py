@@ -1,12 +1,4 @@
-"""The data that the compiled tick works on: one row of parameters and state, and one log entry per tick.
-
-A run of the physics is a single call into MuJoCo, which calls the servo tick back at every step with nothing but the
-addresses of its mjModel and mjData. Everything else that the tick needs must therefore be found from mjData. MuJoCo
-reserves an array of doubles in it for its users, `userdata`; gantrysim's machines make it long enough for one `ROW`,
-which holds the servo's parameters, its state, and the addresses of two arrays of Python's that the tick reads the
-setpoints from and writes its log to (`LOG`, one entry per tick). Whoever arms a row keeps these arrays alive. As the
-row belongs to one mjData, any number of simulations can be stepped at once by any number of threads.
-"""
+"""The data of the compiled tick: one row of parameters and state per simulation, one log entry per servo tick."""
 
 from __future__ import annotations
 
@@ -130,7 +122,7 @@ LOG = np.dtype(
     ]
 )
 
-_OFFSETS = offsets()  # at import, so that a layout that differs is an error there
+_OFFSETS = offsets()  # verified at import
 
 # the row's byte offsets of mjData's fields
 ADDRESSES = {

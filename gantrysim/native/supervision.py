@@ -7,11 +7,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from gantrysim.native.pointers import floats, integers, jit, log_at
+from gantrysim.jit import inner_jit
+from gantrysim.native.pointers import floats, integers, log_at
 from gantrysim.native.row import POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 
 
-@jit
+@inner_jit
 def trip(row, fault, axis, value, limit):
     """Record a fault, unless there is one already."""
     if row.fault == 0:
@@ -22,7 +23,7 @@ def trip(row, fault, axis, value, limit):
         row.fault_limit = limit
 
 
-@jit
+@inner_jit
 def watch_position_error(row):
     """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
@@ -41,7 +42,7 @@ def watch_position_error(row):
         trip(row, POSITION_ERROR if moving else POSITION_ERROR_AT_REST, worst, distance, row.position_error)
 
 
-@jit
+@inner_jit
 def waits(row):
     """Return whether the stream waits at the setpoint of this tick for the axes to settle."""
     if row.gate >= row.gate_count or numba.carray(integers(row.gates + 8 * row.gate), (1,))[0] != row.index:
