@@ -1,4 +1,4 @@
-"""Many simulations at once: each on a row of MuJoCo's batch, stepped on threads without Python in between."""
+"""Many simulations at once, on threads: `mujoco.batch.Batch` steps them without Python in between."""
 
 from __future__ import annotations
 
@@ -34,68 +34,59 @@ def simulate_batch(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Run]:
-    """Run many simulations on threads and return their records, each the same to the last bit as by `simulate`.
+    """Run many simulations on threads and return their records, equal to those of `simulate` to the last bit.
 
-    Every argument is one for all, or a list, a tuple or an array with one for each simulation. Machines of different
-    MJCF files, servo periods and lengths may stand side by side; those of one file, perturbed or not, share a batch of
-    MuJoCo's.
+    Every argument is one for all, or a list, a tuple or an array with one per simulation. MJCF files, servo periods and
+    lengths may differ; machines of one file, perturbed or not, share one of MuJoCo's batches.
 
     Args:
         machine: the machines.
         servo: the servos.
         setpoints: the commanded positions.
-        physics_step: longest physics step, as for `simulate` [s].
-        dispenser: of the glue, as for `simulate`.
+        physics_step: longest physics step, see `simulate` [s].
+        dispenser: dispenser of the glue, see `simulate`.
         threads: number of threads; by default all cores.
-        progress: called now and then with the share of all servo ticks that is done, 0 to 1.
+        progress: called now and then with the completed share, 0 to 1.
 
     Returns:
         The records, in order. A fault ends its own simulation only: see `Run.fault`.
 
     Raises:
-        InputError: an argument that is neither one nor a list, a tuple or an array of them; lists of different
-            lengths, no simulation at all, or what `simulate` would refuse, with the number of the simulation.
+        InputError: an argument of a wrong type, lists of different lengths, no simulation at all, or what `simulate`
+            refuses, with the number of the simulation.
     """
     simulations = _simulations(
-        {
-            "machine": machine,
-            "servo": servo,
-            "setpoints": setpoints,
-            "physics_step": physics_step,
-            "dispenser": dispenser,
-        }
+        machine=machine, servo=servo, setpoints=setpoints, physics_step=physics_step, dispenser=dispenser
     )
-    places: dict[Path, dict[int, int]] = {}  # by MJCF file: place in the batch to number of the simulation
+    groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
     for number, simulation in enumerate(simulations):
-        group = places.setdefault(simulation.machine.source, {})
-        group[len(group)] = number
-    every = sum(len(simulation.position) for simulation in simulations)
+        groups.setdefault(simulation.machine.source, []).append(number)
+    total = sum(len(simulation.position) for simulation in simulations)
     records: dict[int, Run] = {}
     before = 0
-    for group in places.values():
-        own = {place: simulations[number] for place, number in group.items()}
-        batch = Batch(own[0].machine, len(own), threads)
-        batch.load(own)
 
-        def report(sent: int, before: int = before) -> None:
-            if progress is not None:
-                progress((before + sent) / every)
+    def report(sent: int) -> None:
+        if progress is not None:
+            progress((before + sent) / total)
 
+    for numbers in groups.values():
+        batch = Batch(simulations[numbers[0]].machine, len(numbers), threads)
+        batch.load({place: simulations[number] for place, number in enumerate(numbers)})
         batch.advance(progress=report)
-        before += sum(len(simulation.position) for simulation in own.values())
-        records |= {number: batch.runs[place].record() for place, number in group.items()}
+        before += sum(len(simulations[number].position) for number in numbers)
+        records |= {number: batch.runs[place].record() for place, number in enumerate(numbers)}
     return [records[number] for number in range(len(simulations))]
 
 
-def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
+def _simulations(**arguments: Any) -> list[Simulation]:
     several = {name: list(value) for name, value in arguments.items() if _is_several(value)}
     for name, value in arguments.items():
         for number, one in enumerate(several.get(name, [value])):
             _check(name, one, number if name in several else None)
     lengths = {name: len(values) for name, values in several.items()}
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{length} of {name}" for name, length in lengths.items())
-        raise InputError(f"a batch of {said}: must be one for all, or as many of each")
+        counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
+        raise InputError(f"a batch of {counts}: must be one for all, or as many of each")
     count = min(lengths.values(), default=1)
     if not count:
         raise InputError("a batch of no simulation: must have at least one")
@@ -114,7 +105,7 @@ def _is_several(value: Any) -> bool:
 
 
 def _check(name: str, value: Any, number: int | None) -> None:
-    """Raise InputError where an argument, or the one of a simulation by its number, is of another type."""
+    """Raise InputError where an argument, or that of one simulation, has a wrong type."""
     types, words = _ONE[name]
     if not isinstance(value, types) or isinstance(value, bool):
         where, more = ("", ", or a list, a tuple or an array of them") if number is None else (f"[{number}]", "")
@@ -134,7 +125,7 @@ class Batch:
     """Places for simulations of one machine, perturbed or not, that are stepped together.
 
     Args:
-        machine: whose MJCF all simulations share.
+        machine: machine whose MJCF file all simulations share.
         places: number of simulations.
         threads: number of threads; by default all cores.
 
@@ -156,13 +147,13 @@ class Batch:
         self.runs: dict[int, Started] = {}
 
     def load(self, simulations: Mapping[int, Simulation]) -> None:
-        """Put simulations at their start into places, over whatever is there.
+        """Put simulations, at their start, into places.
 
         Args:
-            simulations: by place; their logs are written to as the batch steps.
+            simulations: by place; the batch writes to their logs.
 
         Raises:
-            GantryError: a simulation of a machine of another MJCF.
+            GantryError: a machine of another MJCF file.
         """
         for place, simulation in simulations.items():
             if simulation.machine.source != self._source:

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gantrysim.arrays import Floats
 from gantrysim.jit import inner_jit, jit
 
 # what stands in a row of measurements before what every axis has, which is listed in PER_AXIS
@@ -52,7 +54,17 @@ def _to_chord(points, i, tip):
 
 
 @jit
-def measure(log, first, last, position, dispense, points, spacing, foot, row):
+def measure(
+    log: NDArray[np.void],
+    first: int,
+    last: int,
+    position: Floats,
+    dispense: NDArray[np.bool_],
+    points: Floats,
+    spacing: float,
+    foot: int,
+    row: Floats,
+) -> int:
     """Measure the ticks from `first` to before `last` and return the foot of the last.
 
     Errors of the axes are sums over all these ticks, contour errors over those at which the dispenser is on; the
