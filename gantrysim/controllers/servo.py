@@ -90,8 +90,6 @@ class AxisDynamics(Protocol):
     """What the derivation of gains needs to know of an axis."""
 
     @property
-    def name(self) -> str: ...
-    @property
     def inertia(self) -> float:
         """Motor torque per acceleration of the axis [N·m·s²/mm]."""
 

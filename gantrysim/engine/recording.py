@@ -8,37 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import FAULTS, POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 from gantrysim.run import Fault, Run
-
-
-def fault_of(machine: Machine, servo: Servo, row: np.void, timeout: float) -> Fault | None:
-    """Return the fault in a simulation's row, if there is one.
-
-    Args:
-        machine: the machine of the run.
-        servo: its servo.
-        row: the servo's row, see `gantrysim.native.row`.
-        timeout: longest wait for settling [s].
-    """
-    if not row["fault"]:
-        return None
-    code, axis = int(row["fault"]), machine.axes[int(row["fault_axis"])]
-    kind = FAULTS[code]
-    value, limit = float(row["fault_value"]), float(row["fault_limit"])
-    unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
-    if kind == "diverged" and np.isfinite(limit):
-        unit = "N·m"  # of the demand; else it is the following error, which has no limit
-    reaction = {
-        POSITION_ERROR: "the motion stops",
-        POSITION_ERROR_AT_REST: "the drives are disabled",
-        SETTLING: f"not settled after {timeout:g} s",
-    }.get(code, "")
-    return Fault(kind, axis.name, float(row["fault_tick"] * servo.period), value, limit, unit, reaction)
 
 
 def record(

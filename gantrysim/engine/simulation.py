@@ -11,12 +11,22 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import GAIN_NAMES, Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
-from gantrysim.engine.recording import fault_of, record
+from gantrysim.engine.recording import record
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.native.row import ADDRESSES, LOG, OVERSPEED, ROW, ROW_NUMBERS
+from gantrysim.native.row import (
+    FAULTS,
+    LOG,
+    OFFSETS,
+    OVERSPEED,
+    POSITION_ERROR,
+    POSITION_ERROR_AT_REST,
+    ROW,
+    ROW_NUMBERS,
+    SETTLING,
+)
 from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
 
@@ -32,7 +42,7 @@ class Simulation:
         dispenser: of the glue.
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
-        model: of the machine, with the physics step; to be left unchanged.
+        model: the machine's, with the physics step; not to be changed.
         log: entries written by the servo, (ticks,) of `gantrysim.native.row.LOG`.
     """
 
@@ -71,16 +81,10 @@ class Simulation:
         return cls(machine, servo, setpoints, dispenser, position, substeps, model, log)
 
     def start(self, qpos: Floats, userdata: Floats) -> Started:
-        """Write the start into a fresh state, at rest at the first setpoint; the servo is armed from here on.
-
-        Args:
-            qpos: of the state, to be written, (nq,).
-            userdata: of the state, to be written, (nuserdata,).
-        """
+        """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
         qpos[:] = self.machine.to_qpos(self.position[0])
-        rows = userdata[:ROW_NUMBERS].view(ROW)
-        rows[:] = np.zeros(1, ROW)
-        row = rows[0]
+        userdata[:ROW_NUMBERS] = 0.0
+        row = userdata[:ROW_NUMBERS].view(ROW)[0]
         self._fill(row)
         self._supervise(row)
         row["magic"] = magic()  # the last, for it arms the servo
@@ -88,7 +92,7 @@ class Simulation:
 
     def _fill(self, row: np.void) -> None:
         machine, servo = self.machine, self.servo
-        for name, value in ADDRESSES.items():
+        for name, value in OFFSETS.items():
             row[name] = value
         row["axes"], row["ticks"], row["substeps"] = servo.axes, len(self.position), self.substeps
         row["delay"] = delay_steps(servo.delay, servo.period, self.substeps)
@@ -128,7 +132,7 @@ class Started:
     """A simulation in a state of MuJoCo's.
 
     Attributes:
-        simulation: the simulation; referenced here as the servo reads and writes its arrays by their addresses.
+        simulation: the simulation, kept alive as the row holds addresses of its arrays.
         row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
     """
 
@@ -164,9 +168,22 @@ class Started:
     @property
     def fault(self) -> Fault | None:
         """The fault, if there is one."""
-        simulation = self.simulation
-        timeout = simulation.setpoints.supervision.settle_timeout
-        return fault_of(simulation.machine, simulation.servo, self.row, timeout)
+        row, simulation = self.row, self.simulation
+        code = int(row["fault"])
+        if not code:
+            return None
+        kind, axis = FAULTS[code], simulation.machine.axes[row["fault_axis"]]
+        value, limit = float(row["fault_value"]), float(row["fault_limit"])
+        unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
+        if kind == "diverged" and np.isfinite(limit):
+            unit = "N·m"  # of the demand; else it is the following error, which has no limit
+        reaction = {
+            POSITION_ERROR: "the motion stops",
+            POSITION_ERROR_AT_REST: "the drives are disabled",
+            SETTLING: f"not settled after {simulation.setpoints.supervision.settle_timeout:g} s",
+        }.get(code, "")
+        time = float(row["fault_tick"] * simulation.servo.period)
+        return Fault(kind, axis.name, time, value, limit, unit, reaction)
 
     def record(self, *, partial: bool = False) -> Run:
         """Return the record so far, of at least one tick.

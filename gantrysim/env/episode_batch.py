@@ -181,7 +181,7 @@ class EpisodeBatch:
         episode = self._episode(place)
         simulation = episode.simulation
         row = self._rows[place]
-        self._foot[place] = measure(
+        self._foot[place] = measure(  # type: ignore[no-untyped-call]
             simulation.log,
             int(self._measured[place]),
             last,

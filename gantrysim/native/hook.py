@@ -122,7 +122,9 @@ class _Installation(AbstractContextManager[None]):
                 _changed.wait(_POLL)
                 return
             if not _users:
-                _previous = _take_over(self._callback)
+                _previous = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
+                mujoco.set_mjcb_control(self._callback)
+                mujoco.set_mju_user_warning(_SILENCE)  # the tick turns MuJoCo's warnings into faults
             _users = -1 if alone else _users + 1
             self._taken = True
         if alone:
@@ -141,27 +143,14 @@ class _Installation(AbstractContextManager[None]):
             with _changed:
                 _users = max(_users - 1, 0)
                 if not _users:
-                    _give_back(_previous)
+                    mujoco.set_mjcb_control(_previous[0])
+                    mujoco.set_mju_user_warning(_previous[1])
                     _changed.notify_all()
         self._interrupts.release()
 
 
 _CAREFUL = (_Installation.__enter__.__code__, _Installation.__exit__.__code__)
 _CALLED: tuple[CodeType, ...] = (_silent.__code__,)  # called by C code, which would swallow exceptions
-
-
-def _take_over(callback: Any) -> tuple[Any, Any]:
-    """Install a control callback and silence MuJoCo's warnings, which the tick turns into faults."""
-    previous = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
-    mujoco.set_mjcb_control(callback)
-    mujoco.set_mju_user_warning(_SILENCE)
-    return previous
-
-
-def _give_back(previous: tuple[Any, Any]) -> None:
-    control, warning = previous
-    mujoco.set_mjcb_control(control)
-    mujoco.set_mju_user_warning(warning)
 
 
 def _tick(row: Any, n: int) -> Tick:

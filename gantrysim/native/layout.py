@@ -7,7 +7,6 @@ that its Python bindings report before they are used.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any
 
@@ -28,6 +27,8 @@ _SCALARS: dict[str, Any] = {
     "mjtBool": ctypes.c_bool,
 }
 
+# mjData's arrays that the servo tick reads or writes
+POINTERS = ("userdata", "ctrl", "act", "actuator_length", "actuator_velocity", "site_xpos", "xpos", "xmat")
 
 # struct mjWarningStat { int lastinfo; int number; }
 WARNING_SIZE = 8
@@ -38,36 +39,17 @@ class LayoutError(GantryError, ImportError):
     """The installed MuJoCo lays out its structs otherwise than it declares."""
 
 
-@dataclass(frozen=True)
-class Offsets:
-    """Byte offsets of the fields that the servo tick reads or writes."""
-
-    model_nuserdata: int
-    data_userdata: int
-    data_ctrl: int
-    data_act: int
-    data_actuator_length: int
-    data_actuator_velocity: int
-    data_site_xpos: int
-    data_xpos: int
-    data_xmat: int
-    data_warning: int
-
-
 @cache
-def offsets() -> Offsets:
-    """Return the verified offsets.
+def offsets() -> dict[str, int]:
+    """Return the verified byte offsets by field.
 
     Raises:
         LayoutError: a field is not where it is declared.
     """
-    found = {}
-    for field in fields(Offsets):
-        struct, member = field.name.split("_", 1)
-        found[field.name] = int(getattr(_struct({"model": "mjModel", "data": "mjData"}[struct]), member).offset)
-    layout = Offsets(**found)
-    _verify(layout)
-    return layout
+    found = {name: int(getattr(_struct("mjData"), name).offset) for name in (*POINTERS, "warning")}
+    found["nuserdata"] = int(_struct("mjModel").nuserdata.offset)
+    _verify(found)
+    return found
 
 
 @cache
@@ -97,7 +79,7 @@ def _ctype(declared: Any) -> Any:
     return ctypes.c_int  # every other name is an enum
 
 
-def _verify(layout: Offsets) -> None:
+def _verify(found: dict[str, int]) -> None:
     spec = mujoco.MjSpec.from_string(
         "<mujoco><worldbody><body><joint name='j' type='slide'/><geom size='1'/><site name='s'/></body></worldbody>"
         "<actuator><dcmotor joint='j' motorconst='1 1' resistance='1' inductance='1 0'/></actuator></mujoco>"
@@ -107,20 +89,14 @@ def _verify(layout: Offsets) -> None:
     data = mujoco.MjData(model)
     for k, warning in enumerate(data.warning):
         warning.number = 11 + k
-    wrong = []
-    at = data._address + layout.data_warning + WARNING_NUMBER
+    pointers = {name: ctypes.c_uint64.from_address(data._address + found[name]).value for name in POINTERS}
+    wrong = [f"mjData.{name}" for name in POINTERS if pointers[name] != getattr(data, name).ctypes.data]
+    at = data._address + found["warning"] + WARNING_NUMBER
     numbers = [ctypes.c_int.from_address(at + k * WARNING_SIZE).value for k in range(len(data.warning))]
     if numbers != [warning.number for warning in data.warning]:
         wrong.append("mjData.warning")
-    if ctypes.c_int64.from_address(model._address + layout.model_nuserdata).value != model.nuserdata:
+    if ctypes.c_int64.from_address(model._address + found["nuserdata"]).value != model.nuserdata:
         wrong.append("mjModel.nuserdata")
-    for field in fields(Offsets):
-        member = field.name.removeprefix("data_")
-        if field.name in ("model_nuserdata", "data_warning"):
-            continue
-        address = ctypes.c_uint64.from_address(data._address + getattr(layout, field.name)).value
-        if address != getattr(data, member).ctypes.data:
-            wrong.append(f"mjData.{member}")
     if wrong:
         raise LayoutError(
             f"MuJoCo {mujoco.__version__} keeps {', '.join(wrong)} elsewhere than it declares: "

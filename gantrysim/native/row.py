@@ -37,6 +37,8 @@ POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
 
 WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any of them makes the state invalid
 
+OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
+
 _WHOLE = [
     "magic",
     "axes",
@@ -48,14 +50,7 @@ _WHOLE = [
     "index",  # of the setpoint that the next tick sends
     "setpoints",  # address of (ticks, axes) positions
     "log",  # address of the LOG entries, one per tick
-    "ctrl_at",  # byte offsets of mjData's fields
-    "act_at",
-    "length_at",
-    "velocity_at",
-    "site_at",
-    "body_at",
-    "matrix_at",
-    "warning_at",  # of mjWarningStat[WARNINGS]
+    *OFFSETS,  # in mjData
     "nozzle",  # site
     "work",  # body
     "supervised",  # whether there is a limit of the position error or a gate
@@ -121,17 +116,3 @@ LOG = np.dtype(
         ("current", np.float64, (MAX_AXES,)),  # of the motor, nan where MuJoCo does not simulate it [A]
     ]
 )
-
-_OFFSETS = offsets()  # verified at import
-
-# the row's byte offsets of mjData's fields
-ADDRESSES = {
-    "ctrl_at": _OFFSETS.data_ctrl,
-    "act_at": _OFFSETS.data_act,
-    "length_at": _OFFSETS.data_actuator_length,
-    "velocity_at": _OFFSETS.data_actuator_velocity,
-    "site_at": _OFFSETS.data_site_xpos,
-    "body_at": _OFFSETS.data_xpos,
-    "matrix_at": _OFFSETS.data_xmat,
-    "warning_at": _OFFSETS.data_warning,
-}

@@ -79,8 +79,8 @@ def _sample(data, userdata):
     n = row.axes
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
     log = log_at(row, row.tick)
-    length = vector(data, row.length_at, row.output[:n].max() + 1)
-    velocity = vector(data, row.velocity_at, row.output[:n].max() + 1)
+    length = vector(data, row.actuator_length_at, row.output[:n].max() + 1)
+    velocity = vector(data, row.actuator_velocity_at, row.output[:n].max() + 1)
     log.setpoint = row.index
     lost = _warned(data + row.warning_at)
     for a in range(n):
@@ -119,9 +119,9 @@ def _sample(data, userdata):
         watch_position_error(row)
     if row.supervised == 0 or not waits(row):
         row.index += 1
-    tip = vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
-    origin = vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
-    frame = vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
+    tip = vector(data, row.site_xpos_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
+    origin = vector(data, row.xpos_at, 3 * (row.work + 1))[3 * row.work :]
+    frame = vector(data, row.xmat_at, 9 * (row.work + 1))[9 * row.work :]
     for i in range(3):
         log.nozzle[i] = 1e3 * (
             frame[i] * (tip[0] - origin[0]) + frame[3 + i] * (tip[1] - origin[1]) + frame[6 + i] * (tip[2] - origin[2])
@@ -230,7 +230,7 @@ def compiled() -> Compiled:
     Numba keys its cache by this file's date and the numbers in a function's closure. So every cached function has the
     magic number in its closure, and the functions that it calls are compiled into it.
     """
-    nuserdata_at, userdata_at = offsets().model_nuserdata, offsets().data_userdata
+    nuserdata_at, userdata_at = offsets()["nuserdata"], offsets()["userdata"]
     row_size, key = ROW_NUMBERS, magic()
 
     @numba.cfunc(types.void(types.int64, types.int64), cache=True, error_model="numpy")

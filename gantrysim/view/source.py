@@ -72,30 +72,24 @@ class Replay:
 
     @property
     def run(self) -> Run:
-        """The record."""
         return self._run
 
     @property
     def tick(self) -> int:
-        """Index of the last tick at or before the moment."""
         return self._tick
 
     @property
     def over(self) -> bool:
-        """Whether the last tick is reached."""
         return self._tick == len(self._run.time) - 1
 
     @property
     def fault(self) -> Fault | None:
-        """The fault, at the end."""
         return self._run.fault if self.over else None
 
     def go(self, moment: float) -> None:
-        """Go to a moment [s], clipped to the record."""
         self._tick = min(max(math.floor(moment / self._run.period + _ROUNDING), 0), len(self._run.time) - 1)
 
     def restart(self) -> None:
-        """Go back to the first tick."""
         self._tick = 0
 
     def push(self, wrench: Floats) -> None:
@@ -131,44 +125,37 @@ class Live:
         self.restart()
 
     def restart(self) -> None:
-        """Start again, at rest at the first setpoint, without forces on the bodies."""
         self._stepper = Stepper(self._simulation)
         self._run: Run | None = None
         self._advance(1)
 
     @property
     def run(self) -> Run:
-        """The record so far."""
         if self._run is None:
             self._run = self._stepper.run.record(partial=True)
         return self._run
 
     @property
     def tick(self) -> int:
-        """Index of the last tick."""
         return len(self.run.time) - 1
 
     @property
     def over(self) -> bool:
-        """Whether the last setpoint is sent, or a fault has ended the run."""
         return self._stepper.run.done
 
     @property
     def fault(self) -> Fault | None:
-        """The fault, if there is one."""
         return self._stepper.run.fault
 
     def go(self, moment: float) -> None:
-        """Step until the last tick before a moment [s], or until the patience is exhausted."""
         wanted = math.floor(moment / self._simulation.setpoints.period + _ROUNDING) + 1
         begun = self._timer()
         while (done := self._stepper.run.ticks) < wanted and not self.over:
             self._advance(min(done + self._chunk, wanted))
-            if self._stepper.run.ticks == done or self._timer() - begun > self._patience:
+            if self._timer() - begun > self._patience:
                 break
 
     def push(self, wrench: Floats) -> None:
-        """Apply forces and torques to the bodies of the stepped model from now on, (bodies, 6) [N, N·m]."""
         self._stepper.data.xfrc_applied[:] = wrench
 
     def _advance(self, ticks: int) -> None:
