@@ -1,4 +1,4 @@
-"""Episodes side by side: what the scalar and the vector environment both are, with one place and with many."""
+"""A batch of episodes: the common part of the scalar and the vector environment."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 
-# At most so much is taken from the reward of an interval, and of one that a fault leaves undone: no fault pays.
+# Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
 _CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
 
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
 
 class Outcome(NamedTuple):
-    """What a decision has led to, at every place; where none was taken the values mean nothing.
+    """Outcome of a decision at every place; meaningless where none was taken.
 
     Attributes:
         reward: sum of its terms, (places,).
         terminated: whether a fault has ended the episode, or its only decision is taken, (places,).
-        truncated: whether the path is at its end, if there were decisions to come after it, (places,).
+        truncated: whether the path is at its end, in an episode of several decisions, (places,).
         info: values by name, (places,) each.
-        final: likewise, what is told at an episode's end.
+        final: values at an episode's end by name, (places,) each.
     """
 
     reward: Floats
@@ -76,16 +76,12 @@ class EpisodeBatch:
         self._action = np.zeros((places, gains))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
         self._foot = np.full(places, -1)
-        self._measured = np.zeros(places, np.int64)  # ticks of the log that are looked at
+        self._measured = np.zeros(places, np.int64)  # ticks measured
         self._setpoints = np.ones(places, np.int64)
         self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
 
     def begin(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, dict[str, float]]:
-        """Begin new episodes and return what was drawn for each.
-
-        Args:
-            randoms: random numbers by place.
-        """
+        """Begin new episodes, by place, and return the values drawn for each."""
         drawn = {place: self.source.draw(random) for place, random in randoms.items()}
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
@@ -97,7 +93,7 @@ class EpisodeBatch:
         return {place: episode.drawn for place, episode in drawn.items()}
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
-        """Set gains, run until the next decision, and return what came of it.
+        """Set gains, run until the next decision, and return the outcome.
 
         Args:
             actions: of all places, (places, gains), clipped to -1 to 1.
@@ -130,7 +126,7 @@ class EpisodeBatch:
 
     @property
     def measured(self) -> Measured:
-        """What the last interval of every place was like."""
+        """Measurements of the last interval at every place."""
         return Measured.of(self._rows, self.source.servo.period, self._peak)
 
     def record(self, place: int) -> Run:
@@ -153,12 +149,12 @@ class EpisodeBatch:
         return machine, run, len(run.time) - 1
 
     def follower(self, place: int) -> Run:
-        """Return the record of the whole episode as it would be without any tracking error."""
+        """Return the record of the whole episode without tracking error."""
         simulation = self._episode(place).simulation
         return perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
 
     def _run(self, places: Sequence[int]) -> None:
-        """Step until the next decision, or where that comes first to the end of the longest episode."""
+        """Step until the next decision, or the end of the longest episode where that comes first."""
         steps = None
         if self.source.ticks is not None:
             runs = [self._batch.runs[place] for place in places]
@@ -177,10 +173,9 @@ class EpisodeBatch:
         gains[places, : self._axes, GAIN_NAMES.index("ki")] = self._centre["ki"] * factor[:, GAINS.index("kp")]
 
     def _measure(self, place: int, last: int) -> None:
-        """Look at the ticks that have come since the last decision."""
-        episode = self._episode(place)
+        """Measure the ticks since the last decision."""
+        episode, row = self._episode(place), self._rows[place]
         simulation = episode.simulation
-        row = self._rows[place]
         self._foot[place] = measure(  # type: ignore[no-untyped-call]
             simulation.log,
             int(self._measured[place]),
@@ -203,7 +198,7 @@ class EpisodeBatch:
         left = self._setpoints - self._batch.field("index")
         faulty = advanced & (self._batch.field("fault") != 0)
         ended = advanced & (left <= 0) & ~faulty
-        alone = self.source.ticks is None  # after its decision nothing is left that could be worth something
+        alone = self.source.ticks is None  # the episode has one decision
         ripple = measured.ripple.max(axis=1)
         undone = 1 if alone else 1 + left // self.source.ticks
         terms = {
