@@ -23,14 +23,14 @@ def advance(
     hook: AbstractContextManager[None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> None:
-    """Step simulations until all are done, by their last setpoint or a fault, or have made a number of steps.
+    """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
 
     It returns early where MuJoCo does not call the servo, which `Started.record` reports.
 
     Args:
-        step: makes so many physics steps of the simulations of these numbers; Ctrl-C is delivered between its calls.
+        step: makes a number of physics steps of some of the simulations; Ctrl-C takes effect between its calls.
         runs: the simulations by number.
-        steps: number of physics steps; None for as many as it takes.
+        steps: number of physics steps; by default as many as it takes.
         hook: context in which the servo is MuJoCo's control callback, by default that of the compiled law.
         progress: called after every call of `step` with the number of setpoints that all simulations have sent.
     """
@@ -62,13 +62,11 @@ class Stepper:
         self.run = simulation.start(self.data.qpos, self.data.userdata)
 
     def advance(
-        self,
-        steps: int | None = None,
-        *,
-        law: PlainLaw | None = None,
-        progress: Callable[[int], None] | None = None,
+        self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None
     ) -> None:
-        """Step until it is done or has made a number of steps, with its servo's law or one in plain Python."""
-        model, data = self.run.simulation.model, self.data
-        hook = None if law is None else installed_law(data, law)
-        advance(lambda count, _: mujoco.mj_step(model, data, count), {0: self.run}, steps, hook=hook, progress=progress)
+        """Step until the run is done or has made a number of steps, with its servo's law or one in plain Python."""
+        hook = None if law is None else installed_law(self.data, law)
+        advance(self._step, {0: self.run}, steps, hook=hook, progress=progress)
+
+    def _step(self, steps: int, _: list[int]) -> None:
+        mujoco.mj_step(self.run.simulation.model, self.data, steps)

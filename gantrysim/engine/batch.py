@@ -79,10 +79,17 @@ def simulate_batch(
 
 
 def _simulations(**arguments: Any) -> list[Simulation]:
-    several = {name: list(value) for name, value in arguments.items() if _is_several(value)}
+    several: dict[str, list[Any]] = {}
     for name, value in arguments.items():
+        types, words = _TYPES[name]
+        if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
+            several[name] = list(value)
         for number, one in enumerate(several.get(name, [value])):
-            _check(name, one, number if name in several else None)
+            if not isinstance(one, types) or isinstance(one, bool):
+                where, more = (
+                    (f"[{number}]", "") if name in several else ("", ", or a list, a tuple or an array of them")
+                )
+                raise InputError(f"{name}{where} is of type {type(one).__name__}: must be {words}{more}")
     lengths = {name: len(values) for name, values in several.items()}
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
@@ -100,19 +107,7 @@ def _simulations(**arguments: Any) -> list[Simulation]:
     return simulations
 
 
-def _is_several(value: Any) -> bool:
-    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
-
-
-def _check(name: str, value: Any, number: int | None) -> None:
-    """Raise InputError where an argument, or that of one simulation, has a wrong type."""
-    types, words = _ONE[name]
-    if not isinstance(value, types) or isinstance(value, bool):
-        where, more = ("", ", or a list, a tuple or an array of them") if number is None else (f"[{number}]", "")
-        raise InputError(f"{name}{where} is of type {type(value).__name__}: must be {words}{more}")
-
-
-_ONE: dict[str, tuple[tuple[type, ...], str]] = {
+_TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "machine": ((Machine,), "a Machine"),
     "servo": ((Servo,), "a Servo"),
     "setpoints": ((Setpoints,), "Setpoints"),

@@ -26,27 +26,25 @@ def simulate(
 ) -> Run:
     """Run setpoints on a machine and return the record.
 
-    The machine starts at rest at the first setpoint. At every servo period the encoders are sampled and
-    the law's torque demands go out, to be held until the next; the physics makes a whole number of steps
-    per period. The record has one row per servo tick, taken at the instant of the sample.
+    The machine starts at rest at the first setpoint. At every servo period the encoders are sampled and the law's torque
+    demands are updated; the physics makes a whole number of steps per period.
 
     Args:
         machine: the machine.
         servo: the servo, with as many axes as the machine and the setpoints' period.
         setpoints: commanded positions; axes of the machine that they leave out are held at zero.
-        physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; the servo
-            period is divided evenly [s].
-        dispenser: of the glue; by default there is none.
+        physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; it is reduced so
+            as to divide the servo period evenly [s].
+        dispenser: dispenser of the glue, by default none.
         law: a law in plain Python instead of the servo's own; slower, and alone in the process.
-        progress: called now and then with the share of the job that is done, 0 to 1.
+        progress: called now and then with the completed share, 0 to 1.
 
     Returns:
-        The record; it is longer than the setpoints by the ticks that the stream waits at their gates. A drive that
-        trips ends it there: see `Run.fault`.
+        The record, longer than the setpoints by the ticks of waiting at their gates; a fault ends it early.
 
     Raises:
-        InputError: setpoints that the machine cannot follow: an unknown axis, a position outside the travel,
-            a speed above the limit. A dispenser whose start lead is longer than the setpoints wait.
+        InputError: setpoints with an unknown axis, a position outside the travel or a speed above the limit, or a
+            dispenser's start lead longer than the time before the first dispensing.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser)
     stepper, count = Stepper(simulation), len(simulation.position)
@@ -55,18 +53,17 @@ def simulate(
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:
-    """Return the record of a machine that follows its setpoints exactly, motors and nozzle.
+    """Return the record of a machine that follows its setpoints exactly, without servo, torque, waits or faults.
 
-    It shows what the controller's program alone does to the bead. There is no servo and no torque, no tick more than
-    there are setpoints, and no fault.
+    It shows the effect of the controller's program alone on the bead.
 
     Args:
-        machine: the machine, for its axes and where they put the nozzle.
-        setpoints: commanded positions, as for `simulate`.
-        dispenser: of the glue; by default there is none.
+        machine: the machine.
+        setpoints: commanded positions.
+        dispenser: dispenser of the glue, by default none.
 
     Raises:
-        InputError: setpoints that the machine cannot follow, as for `simulate`.
+        InputError: as by `simulate`.
     """
     return perfect_record(
         machine, setpoints, axis_positions(machine, setpoints), checked_dispenser(dispenser, setpoints)
