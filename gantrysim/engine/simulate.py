@@ -26,8 +26,8 @@ def simulate(
 ) -> Run:
     """Run setpoints on a machine and return the record.
 
-    The machine starts at rest at the first setpoint. At every servo period the encoders are sampled and the law's torque
-    demands are updated; the physics makes a whole number of steps per period.
+    The machine starts at rest at the first setpoint. Once per servo period the encoders are sampled and the torque
+    demands updated; the physics makes a whole number of steps per period.
 
     Args:
         machine: the machine.
