@@ -1,4 +1,4 @@
-"""Native code: how numba compiles a function."""
+"""Compilation by numba, with numbers that behave as NumPy's (a division by zero gives inf)."""
 
 from __future__ import annotations
 
@@ -11,5 +11,10 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def jit(function: _Function) -> _Function:
-    """Compile a function for numbers as NumPy treats them, and keep what is compiled on the disk."""
+    """Compile a function and cache the result on disk."""
     return numba.njit(cache=True, error_model="numpy")(function)
+
+
+def inner_jit(function: _Function) -> _Function:
+    """Compile a function that only compiled functions call; it becomes a part of them, also in their cache."""
+    return numba.njit(error_model="numpy")(function)

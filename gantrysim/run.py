@@ -1,4 +1,4 @@
-"""The record of a run: arrays with one row per servo tick, saved to and loaded from one file."""
+"""The record of a run: arrays with one row per servo tick, saved to and loaded from a file."""
 
 from __future__ import annotations
 
@@ -27,12 +27,11 @@ class Fault:
     Attributes:
         kind: "following error", "travel", "overspeed", "oscillation", "diverged", "position error" or "settling".
         axis: name of the axis that tripped.
-        time: time of the servo tick that saw it [s].
-        value: the quantity there.
-        limit: its bound.
-        unit: of both: that of the axis, mm or deg, and with /s its speed's; N·m of an absurd torque; swings of the
-            torque demand from limit to limit.
-        reaction: what the controller does, where it makes a difference.
+        time: time of the servo tick that detected it [s].
+        value: value of the quantity there.
+        limit: bound of the quantity.
+        unit: unit of both: mm or deg, mm/s or deg/s, N·m, or swings of the torque demand from limit to limit.
+        reaction: reaction of the controller, where kinds differ in it.
     """
 
     kind: str
@@ -44,19 +43,17 @@ class Fault:
     reaction: str = ""
 
     def __str__(self) -> str:
+        text = f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s"
         if self.kind == "oscillation":
-            figures = f": the torque demand has swung {self.value:g} times from limit to limit"
+            text += f": the torque demand has swung {self.value:g} times from limit to limit"
         elif np.isfinite(self.limit):
-            figures = f": {self.value:.4g} {self.unit}, limit {self.limit:.4g} {self.unit}"
-        else:
-            figures = ""
-        reaction = f"; {self.reaction}" if self.reaction else ""
-        return f"{self.kind} on axis {self.axis} at t = {self.time:.4f} s{figures}{reaction}"
+            text += f": {self.value:.4g} {self.unit}, limit {self.limit:.4g} {self.unit}"
+        return f"{text}; {self.reaction}" if self.reaction else text
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What happened, one row per servo tick, at the instant of its sample. All arrays are read-only.
+    """The record of a run, one row per servo tick, at the instant of its sample. All arrays are read-only.
 
     Attributes:
         machine: name of the machine.
@@ -66,18 +63,18 @@ class Run:
         period: servo period [s].
         time: (n,) [s].
         commanded: setpoints, DPOS, (n, axes) [u].
-        encoder: positions as the controller measured them, MPOS, in whole counts, (n, axes) [u].
-        motor: positions of the motors that the encoders counted, (n, axes) [u].
-        commanded_tip, encoder_tip, motor_tip: where `commanded`, `encoder` and `motor` would put the nozzle on a
-            rigid machine, in the work frame, (n, 3) [mm].
+        encoder: measured positions, MPOS, in whole encoder counts, (n, axes) [u].
+        motor: exact positions of the motors, (n, axes) [u].
+        commanded_tip, encoder_tip, motor_tip: nozzle positions of a rigid machine at `commanded`, `encoder` and
+            `motor`, in the work frame, (n, 3) [mm].
         nozzle: the nozzle's tip in the work frame, (n, 3) [mm].
         demand: torque demand of the servo, after its limit, (n, axes) [N·m].
         torque: electromagnetic torque of the motor, (n, axes) [N·m].
         current: motor current, (n, axes) [A]; nan for an ideal torque source.
-        voltage: terminal voltage as the tick's demand sets it, (n, axes) [V]; nan likewise.
-        flow: glue out of the nozzle, the mean over the period that follows the tick, (n,) [mm³/s]; so what is laid is
+        voltage: terminal voltage at the tick's demand, (n, axes) [V]; nan likewise.
+        flow: flow out of the nozzle, the mean over the period after the tick, (n,) [mm³/s]; the volume laid is
             sum(flow[:-1]) * period.
-        flow_demand: the flow that the program asks for over the same period, (n,) [mm³/s].
+        flow_demand: flow demanded by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
         gap: height of the nozzle above the work where its z is 0 [mm].
         fault: why the run ended early, or None.
@@ -107,11 +104,12 @@ class Run:
     fault: Fault | None = None
 
     def __post_init__(self) -> None:
-        for name, value in list(vars(self).items()):
+        for field in fields(self):
+            value = getattr(self, field.name)
             if isinstance(value, np.ndarray):
                 own = value.copy()  # the caller's array stays the caller's
                 own.flags.writeable = False
-                object.__setattr__(self, name, own)
+                object.__setattr__(self, field.name, own)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the record to a NumPy .npz file."""
@@ -128,7 +126,7 @@ class Run:
         """Read a record that `save` has written.
 
         Raises:
-            InputError: no such file, or not a record of this format.
+            InputError: no such file, or no record in a format that is read.
         """
         try:
             with np.load(FilePath(file), allow_pickle=False) as arrays:

@@ -17,13 +17,13 @@ from rich.console import Console
 from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
+from gantrysim.controllers.servo import DERIVED, GAIN_NAMES
 from gantrysim.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.plots.style import UM, sheet, thinned, turn_colours
 from gantrysim.stability.margins import Plant
 
-GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
-BY_HAND = {name: (name,) for name in GAINS} | {"ff": ("velocity_ff", "acceleration_ff")}
+BY_HAND = {name: (name,) for name in GAIN_NAMES} | {"ff": ("velocity_ff", "acceleration_ff")}
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("job", nargs="?", default="fanuc-spiral", help="a built-in job or a TOML file")
@@ -95,7 +95,7 @@ for line in arguments.changes or iter(prompt, "q"):
 arguments.out.mkdir(parents=True, exist_ok=True)
 servo = trials[-1][1]
 settings = {name: getattr(job.servo, name) for name in ("period", "delay", "following_error_limit")}
-settings |= {name: list(getattr(servo, name)) for name in (*GAINS, "torque_limit", "resolution")}
+settings |= {each.name: list(getattr(servo, each.name)) for each in DERIVED}
 (arguments.out / "tuned.toml").write_text(tomli_w.dumps({"servo": settings}))
 with sheet(9.0, 4.5) as figure:
     axes = figure.add_subplot(xlabel="distance along the path [mm]", ylabel="contour error, positive to the left [µm]")

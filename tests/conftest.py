@@ -5,10 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from gantrysim import Machine
 from gantrysim.cli.main import main
 from gantrysim.controllers.paths.arcs import ArcChain
+
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 RIGID = """
 <mujoco model="rigid">

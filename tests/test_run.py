@@ -1,4 +1,4 @@
-"""The record, and its way through a file."""
+"""The record of a run, in memory and in a file."""
 
 import dataclasses
 
@@ -28,7 +28,7 @@ def run(xy) -> Run:
 
 
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
-def test_a_saved_run_comes_back_to_the_last_bit(xy, tmp_path, path):
+def test_a_saved_run_is_loaded_to_the_last_bit(xy, tmp_path, path):
     run = simulate(xy, Servo.derive(xy.axes), Setpoints.along(path, 80.0, 1e-3), dispenser=Dispenser(flow=80.0))
     run.save(tmp_path / "run.npz")
     again = Run.load(tmp_path / "run.npz")
@@ -86,7 +86,7 @@ def test_units_of_the_axes_and_of_a_fault_survive_the_file(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", None])
-def test_what_is_no_record_is_refused(tmp_path, content):
+def test_a_file_that_is_no_record_is_refused(tmp_path, content):
     file = tmp_path / "run.npz"
     if content is not None:
         file.write_bytes(content)

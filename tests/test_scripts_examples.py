@@ -10,6 +10,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from gantrysim import Job
+from gantrysim.controllers.servo import GAIN_NAMES
 from gantrysim.metrics.analysis import Analysis
 
 from support.episodes import SHORT, TUNING, actions_of
@@ -149,8 +150,9 @@ def test_the_agent_beats_the_detuned_start_and_is_compared_with_the_tuner(script
     observation, _ = env.reset(seed=names["SEED"])
     for servo in servos:
         observation, *_ = env.step(names["agent"].predict(observation, deterministic=True)[0])
-        for gain in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff"):
-            assert env._episodes._batch.field(gain)[0, :2] == pytest.approx(getattr(servo, gain), rel=SINGLE)
+        for k, gain in enumerate(GAIN_NAMES):
+            gains = env._episodes._batch.field("gains")[0, :2, k]
+            assert gains == pytest.approx(getattr(servo, gain), rel=SINGLE)
 
 
 def check_the_adapter(kind):

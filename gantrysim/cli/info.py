@@ -11,7 +11,7 @@ from rich.table import Table
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import described
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import DERIVED, Servo
 from gantrysim.job.job import Job, ServoSettings, builtin_jobs, job_text
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine, builtin_models
@@ -70,6 +70,7 @@ def settings_table() -> Table:
     for name, field in ServoSettings.model_fields.items():
         default = "derived" if field.default is None else f"{field.default:g}"
         table.add_row(name, default, escape(field.description or ""))
+    table.caption = "derived: from the axes, unless given as one number or a list of one per axis"
     return table
 
 
@@ -90,26 +91,20 @@ def glue_table() -> Table:
 
 def gains_table(period: float = ServoSettings().period) -> Table:
     """Return the default gains of each machine at a servo period [s]."""
-    columns = {
-        "kp": "kp",
-        "kd": "kd",
-        "velocity\n_ff": "velocity_ff",
-        "accelera-\ntion_ff": "acceleration_ff",
-        "torque\nlimit": "torque_limit",
-    }
+    servos = {name: Servo.derive(Machine(name).axes, period) for name in builtin_models()}
+    shown = [g for g in DERIVED if g.name != "resolution" and any(any(getattr(s, g.name)) for s in servos.values())]
+    units = ", ".join(f"{g.name} {g.unit}" for g in shown)
     table = _table(
         f"default gains at a servo period of {1e3 * period:g} ms",
         ("machine", "axis"),
-        ("Hz", *columns),
-        "Hz: natural frequency; kp N·m/u, kd and velocity_ff N·m·s/u, acceleration_ff N·m·s²/u, torque limit N·m; "
-        "u: mm or deg",
+        ("Hz", *(g.name.replace("_", "\n_") for g in shown)),
+        f"Hz: natural frequency; {units}; u: mm or deg",
     )
-    for name in builtin_models():
+    for name, servo in servos.items():
         axes = Machine(name).axes
-        servo = Servo.derive(axes, period)
         for a, axis in enumerate(axes):
             frequency = math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi)
-            gains = [f"{getattr(servo, gain)[a]:.3g}" for gain in columns.values()]
+            gains = [f"{getattr(servo, g.name)[a]:.3g}" for g in shown]
             table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
         table.add_section()
     return table

@@ -5,22 +5,90 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, at_least, finite, positive
 
-# An axis further off than this is lost: between the 0.1 mm of a tuned gantry and the 10 mm of a jam.
-FOLLOWING_ERROR_LIMIT = 5.0  # [mm]
+FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
+
+
+class Parameter(NamedTuple):
+    """A parameter of the servo that has one value per axis.
+
+    Attributes:
+        name: field of `Servo`, key of a job file's [servo].
+        unit: in which u is the axis' own, mm or deg.
+        meaning: in a few words.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+
+
+# The gains, in the order in which `law` takes them. All other lists of gains follow from this one.
+GAINS = (
+    Parameter("kp", "N·m/u", "torque per following error"),
+    Parameter("ki", "N·m/(u·s)", "torque per integral of the following error"),
+    Parameter("kd", "N·m·s/u", "torque per rate of change of the following error"),
+    Parameter("velocity_ff", "N·m·s/u", "torque per demand velocity"),
+    Parameter("acceleration_ff", "N·m·s²/u", "torque per demand acceleration"),
+    Parameter("output_velocity", "N·m·s/u", "torque per measured velocity, 0; damps where negative"),
+)
+GAIN_NAMES = tuple(gain.name for gain in GAINS)
+
+# what `Servo.derive` takes from the axes unless it is given
+DERIVED = (
+    *GAINS,
+    Parameter("torque_limit", "N·m", "largest torque demand, the drive's own"),
+    Parameter("resolution", "u", "axis travel per encoder count, the machine's own; 0 for an exact encoder"),
+)
+
+
+def law(
+    error: float,
+    error_sum: float,
+    error_change: float,
+    demand_velocity: float,
+    demand_acceleration: float,
+    measured_velocity: float,
+    gains: tuple[float, ...],
+) -> float:
+    """Return the torque demand of one axis at one servo tick [N·m].
+
+        out = kp E + ki T sum(E) + kd dE/T + velocity_ff dDPOS/T + acceleration_ff ddDPOS/T^2
+              + output_velocity dMPOS/T,        E = DPOS - MPOS
+
+    d is the change since the last tick, T the servo period. This is the law of Trio's servo (P_GAIN,
+    I_GAIN, D_GAIN, VFF_GAIN, OV_GAIN) in units of length and time instead of edges and ticks, with an
+    acceleration term.
+
+    Args:
+        error: following error E [mm].
+        error_sum: T times the sum of E over all ticks so far [mm·s].
+        error_change: dE/T [mm/s].
+        demand_velocity: dDPOS/T [mm/s].
+        demand_acceleration: ddDPOS/T^2 [mm/s²].
+        measured_velocity: dMPOS/T [mm/s].
+        gains: in the order of `GAINS`.
+    """
+    kp, ki, kd, velocity_ff, acceleration_ff, output_velocity = gains
+    return (
+        kp * error
+        + ki * error_sum
+        + kd * error_change
+        + velocity_ff * demand_velocity
+        + acceleration_ff * demand_acceleration
+        + output_velocity * measured_velocity
+    )
 
 
 class AxisDynamics(Protocol):
-    """What the derivation of gains must know of an axis."""
+    """What the derivation of gains needs to know of an axis."""
 
-    @property
-    def name(self) -> str: ...
     @property
     def inertia(self) -> float:
         """Motor torque per acceleration of the axis [N·m·s²/mm]."""
@@ -42,56 +110,9 @@ class AxisDynamics(Protocol):
         """Axis travel per encoder count, 0 for an exact measurement [mm]."""
 
 
-def law(
-    error: float,
-    error_sum: float,
-    error_change: float,
-    demand_velocity: float,
-    demand_acceleration: float,
-    measured_velocity: float,
-    kp: float,
-    ki: float,
-    kd: float,
-    velocity_ff: float,
-    acceleration_ff: float,
-    output_velocity: float,
-) -> float:
-    """Return the torque demand of one axis at one servo tick [N·m].
-
-        out = kp E + ki T sum(E) + kd dE/T + velocity_ff dDPOS/T + acceleration_ff ddDPOS/T^2
-              + output_velocity dMPOS/T,        E = DPOS - MPOS
-
-    d is the change since the last tick, T the servo period. This is the law of Trio's servo (P_GAIN,
-    I_GAIN, D_GAIN, VFF_GAIN, OV_GAIN) in units of length and time instead of edges and ticks, with an
-    acceleration term; a negative output_velocity damps.
-
-    Args:
-        error: following error E [mm].
-        error_sum: T times the sum of E over all ticks so far [mm·s].
-        error_change: dE/T [mm/s].
-        demand_velocity: dDPOS/T [mm/s].
-        demand_acceleration: ddDPOS/T^2 [mm/s²].
-        measured_velocity: dMPOS/T [mm/s].
-        kp: [N·m/mm].
-        ki: [N·m/(mm·s)].
-        kd: [N·m·s/mm].
-        velocity_ff: [N·m·s/mm].
-        acceleration_ff: [N·m·s²/mm].
-        output_velocity: [N·m·s/mm].
-    """
-    return (
-        kp * error
-        + ki * error_sum
-        + kd * error_change
-        + velocity_ff * demand_velocity
-        + acceleration_ff * demand_acceleration
-        + output_velocity * measured_velocity
-    )
-
-
 @dataclass(frozen=True)
 class Tick:
-    """What a user's own law is given at each servo tick.
+    """Inputs of a user's own law at one servo tick.
 
     Attributes:
         time: time of the tick [s].
@@ -115,7 +136,7 @@ class Tick:
 
 
 class PlainLaw(Protocol):
-    """A law in plain Python: torque demands of all axes [N·m], from what one tick measures."""
+    """A law in plain Python: returns the torque demands of all axes at one tick, (axes,) [N·m]."""
 
     def __call__(self, tick: Tick, /) -> ArrayLike: ...
 
@@ -124,15 +145,14 @@ class PlainLaw(Protocol):
 class Servo:
     """Period, gains and limits of a sampled servo; every gain has one value per axis.
 
-    The output is computed once per period from the quantised position, comes into force `delay` later
-    and is held until the next. It is clamped to the torque limit, and the error sum stands still while
-    the clamp holds the output on the side to which the error would drive it.
+    The output is computed once per period from the quantised position, takes effect `delay` later and is
+    held until the next. It is clamped to the torque limit; the error sum is frozen while the output is
+    clamped on the side to which the error drives it (anti-windup).
 
     Attributes:
         period: servo period T [s].
-        kp, ki, kd, velocity_ff, acceleration_ff, output_velocity: gains as in `law`.
-        torque_limit: largest torque demand [N·m].
-        resolution: axis travel per encoder count, 0 for an exact measurement [mm].
+        kp, ki, kd, velocity_ff, acceleration_ff, output_velocity: as in `GAINS`.
+        torque_limit, resolution: as in `DERIVED`.
         following_error_limit: error at which the drives are disabled [mm].
         delay: time from the sample to the output, at most one period [s].
     """
@@ -183,20 +203,20 @@ class Servo:
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
 
         With the inertia J at the motor, kp = J w^2 and kd = 2 zeta J w place the poles of the continuous
-        loop at the natural frequency w; ki = kp / integral_time. Feed-forward takes over the inertia and
-        what viscous friction the error's own derivative does not see. All axes get one frequency, so
-        that their lags match and a circle stays round.
+        loop at the natural frequency w; ki = kp / integral_time. Feed-forward supplies the torque for the
+        inertia and the viscous friction. All axes get one frequency, so that their lags match and a circle
+        stays round.
 
         Args:
             axes: the machine's axes.
             period: servo period [s].
             frequency: natural frequency w / 2 pi; by default the one that `natural_frequency` gives [Hz].
             damping: damping ratio zeta.
-            feedforward: share of the computed feed-forward that is used, 0 to 1.
+            feedforward: share of the computed feed-forward, 0 to 1.
             integral_time: kp / ki [s].
             following_error_limit: for every axis [mm].
             delay: from sample to output [s].
-            given: any gain, torque_limit or resolution that is not to be derived, one value or one per axis.
+            given: any of `DERIVED` to override, one value or one per axis.
         """
         axes = list(axes)
         if not axes:
@@ -233,7 +253,7 @@ class Servo:
 
 
 def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
-    """Return the natural frequency of a PD loop that keeps a share of its phase margin despite a lag [Hz].
+    """Return the natural frequency at which a PD loop with a lag keeps a share of its phase margin [Hz].
 
     The loop L(s) = (2 zeta w s + w^2) / s^2 crosses over at wc = w c, c^2 = 2 zeta^2 + sqrt(4 zeta^4 + 1),
     with the phase margin atan(2 zeta c): 76 degrees where zeta is 1. A lag tau takes wc tau of it, so that
@@ -243,7 +263,7 @@ def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
     Args:
         lag: tau [s].
         damping: damping ratio zeta.
-        kept: share of the phase margin that is left.
+        kept: share of the phase margin that remains.
     """
     zeta = positive("damping", damping)
     c = math.sqrt(2 * zeta**2 + math.sqrt(4 * zeta**4 + 1))

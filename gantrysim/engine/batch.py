@@ -1,4 +1,4 @@
-"""Many simulations at once: each on a row of MuJoCo's batch, stepped on threads without Python in between."""
+"""Many simulations at once, on threads: `mujoco.batch.Batch` steps them without Python in between."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.engine.simulate import CALLS
-from gantrysim.engine.simulation import Row, Simulation
+from gantrysim.engine.advance import advance
+from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.hook import installed
-from gantrysim.native.row import ROW
+from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.run import Run
 
 
@@ -35,68 +34,66 @@ def simulate_batch(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Run]:
-    """Run many simulations on threads and return their records, each the same to the last bit as by `simulate`.
+    """Run many simulations on threads and return their records, equal to those of `simulate` to the last bit.
 
-    Every argument is one for all, or a list, a tuple or an array with one for each simulation. Machines of different
-    MJCF files, servo periods and lengths may stand side by side; those of one file, perturbed or not, share a batch of
-    MuJoCo's.
+    Every argument is one for all, or a list, a tuple or an array with one per simulation. MJCF files, servo periods and
+    lengths may differ; machines of one file, perturbed or not, share one of MuJoCo's batches.
 
     Args:
         machine: the machines.
         servo: the servos.
         setpoints: the commanded positions.
-        physics_step: longest physics step, as for `simulate` [s].
-        dispenser: of the glue, as for `simulate`.
+        physics_step: longest physics step, see `simulate` [s].
+        dispenser: dispenser of the glue, see `simulate`.
         threads: number of threads; by default all cores.
-        progress: called now and then with the share of all servo ticks that is done, 0 to 1.
+        progress: called now and then with the completed share, 0 to 1.
 
     Returns:
         The records, in order. A fault ends its own simulation only: see `Run.fault`.
 
     Raises:
-        InputError: an argument that is neither one nor a list, a tuple or an array of them; lists of different
-            lengths, no simulation at all, or what `simulate` would refuse, with the number of the simulation.
+        InputError: an argument of a wrong type, lists of different lengths, no simulation at all, or what `simulate`
+            refuses, with the number of the simulation.
     """
     simulations = _simulations(
-        {
-            "machine": machine,
-            "servo": servo,
-            "setpoints": setpoints,
-            "physics_step": physics_step,
-            "dispenser": dispenser,
-        }
+        machine=machine, servo=servo, setpoints=setpoints, physics_step=physics_step, dispenser=dispenser
     )
-    places: dict[Path, dict[int, int]] = {}  # by MJCF file: place in the batch to number of the simulation
+    groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
     for number, simulation in enumerate(simulations):
-        group = places.setdefault(simulation.machine.source, {})
-        group[len(group)] = number
-    every = sum(len(simulation.position) for simulation in simulations)
+        groups.setdefault(simulation.machine.source, []).append(number)
+    total = sum(len(simulation.position) for simulation in simulations)
     records: dict[int, Run] = {}
     before = 0
-    for group in places.values():
-        own = {place: simulations[number] for place, number in group.items()}
-        batch = Batch(own[0].machine, len(own), threads)
-        batch.load(own)
 
-        def tell(done: int, before: int = before) -> None:
-            if progress is not None:
-                progress((before + done) / every)
+    def report(sent: int) -> None:
+        if progress is not None:
+            progress((before + sent) / total)
 
-        batch.finish(own, tell)
-        before += sum(len(simulation.position) for simulation in own.values())
-        records |= {number: own[place].record(batch.rows[place]) for place, number in group.items()}
+    for numbers in groups.values():
+        batch = Batch(simulations[numbers[0]].machine, len(numbers), threads)
+        batch.load({place: simulations[number] for place, number in enumerate(numbers)})
+        batch.advance(progress=report)
+        before += sum(len(simulations[number].position) for number in numbers)
+        records |= {number: batch.runs[place].record() for place, number in enumerate(numbers)}
     return [records[number] for number in range(len(simulations))]
 
 
-def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
-    several = {name: list(value) for name, value in arguments.items() if _is_several(value)}
+def _simulations(**arguments: Any) -> list[Simulation]:
+    several: dict[str, list[Any]] = {}
     for name, value in arguments.items():
+        types, words = _TYPES[name]
+        if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
+            several[name] = list(value)
         for number, one in enumerate(several.get(name, [value])):
-            _check(name, one, number if name in several else None)
+            if not isinstance(one, types) or isinstance(one, bool):
+                where, more = (
+                    (f"[{number}]", "") if name in several else ("", ", or a list, a tuple or an array of them")
+                )
+                raise InputError(f"{name}{where} is of type {type(one).__name__}: must be {words}{more}")
     lengths = {name: len(values) for name, values in several.items()}
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{length} of {name}" for name, length in lengths.items())
-        raise InputError(f"a batch of {said}: must be one for all, or as many of each")
+        counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
+        raise InputError(f"a batch of {counts}: must be one for all, or as many of each")
     count = min(lengths.values(), default=1)
     if not count:
         raise InputError("a batch of no simulation: must have at least one")
@@ -110,19 +107,7 @@ def _simulations(arguments: Mapping[str, Any]) -> list[Simulation]:
     return simulations
 
 
-def _is_several(value: Any) -> bool:
-    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
-
-
-def _check(name: str, value: Any, number: int | None) -> None:
-    """Raise InputError where an argument, or the one of a simulation by its number, is of another type."""
-    types, words = _ONE[name]
-    if not isinstance(value, types) or isinstance(value, bool):
-        where, more = ("", ", or a list, a tuple or an array of them") if number is None else (f"[{number}]", "")
-        raise InputError(f"{name}{where} is of type {type(value).__name__}: must be {words}{more}")
-
-
-_ONE: dict[str, tuple[tuple[type, ...], str]] = {
+_TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "machine": ((Machine,), "a Machine"),
     "servo": ((Servo,), "a Servo"),
     "setpoints": ((Setpoints,), "Setpoints"),
@@ -135,12 +120,12 @@ class Batch:
     """Places for simulations of one machine, perturbed or not, that are stepped together.
 
     Args:
-        machine: whose MJCF all simulations share.
+        machine: machine whose MJCF file all simulations share.
         places: number of simulations.
         threads: number of threads; by default all cores.
 
     Attributes:
-        rows: the servos' rows by place, once they are loaded; live views of the state.
+        runs: the simulations by place, once they are loaded.
 
     Raises:
         InputError: a number of places or threads below one.
@@ -153,17 +138,17 @@ class Batch:
         self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
         self._models = [machine.physics] * places
         self._source = machine.source
-        self._loaded: dict[int, Simulation] = {}  # kept, for the servos read and write their arrays
-        self.rows: dict[int, Row] = {}
+        self._loaded: dict[int, Simulation] = {}
+        self.runs: dict[int, Started] = {}
 
     def load(self, simulations: Mapping[int, Simulation]) -> None:
-        """Put simulations at their start into places, over whatever is there.
+        """Put simulations, at their start, into places.
 
         Args:
-            simulations: by place; their logs are written to as the batch steps.
+            simulations: by place; the batch writes to their logs.
 
         Raises:
-            GantryError: a simulation of a machine of another MJCF.
+            GantryError: a machine of another MJCF file.
         """
         for place, simulation in simulations.items():
             if simulation.machine.source != self._source:
@@ -172,47 +157,29 @@ class Batch:
         self._batch.set_models(self._models)
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
         for place, simulation in simulations.items():
-            self._loaded[place] = simulation  # before its row is armed with addresses of its arrays
-            self.rows[place] = simulation.start(self._qpos[place], self._userdata[place])
+            self._loaded[place] = simulation  # kept alive before its row is armed with addresses of its arrays
+            self.runs[place] = simulation.start(self._qpos[place], self._userdata[place])
 
-    def step(self, steps: int, places: Sequence[int] | None = None) -> None:
-        """Step simulations; one that is done does no more than idle.
+    def advance(
+        self,
+        places: Iterable[int] | None = None,
+        steps: int | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Step simulations until all are done or have made a number of steps, see `gantrysim.engine.advance`.
 
         Args:
+            places: of the simulations, by default all.
             steps: number of physics steps of each.
-            places: of those to be stepped, by default all.
+            progress: called after every call of MuJoCo with the number of setpoints that all of them have sent.
         """
-        with installed():
-            self._batch.step(places, nstep=steps)
-
-    def finish(self, places: Iterable[int], tell: Callable[[int], None] | None = None) -> None:
-        """Step simulations until all are done, in calls that Ctrl-C can come between.
-
-        Args:
-            places: of the simulations.
-            tell: called after every call with the number of setpoints that all of them have sent.
-        """
-        simulations = {place: self._loaded[place] for place in places}
-        rows = self.rows
-        most = max(simulation.steps_left(rows[place]) for place, simulation in simulations.items()) // CALLS + 1
-        begun = -1
-        while left := [place for place, simulation in simulations.items() if not simulation.done(rows[place])]:
-            steps = sum(int(rows[place][0]["steps"]) for place in simulations)
-            if steps == begun:  # MuJoCo does not call the servo: a record says so
-                return
-            begun = steps
-            self.step(min(max(simulations[place].steps_left(rows[place]) for place in left), most), left)
-            if tell is not None:
-                tell(sum(int(rows[place][0]["index"]) for place in simulations))
+        runs = self.runs if places is None else {place: self.runs[place] for place in places}
+        advance(lambda count, left: self._batch.step(left, nstep=count), runs, steps, progress=progress)
 
     def field(self, name: str) -> NDArray[Any]:
-        """Return a field of all servos' rows, a live view of the state, (places,) or of the axes (places, MAX_AXES).
+        """Return a field of all servos' rows, a live view of the state, (places,) and the field's own shape.
 
         Args:
             name: as in `gantrysim.native.row`.
         """
-        assert ROW.fields is not None  # that of a structure
-        kind, offset = ROW.fields[name][:2]
-        numbers: NDArray[Any] = self._userdata.view(kind.base)
-        first = offset // numbers.itemsize
-        return numbers[:, first : first + kind.shape[0]] if kind.shape else numbers[:, first]
+        return self._userdata[:, :ROW_NUMBERS].view(ROW)[name][:, 0]

@@ -1,4 +1,4 @@
-"""The record of a simulation, from the log that its servo has written."""
+"""The record of a simulation, from the log of its servo."""
 
 from __future__ import annotations
 
@@ -8,75 +8,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import FAULTS, POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 from gantrysim.run import Fault, Run
 
 
-def fault_of(machine: Machine, servo: Servo, row: np.void, timeout: float) -> Fault | None:
-    """Return the fault in a simulation's row, if there is one.
-
-    Args:
-        machine: that ran.
-        servo: that ran.
-        row: of the simulation, see `gantrysim.native.row`.
-        timeout: of a wait for settling [s].
-    """
-    if not row["fault"]:
-        return None
-    code, axis = int(row["fault"]), machine.axes[int(row["fault_axis"])]
-    kind = FAULTS[code]
-    value, limit = float(row["fault_value"]), float(row["fault_limit"])
-    unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
-    if kind == "diverged" and np.isfinite(limit):
-        unit = "N·m"  # of the demand; else it is the following error, which has no limit
-    reaction = {
-        POSITION_ERROR: "the motion stops",
-        POSITION_ERROR_AT_REST: "the drives are disabled",
-        SETTLING: f"not settled after {timeout:g} s",
-    }.get(code, "")
-    return Fault(kind, axis.name, float(row["fault_tick"] * servo.period), value, limit, unit, reaction)
-
-
 def record(
-    machine: Machine, setpoints: Setpoints, position: Floats, log: Floats, dispenser: Dispenser, fault: Fault | None
+    machine: Machine,
+    setpoints: Setpoints,
+    position: Floats,
+    log: NDArray[np.void],
+    dispenser: Dispenser,
+    fault: Fault | None,
 ) -> Run:
     """Return the record of a simulation.
 
     Args:
-        machine: that ran.
-        setpoints: that it was sent.
-        position: the same for all the machine's axes, (ticks, axes) [mm or deg].
-        log: of the servo, a row per tick, see `log_width`.
-        dispenser: that laid the glue.
+        machine: the machine of the run.
+        setpoints: its setpoints.
+        position: the same for all the machine's axes, (setpoints, axes) [mm or deg].
+        log: the servo's, (ticks,) of `gantrysim.native.row.LOG`.
+        dispenser: its dispenser.
         fault: why the run ended early, or None.
     """
     axes = position.shape[1]
-    # column by column, which is several times as fast as row by row
-    columns = np.ascontiguousarray(log.T)
-    encoder, nozzle, demand, current, motor_speed, motor, index = np.split(
-        columns, np.cumsum([axes, 3, axes, axes, axes, axes])
-    )
-    sent = index[0].astype(np.intp)
+
+    def column(name: str) -> Floats:
+        """A logged value, (axes, n): contiguous columns are several times as fast to work on as rows."""
+        return np.ascontiguousarray(log[name][:, :axes].T)
+
+    encoder, motor, motor_speed, demand, current = map(column, ("encoder", "motor", "motor_speed", "demand", "current"))
     constant = np.array([[axis.motor_constant] for axis in machine.axes])
     resistance = np.array([[axis.resistance] for axis in machine.axes])
     bus = np.array([[axis.bus_voltage] for axis in machine.axes])
     peak = np.array([[axis.peak_torque] for axis in machine.axes])
-    torque = machine.drive_gain[:, None] * demand  # that the drive is about to give
+    torque = machine.drive_gain[:, None] * demand  # about to be delivered
     # the drive's law: terminal voltage for the demanded torque, back-EMF compensated, within the bus
     voltage = np.clip(resistance / constant * torque + constant * motor_speed, -bus, bus)
     current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
     torque = np.clip(np.where(np.isnan(constant), torque, constant * current), -peak, peak)
     return Run(
-        **_sent(machine, setpoints, position, sent, dispenser),
+        **_sent(machine, setpoints, position, log["setpoint"], dispenser),
         encoder=encoder.T,
         encoder_tip=machine.tip(encoder.T),
         motor=motor.T,
         motor_tip=machine.tip(motor.T),
-        nozzle=nozzle.T,
+        nozzle=log["nozzle"],
         demand=demand.T,
         torque=torque.T,
         current=current.T,
@@ -86,7 +64,7 @@ def record(
 
 
 def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:
-    """Return the record of a machine that is where it is commanded to be, with no torque; arguments as in `record`."""
+    """Return the record of a machine without tracking error, and without torque; arguments as in `record`."""
     sent = _sent(machine, setpoints, position, np.arange(len(position)), dispenser)
     tip, none = sent["commanded_tip"], np.zeros_like(position)
     return Run(
@@ -104,9 +82,9 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
 
 
 def _sent(
-    machine: Machine, setpoints: Setpoints, position: Floats, sent: NDArray[np.intp], dispenser: Dispenser
+    machine: Machine, setpoints: Setpoints, position: Floats, sent: NDArray[np.integer], dispenser: Dispenser
 ) -> dict[str, Any]:
-    """What of a record follows from the setpoints alone, given the index of the one that each tick sent, (n,)."""
+    """Return the part of a record that follows from the setpoints, given the index of the one at each tick, (n,)."""
     commanded, dispense = position[sent], setpoints.dispense[sent]
     tip, period = machine.tip(commanded), setpoints.period
     steps = np.diff(tip, axis=0, append=tip[-1:])

@@ -1,21 +1,17 @@
-"""Runs setpoints, servo and machine at native speed: the servo lives inside MuJoCo's step."""
+"""Simulates one run: setpoints, servo and machine, at native speed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-import mujoco
-
 from gantrysim.controllers.servo import PlainLaw, Servo
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.advance import Stepper
 from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, axis_positions, checked_dispenser
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.hook import installed, installed_law
 from gantrysim.run import Run
-
-CALLS = 50  # of MuJoCo for a whole run
 
 
 def simulate(
@@ -30,58 +26,44 @@ def simulate(
 ) -> Run:
     """Run setpoints on a machine and return the record.
 
-    The machine starts at rest at the first setpoint. At every servo period the encoders are sampled and
-    the law's torque demands go out, to be held until the next; the physics makes a whole number of steps
-    per period. The record has one row per servo tick, taken at the instant of the sample.
+    The machine starts at rest at the first setpoint. Once per servo period the encoders are sampled and the torque
+    demands updated; the physics makes a whole number of steps per period.
 
     Args:
         machine: the machine.
         servo: the servo, with as many axes as the machine and the setpoints' period.
         setpoints: commanded positions; axes of the machine that they leave out are held at zero.
-        physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; the servo
-            period is divided evenly [s].
-        dispenser: of the glue; by default there is none.
+        physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; it is reduced so
+            as to divide the servo period evenly [s].
+        dispenser: dispenser of the glue, by default none.
         law: a law in plain Python instead of the servo's own; slower, and alone in the process.
-        progress: called now and then with the share of the job that is done, 0 to 1.
+        progress: called now and then with the completed share, 0 to 1.
 
     Returns:
-        The record; it is longer than the setpoints by the ticks that the stream waits at their gates. A drive that
-        trips ends it there: see `Run.fault`.
+        The record, longer than the setpoints by the ticks of waiting at their gates; a fault ends it early.
 
     Raises:
-        InputError: setpoints that the machine cannot follow: an unknown axis, a position outside the travel,
-            a speed above the limit. A dispenser whose start lead is longer than the setpoints wait.
+        InputError: setpoints with an unknown axis, a position outside the travel or a speed above the limit, or a
+            dispenser's start lead longer than the time before the first dispensing.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser)
-    model, n = simulation.model, len(simulation.position)
-    data = mujoco.MjData(model)
-    row = simulation.start(data.qpos, data.userdata)
-    with installed() if law is None else installed_law(data, law):
-        # a few calls instead of one cost nothing, and let Ctrl-C and a fault end the job
-        most = max((n - 1) * simulation.substeps // CALLS, 1) + 1
-        while not simulation.done(row):
-            begun = int(row[0]["steps"])
-            mujoco.mj_step(model, data, min(simulation.steps_left(row), most))
-            if row[0]["steps"] == begun:
-                break
-            if progress is not None:
-                progress(float(row[0]["index"]) / n)
-    return simulation.record(row)
+    stepper, count = Stepper(simulation), len(simulation.position)
+    stepper.advance(law=law, progress=None if progress is None else lambda sent: progress(sent / count))
+    return stepper.run.record()
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:
-    """Return the record of a machine that follows its setpoints exactly, motors and nozzle.
+    """Return the record of a machine that follows its setpoints exactly, without servo, torque, waits or faults.
 
-    It shows what the controller's program alone does to the bead. There is no servo and no torque, no tick more than
-    there are setpoints, and no fault.
+    It shows the effect of the controller's program alone on the bead.
 
     Args:
-        machine: the machine, for its axes and where they put the nozzle.
-        setpoints: commanded positions, as for `simulate`.
-        dispenser: of the glue; by default there is none.
+        machine: the machine.
+        setpoints: commanded positions.
+        dispenser: dispenser of the glue, by default none.
 
     Raises:
-        InputError: setpoints that the machine cannot follow, as for `simulate`.
+        InputError: as by `simulate`.
     """
     return perfect_record(
         machine, setpoints, axis_positions(machine, setpoints), checked_dispenser(dispenser, setpoints)

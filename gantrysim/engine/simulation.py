@@ -1,4 +1,4 @@
-"""One run, checked and ready to be stepped: the servo's row is armed here, and the record taken from its log."""
+"""A run before and while it is stepped: checks of the input, the servo's row of userdata, the record."""
 
 from __future__ import annotations
 
@@ -6,25 +6,34 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import GAIN_NAMES, Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
-from gantrysim.engine.recording import fault_of, record
+from gantrysim.engine.recording import record
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.native.row import ADDRESSES, GAINS, OVERSPEED, ROW, ROW_NUMBERS, log_width
+from gantrysim.native.row import (
+    FAULTS,
+    LOG,
+    OFFSETS,
+    OVERSPEED,
+    POSITION_ERROR,
+    POSITION_ERROR_AT_REST,
+    ROW,
+    ROW_NUMBERS,
+    SETTLING,
+)
 from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
-
-Row = np.ndarray[tuple[int], np.dtype[np.void]]  # one servo's, of userdata
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A machine, its servo and its setpoints, with what a run of them needs; whoever steps the physics owns the state.
+    """The checked input of a run, and the log that it fills; whoever steps the physics owns the state.
 
     Attributes:
         machine: the machine.
@@ -33,8 +42,8 @@ class Simulation:
         dispenser: of the glue.
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
-        model: of the machine, with the physics step; to be left unchanged.
-        log: what the servo writes, a row per tick, see `log_width`.
+        model: the machine's, with the physics step; not to be changed.
+        log: entries written by the servo, (ticks,) of `gantrysim.native.row.LOG`.
     """
 
     machine: Machine
@@ -44,7 +53,7 @@ class Simulation:
     position: Floats
     substeps: int
     model: mujoco.MjModel
-    log: Floats
+    log: NDArray[np.void]
 
     @classmethod
     def of(
@@ -67,83 +76,44 @@ class Simulation:
             )
         substeps = substeps_of(machine, servo.period, physics_step)
         delay_steps(servo.delay, servo.period, substeps)
-        log = np.empty((_most_ticks(setpoints), log_width(servo.axes)))
+        log = np.empty(_most_ticks(setpoints), LOG)
         model = machine.stepping(servo.period / substeps)
         return cls(machine, servo, setpoints, dispenser, position, substeps, model, log)
 
-    def start(self, qpos: Floats, userdata: Floats) -> Row:
-        """Write the start into a fresh state, at rest at the first setpoint, and return the servo's row of it.
-
-        Args:
-            qpos: of the state, to be written, (nq,).
-            userdata: of the state, to be written, (nuserdata,).
-        """
+    def start(self, qpos: Floats, userdata: Floats) -> Started:
+        """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
         qpos[:] = self.machine.to_qpos(self.position[0])
-        row: Row = userdata[:ROW_NUMBERS].view(ROW)
+        userdata[:ROW_NUMBERS] = 0.0
+        row = userdata[:ROW_NUMBERS].view(ROW)[0]
         self._fill(row)
         self._supervise(row)
         row["magic"] = magic()  # the last, for it arms the servo
-        return row
+        return Started(self, row)
 
-    def done(self, row: Row) -> bool:
-        """Return whether the last setpoint is sent, or a fault has ended the run."""
-        return bool(row[0]["index"] >= len(self.position) or row[0]["fault"])
-
-    def steps_left(self, row: Row) -> int:
-        """Return the number of physics steps to the last tick's first, if the stream waits at no further gate."""
-        ticks_left = int(row[0]["tick"] - row[0]["index"]) + len(self.position) - 1
-        return ticks_left * self.substeps + 1 - int(row[0]["steps"])
-
-    def fault(self, row: Row) -> Fault | None:
-        """Return the fault, if there is one."""
-        return fault_of(self.machine, self.servo, row[0], self.setpoints.supervision.settle_timeout)
-
-    def record(self, row: Row, *, partial: bool = False) -> Run:
-        """Return the record of what has been run.
-
-        Args:
-            row: of the servo, after at least one tick.
-            partial: whether a run may be recorded that is not at its end.
-
-        Raises:
-            GantryError: a run that is neither at its end nor stopped by a fault.
-        """
-        fault, kept = self.fault(row), int(row[0]["tick"])
-        if not partial and not self.done(row):
-            raise GantryError(
-                f"the servo of machine {self.machine.name} ran for {kept} of {len(self.position)} ticks: "
-                "MuJoCo did not call it"
-            )
-        if fault is not None and not np.isfinite(self.log[kept - 1, : self.servo.axes + 3]).all():
-            kept -= 1  # the tick that saw the divergence has no position to record
-        return record(self.machine, self.setpoints, self.position, self.log[:kept], self.dispenser, fault)
-
-    def _fill(self, row: Row) -> None:
+    def _fill(self, row: np.void) -> None:
         machine, servo = self.machine, self.servo
-        row[:] = np.zeros(1, ROW)
-        for name, value in ADDRESSES.items():
+        for name, value in OFFSETS.items():
             row[name] = value
         row["axes"], row["ticks"], row["substeps"] = servo.axes, len(self.position), self.substeps
         row["delay"] = delay_steps(servo.delay, servo.period, self.substeps)
         row["setpoints"], row["log"] = self.position.ctypes.data, self.log.ctypes.data
         row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
-        for name in ("resolution", "following_error_limit", *GAINS):
-            row[name][0, : servo.axes] = getattr(servo, name)
+        row["resolution"][: servo.axes] = servo.resolution
+        row["following_error_limit"][: servo.axes] = servo.following_error_limit
+        for k, name in enumerate(GAIN_NAMES):
+            row["gains"][: servo.axes, k] = getattr(servo, name)
         # a demand beyond what the drive can give is clamped by the drive itself
         peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
-        row["torque_limit"][0, : servo.axes] = np.minimum(servo.torque_limit, peak)
-        row["drive_gain"][0, : servo.axes] = machine.drive_gain
+        row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)
+        row["drive_gain"][: servo.axes] = machine.drive_gain
         for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
-            row["control"][0, a], row["output"][0, a], row["current"][0, a] = (
-                address.control,
-                address.output,
-                address.current,
-            )
-            row["scale"][0, a], row["speed_limit"][0, a] = axis.scale, axis.speed_limit
-            row["low"][0, a], row["high"][0, a] = axis.travel
+            for name in ("control", "output", "current"):
+                row[name][a] = getattr(address, name)
+            row["scale"][a], row["speed_limit"][a] = axis.scale, axis.speed_limit
+            row["low"][a], row["high"][a] = axis.travel
 
-    def _supervise(self, row: Row) -> None:
-        """Write what the controller watches besides its servo."""
+    def _supervise(self, row: np.void) -> None:
+        """Write the limits of the supervision."""
         supervision, gates = self.setpoints.supervision, self.setpoints.gates
         row["supervised"] = supervision.position_error < np.inf or gates.size > 0
         row["position_error"] = supervision.position_error
@@ -152,13 +122,94 @@ class Simulation:
         row["settle_ticks"] = ticks(supervision.settle_time, self.setpoints.period)
         row["timeout_ticks"] = ticks(supervision.settle_timeout, self.setpoints.period)
         for a, axis in enumerate(self.machine.axes):
-            row["linear"][0, a] = axis.unit == "mm"
+            row["linear"][a] = axis.unit == "mm"
             if axis.unit == "mm":
-                row["speed_limit"][0, a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)
+                row["speed_limit"][a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)
+
+
+@dataclass(frozen=True, eq=False)
+class Started:
+    """A simulation in a state of MuJoCo's.
+
+    Attributes:
+        simulation: the simulation, kept alive as the row holds addresses of its arrays.
+        row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
+    """
+
+    simulation: Simulation
+    row: np.void
+
+    @property
+    def steps(self) -> int:
+        """Number of physics steps begun."""
+        return int(self.row["steps"])
+
+    @property
+    def ticks(self) -> int:
+        """Number of servo ticks begun."""
+        return int(self.row["tick"])
+
+    @property
+    def sent(self) -> int:
+        """Number of setpoints sent."""
+        return int(self.row["index"])
+
+    @property
+    def done(self) -> bool:
+        """Whether the last setpoint is sent, or a fault has ended the run."""
+        return self.sent >= len(self.simulation.position) or bool(self.row["fault"])
+
+    @property
+    def steps_left(self) -> int:
+        """Number of physics steps to the first one of the last tick, if the stream waits at no further gate."""
+        last = self.ticks - self.sent + len(self.simulation.position) - 1
+        return last * self.simulation.substeps + 1 - self.steps
+
+    @property
+    def fault(self) -> Fault | None:
+        """The fault, if there is one."""
+        row, simulation = self.row, self.simulation
+        code = int(row["fault"])
+        if not code:
+            return None
+        kind, axis = FAULTS[code], simulation.machine.axes[row["fault_axis"]]
+        value, limit = float(row["fault_value"]), float(row["fault_limit"])
+        unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
+        if kind == "diverged" and np.isfinite(limit):
+            unit = "N·m"  # of the demand; else it is the following error, which has no limit
+        reaction = {
+            POSITION_ERROR: "the motion stops",
+            POSITION_ERROR_AT_REST: "the drives are disabled",
+            SETTLING: f"not settled after {simulation.setpoints.supervision.settle_timeout:g} s",
+        }.get(code, "")
+        time = float(row["fault_tick"] * simulation.servo.period)
+        return Fault(kind, axis.name, time, value, limit, unit, reaction)
+
+    def record(self, *, partial: bool = False) -> Run:
+        """Return the record so far, of at least one tick.
+
+        Args:
+            partial: whether the run may be unfinished.
+
+        Raises:
+            GantryError: a run that is neither at its end nor stopped by a fault.
+        """
+        simulation, fault, kept = self.simulation, self.fault, self.ticks
+        if not partial and not self.done:
+            raise GantryError(
+                f"the servo of machine {simulation.machine.name} ran for {kept} of {len(simulation.position)} ticks: "
+                "MuJoCo did not call it"
+            )
+        if fault is not None:
+            last = simulation.log[kept - 1]
+            if not (np.isfinite(last["nozzle"]).all() and np.isfinite(last["encoder"][: simulation.servo.axes]).all()):
+                kept -= 1  # the tick at which it diverged has no position to record
+        log, position = simulation.log[:kept], simulation.position
+        return record(simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault)
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
-    """Return the dispenser, or one that lays nothing, after a look at whether its start lead can be met."""
+    """Return the dispenser, or one that lays nothing, checked against the setpoints."""
     checked = Dispenser() if dispenser is None else dispenser
     checked.check(setpoints)
     return checked

@@ -1,4 +1,4 @@
-"""Episodes side by side: what the scalar and the vector environment both are, with one place and with many."""
+"""A batch of episodes: the common part of the scalar and the vector environment."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.servo import GAIN_NAMES
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.env.episodes import GAINS, Episode, Source
+from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, Source, gain_factors
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
 from gantrysim.env.observation import IntervalValues, entries, observe
 from gantrysim.env.settings import Settings
@@ -20,23 +21,21 @@ from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 
-# At most so much is taken from the reward of an interval, and of one that a fault leaves undone: no fault pays.
+# Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
 _CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
-
-_MOST_STEPS = 20_000  # in one call, so that Ctrl-C need not wait for long
 
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
 
 class Outcome(NamedTuple):
-    """What a decision has led to, at every place; where none was taken the values mean nothing.
+    """Outcome of a decision at every place; meaningless where none was taken.
 
     Attributes:
         reward: sum of its terms, (places,).
         terminated: whether a fault has ended the episode, or its only decision is taken, (places,).
-        truncated: whether the path is at its end, if there were decisions to come after it, (places,).
+        truncated: whether the path is at its end, in an episode of several decisions, (places,).
         info: values by name, (places,) each.
-        final: likewise, what is told at an episode's end.
+        final: values at an episode's end by name, (places,) each.
     """
 
     reward: Floats
@@ -66,27 +65,23 @@ class EpisodeBatch:
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
-        self._centre = {name: np.array(getattr(servo, name)) for name in ("ki", *GAINS)}
+        self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
         self.entries = entries(machine.axis_names, settings.per_axis)
         low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
         self.observation_space = Box(low, high, dtype=np.float32)
-        gains = len(GAINS) * (self._axes if settings.per_axis else 1)
+        gains = len(TUNED_GAINS) * (self._axes if settings.per_axis else 1)
         self.action_space = Box(-1.0, 1.0, (gains,), np.float32)
 
         self.episodes: list[Episode | None] = [None] * places
         self._action = np.zeros((places, gains))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
         self._foot = np.full(places, -1)
-        self._measured = np.zeros(places, np.int64)  # ticks of the log that are looked at
+        self._measured = np.zeros(places, np.int64)  # ticks measured
         self._setpoints = np.ones(places, np.int64)
         self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
 
     def begin(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, dict[str, float]]:
-        """Begin new episodes and return what was drawn for each.
-
-        Args:
-            randoms: random numbers by place.
-        """
+        """Begin new episodes, by place, and return the values drawn for each."""
         drawn = {place: self.source.draw(random) for place, random in randoms.items()}
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
@@ -98,7 +93,7 @@ class EpisodeBatch:
         return {place: episode.drawn for place, episode in drawn.items()}
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
-        """Set gains, run until the next decision, and return what came of it.
+        """Set gains, run until the next decision, and return the outcome.
 
         Args:
             actions: of all places, (places, gains), clipped to -1 to 1.
@@ -131,7 +126,7 @@ class EpisodeBatch:
 
     @property
     def measured(self) -> IntervalValues:
-        """What the last interval of every place was like."""
+        """Measurements of the last interval at every place."""
         return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
 
     def record(self, place: int) -> Run:
@@ -140,10 +135,10 @@ class EpisodeBatch:
         Raises:
             GantryError: no tick of it has been run yet.
         """
-        simulation = self._episode(place).simulation
+        self._episode(place)
         if not self._measured[place]:
             raise GantryError("nothing has been run of this episode yet: take a step first")
-        return simulation.record(self._batch.rows[place], partial=True)
+        return self._batch.runs[place].record(partial=True)
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:
         """Return machine, record and tick of the present moment, to be drawn."""
@@ -154,36 +149,31 @@ class EpisodeBatch:
         return machine, run, len(run.time) - 1
 
     def follower(self, place: int) -> Run:
-        """Return the record of the whole episode as it would be without any tracking error."""
+        """Return the record of the whole episode without tracking error."""
         simulation = self._episode(place).simulation
         return perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
 
     def _run(self, places: Sequence[int]) -> None:
-        """Step until the next decision, or where that comes first to the end of the longest episode."""
-        if self.source.ticks is None:
-            self._batch.finish(places)
-            return
-        simulations = {place: self._episode(place).simulation for place in places}
-        substeps = simulations[places[0]].substeps
-        left = max(simulation.steps_left(self._batch.rows[place]) for place, simulation in simulations.items())
-        steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
-        for begun in range(0, steps, _MOST_STEPS):
-            self._batch.step(min(steps - begun, _MOST_STEPS), places)
+        """Step until the next decision, or the end of the longest episode where that comes first."""
+        steps = None
+        if self.source.ticks is not None:
+            runs = [self._batch.runs[place] for place in places]
+            substeps = runs[0].simulation.substeps
+            left = max(run.steps_left for run in runs)
+            steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
+        self._batch.advance(places, steps)
 
     def _set_gains(self, places: Sequence[int]) -> None:
-        chosen = self._action[places].reshape(len(places), len(GAINS), -1)
-        factor = self.settings.gain_range**chosen
-        for g, name in enumerate(GAINS):
-            self._batch.field(name)[places, : self._axes] = self._centre[name] * factor[:, g]
-        # the integral term keeps its time constant, kp / ki
-        self._batch.field("ki")[places, : self._axes] = self._centre["ki"] * factor[:, GAINS.index("kp")]
+        chosen = self._action[places].reshape(len(places), len(TUNED_GAINS), -1)
+        gains = self._batch.field("gains")
+        for name, factor in gain_factors(np.moveaxis(chosen, 1, 0), self.settings.gain_range).items():
+            gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
 
     def _measure(self, place: int, last: int) -> None:
-        """Look at the ticks that have come since the last decision."""
-        episode = self._episode(place)
+        """Measure the ticks since the last decision."""
+        episode, row = self._episode(place), self._rows[place]
         simulation = episode.simulation
-        row = self._rows[place]
-        self._foot[place] = measure(
+        self._foot[place] = measure(  # type: ignore[no-untyped-call]
             simulation.log,
             int(self._measured[place]),
             last,
@@ -205,7 +195,7 @@ class EpisodeBatch:
         left = self._setpoints - self._batch.field("index")
         faulty = advanced & (self._batch.field("fault") != 0)
         ended = advanced & (left <= 0) & ~faulty
-        alone = self.source.ticks is None  # after its decision nothing is left that could be worth something
+        alone = self.source.ticks is None  # the episode has one decision
         ripple = measured.ripple.max(axis=1)
         undone = 1 if alone else 1 + left // self.source.ticks
         terms = {
@@ -215,7 +205,7 @@ class EpisodeBatch:
         }
         faults = np.full(len(self.episodes), None, object)
         for place in np.flatnonzero(faulty).tolist():
-            faults[place] = str(self._episode(place).simulation.fault(self._batch.rows[place]))
+            faults[place] = str(self._batch.runs[place].fault)
         ticks, square, largest = self._total.T
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),

@@ -20,8 +20,8 @@ from gantrysim.job.job import Job
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 
-GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
-SCALED = ("ki", *GAINS)  # scaled by the action: ki with kp, so that the integral time stays
+TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
+SCALED = ("ki", *TUNED_GAINS)  # scaled by the action: ki with kp, so that the integral time stays
 
 _SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
@@ -32,10 +32,10 @@ def gain_factors(action: Floats, gain_range: float) -> dict[str, Floats]:
     """Return the factor on each gain of `SCALED`, of the shape of its action.
 
     Args:
-        action: one row per gain of `GAINS`, from -1 to 1, (gains, ...).
+        action: one row per gain of `TUNED_GAINS`, from -1 to 1, (gains, ...).
         gain_range: largest factor.
     """
-    factors = dict(zip(GAINS, gain_range ** np.asarray(action, float), strict=True))
+    factors = dict(zip(TUNED_GAINS, gain_range ** np.asarray(action), strict=True))
     return {"ki": factors["kp"], **factors}
 
 

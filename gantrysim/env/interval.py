@@ -1,30 +1,31 @@
-"""What is measured between two decisions, from the servo's log: compiled, for it is done for every environment."""
+"""Measurements between two decisions of an agent, from the servo's log; compiled."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-# what stands in a row of measurements before what every axis has, which is listed in PER_AXIS
+from gantrysim.jit import inner_jit, jit
+
+# a row of measurements: those of the path, then those of one axis after the other
 SHARED = ("ticks", "dispensing", "pairs", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
 PER_AXIS = ("square", "largest", "sum", "demand", "ripple")
 
 _HEAD, _EACH = len(SHARED), len(PER_AXIS)
 
-_AROUND = 12  # entries of the table, to either side of the last foot, among which the next is looked for
-_BEGIN = 1.0  # [mm], about the path's start, within which a trace may begin besides twice its distance from there
-_CHORD = 8  # entries of the table to either side of a foot, over which heading and curvature are taken
+_AROUND = 12  # points of the path to either side of the last foot in the search for the next
+_BEGIN = 1.0  # [mm]; a trace begins within this of the path's start, besides twice its distance from there
+_CHORD = 8  # points of the path to either side of a foot, over which heading and curvature are taken
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _distance(a, b):
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return np.sqrt(x * x + y * y + z * z)
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _nearest(points, tip, low, high):
     low, high = max(low, 0), min(high, len(points) - 1)
     best, least = low, np.inf
@@ -36,9 +37,9 @@ def _nearest(points, tip, low, high):
     return best
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _to_chord(points, i, tip):
-    """Distance of a tip to the chord from one entry to the next, and how far left of it in the XY plane."""
+    """Distance of a tip to the chord from point i to the next, and to the left of it in the XY plane."""
     a, b = points[i], points[i + 1]
     u, v, w = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     x, y, z = tip[0] - a[0], tip[1] - a[1], tip[2] - a[2]
@@ -50,48 +51,48 @@ def _to_chord(points, i, tip):
     return np.sqrt(x * x + y * y + z * z), left
 
 
-@numba.njit(cache=True, error_model="numpy")
+@jit
 def measure(log, first, last, position, dispense, points, spacing, foot, row):
     """Measure the ticks from `first` to before `last` and return the foot of the last.
 
-    Errors of the axes are sums over all these ticks, contour errors over those at which the dispenser is on; the
-    distance to the path is that to the chords of its points, which are off by spacing^2 curvature / 8.
+    Errors of the axes are sums over all these ticks, contour errors over those with the dispenser on. The distance to
+    the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8.
 
     Args:
-        log: of the servo, see `gantrysim.native.row.log_width`, (ticks, width).
+        log: the servo's, (ticks,) of `gantrysim.native.row.LOG`.
         first: the first tick.
         last: the tick after the last.
         position: the setpoints for all axes, (n, axes).
         dispense: whether the dispenser is on, (n,).
         points: along the requested path, (m, 3) [mm].
-        spacing: of them [mm].
-        foot: index of the point next to the nozzle at the tick before, -1 before the dispenser was ever on.
-        row: of measurements, to be written: `SHARED`, and then `PER_AXIS` for one axis after the other. The ripple is
-            a sum of squares of changes, over pairs of ticks at both of which the dispenser is on; `heading` [rad] and
-            `turning` [1/mm] are the path's at the last foot.
+        spacing: distance between the points [mm].
+        foot: index of the point nearest to the nozzle at the last tick, -1 before the dispenser was ever on.
+        row: measurements, to be written: `SHARED`, then `PER_AXIS` for one axis after the other. The ripple is a sum of
+            squared changes over pairs of ticks with the dispenser on; `heading` [rad] and `turning` [1/mm] are the
+            path's at the last foot.
     """
     n = position.shape[1]
     row[:] = 0.0
     for k in range(first, last):
-        at = int(log[k, -1])
-        tip = log[k, n : n + 3]
+        at = log[k].setpoint
+        tip = log[k].nozzle
         if not np.isfinite(tip).all():
             continue
         row[0] += 1
-        both = k > 0 and dispense[at] and dispense[int(log[k - 1, -1])]
+        both = k > 0 and dispense[at] and dispense[log[k - 1].setpoint]
         row[2] += both
         for a in range(n):
             column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
-            error = position[at, a] - log[k, a]
-            demand = log[k, n + 3 + a]
+            error = position[at, a] - log[k].encoder[a]
+            demand = log[k].demand[a]
             column[0] += error * error
             column[1] = max(column[1], abs(error))
             column[2] += error
             column[3] = max(column[3], abs(demand))
             if both:
-                change = demand - log[k - 1, n + 3 + a]
+                change = demand - log[k - 1].demand[a]
                 column[4] += change * change
-        moved = _distance(tip, log[k - 1, n : n + 3]) if k > 0 else 0.0
+        moved = _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
         row[6] += moved
         if not dispense[at]:
             continue

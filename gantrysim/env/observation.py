@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.env.episodes import GAINS
+from gantrysim.env.episodes import TUNED_GAINS
 from gantrysim.env.interval import PER_AXIS, SHARED
 
 _DECADES = 3.0  # range of errors and ripple, above and below their limits
@@ -58,7 +58,7 @@ def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
             Entry(f"torque_{axis}", 0.0, 1.0, "peak torques", f"largest torque demand of {axis}"),
             Entry(f"ripple_{axis}", *decades, "log10 of limits", f"torque ripple of {axis}"),
         ]
-    for gain in GAINS:
+    for gain in TUNED_GAINS:
         for name in [f"{gain}_{axis}" for axis in axes] if per_axis else [gain]:
             found.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {gain}"))
     return [*found, Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent")]

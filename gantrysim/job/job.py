@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.programs import build, dotted, keys
-from gantrysim.controllers.servo import FOLLOWING_ERROR_LIMIT, Servo
+from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter, Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, at_least, unknown
@@ -36,9 +36,7 @@ def _setting(default: Any, description: str) -> Any:
     return Field(default=default, description=description)
 
 
-class ServoSettings(BaseModel):
-    """Arguments of `Servo.derive`; a gain that is given is not derived."""
-
+class _Derivation(BaseModel):
     model_config = _STRICT
 
     period: float = _setting(1e-3, "servo period [s]")
@@ -50,14 +48,18 @@ class ServoSettings(BaseModel):
     integral_time: float = _setting(math.inf, "kp / ki; inf for no integral term [s]")
     following_error_limit: float = _setting(FOLLOWING_ERROR_LIMIT, "error at which the drives are disabled [mm or deg]")
     delay: float = _setting(0.0, "from the encoder's sample to the torque demand [s]")
-    kp: PerAxis = _setting(None, "instead of the derived one, a number or a list of one per axis; so are those below")
-    ki: PerAxis = _setting(None, "[N·m/(mm·s)]")
-    kd: PerAxis = _setting(None, "[N·m·s/mm]")
-    velocity_ff: PerAxis = _setting(None, "[N·m·s/mm]")
-    acceleration_ff: PerAxis = _setting(None, "[N·m·s²/mm]")
-    output_velocity: PerAxis = _setting(None, "damping by the measured velocity where negative, 0 [N·m·s/mm]")
-    torque_limit: PerAxis = _setting(None, "of the demand, the drive's own [N·m]")
-    resolution: PerAxis = _setting(None, "of the encoder, the machine's own; 0 for an exact one [mm or deg]")
+
+
+def _per_axis(parameter: Parameter) -> Any:
+    unit = "mm or deg" if parameter.unit == "u" else parameter.unit.replace("u", "mm")
+    return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]")
+
+
+_PER_AXIS: dict[str, Any] = {parameter.name: _per_axis(parameter) for parameter in DERIVED}
+
+
+class ServoSettings(create_model("_ServoSettings", __base__=_Derivation, **_PER_AXIS)):  # type: ignore[misc]
+    """Arguments of `Servo.derive`; one that is given, as a number or a list of one per axis, is not derived."""
 
 
 class SimulationSettings(BaseModel):

@@ -1,4 +1,4 @@
-"""Puts the servo tick into MuJoCo's control callback for the time of a run, and what was there back."""
+"""Installs the servo tick as MuJoCo's control callback for the time of a run, and restores the previous one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gantrysim.native.tick import compiled
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
-_POLL = 0.05  # how often one that waits for its turn looks whether Ctrl-C came [s]
+_POLL = 0.05  # how often a waiting thread checks for Ctrl-C [s]
 
 
 def _silent(_text: bytes) -> None:
@@ -29,27 +29,27 @@ def _silent(_text: bytes) -> None:
 
 _SILENCE = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(_silent)
 
-_changed = threading.Condition(threading.Lock())  # guards the two below, for a few lines at a time
-_users = 0  # turns that hold MuJoCo's hooks; -1: one that is alone
-_previous: Any = None  # what was there before the first of them
-_thread = threading.local()  # .depth: runs that this thread is in; .law: whether one of a law in plain Python
+_changed = threading.Condition(threading.Lock())  # guards the two below
+_users = 0  # number of installations of the compiled tick; -1: a law in plain Python, which is alone
+_previous: Any = None  # callbacks before the first of them
+_thread = threading.local()  # .depth: number of installations by this thread; .law: whether by a law in plain Python
 
 
 def installed() -> AbstractContextManager[None]:
-    """Have the compiled tick installed; several threads may at once, and what was there before comes back.
-
-    Ctrl-C at any point leaves all as it was.
+    """Return a context with the compiled tick installed, which several threads may share; safe against Ctrl-C.
 
     Raises:
         GantryError: called from within a law in plain Python.
     """
     if getattr(_thread, "law", False):
         raise GantryError("a law in plain Python cannot run a simulation: it is inside one")
-    return _Turn(compiled().callback, Interrupts(_CAREFUL, _CALLED))
+    return _Installation(compiled().callback, Interrupts(_CAREFUL, _CALLED))
 
 
 def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[None]:
-    """Have a law in plain Python installed for one simulation, alone; it raises here what the law raised.
+    """Return a context with a law in plain Python installed for one simulation; other threads wait.
+
+    At its end it raises what the law has raised.
 
     Raises:
         GantryError: called from within another run of this thread.
@@ -78,18 +78,18 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[
             data.ctrl[:] = 0
 
     interrupts = Interrupts(_CAREFUL, {*_CALLED, on_control.__code__})
-    return _Turn(_CALLBACK(on_control), interrupts, raised)
+    return _Installation(_CALLBACK(on_control), interrupts, raised)
 
 
-class _Turn(AbstractContextManager[None]):
-    """The time in which a callback is installed.
+class _Installation(AbstractContextManager[None]):
+    """A context with a control callback installed.
 
-    It is a class, for an interrupt between a generator's start and the block leaves the generator open.
+    It is no generator, as an interrupt between a generator's start and the block would leave it open.
 
     Args:
-        callback: as MuJoCo's control callback.
-        interrupts: held back while it is put in and taken out.
-        raised: what the callback raised; None of one that raises nothing, which others may share.
+        callback: the control callback.
+        interrupts: held back while it is installed and removed.
+        raised: exceptions of the callback; None of one that raises nothing, which may be shared.
     """
 
     def __init__(self, callback: Any, interrupts: Interrupts, raised: Sequence[BaseException] | None = None) -> None:
@@ -114,7 +114,7 @@ class _Turn(AbstractContextManager[None]):
             raise self._raised[0]
 
     def _take(self) -> None:
-        """Install the callback, or wait a little for those that are."""
+        """Install the callback, or wait a little for others to finish."""
         global _users, _previous
         alone = self._raised is not None
         with _changed:
@@ -122,7 +122,9 @@ class _Turn(AbstractContextManager[None]):
                 _changed.wait(_POLL)
                 return
             if not _users:
-                _previous = _take_over(self._callback)
+                _previous = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
+                mujoco.set_mjcb_control(self._callback)
+                mujoco.set_mju_user_warning(_SILENCE)  # the tick turns MuJoCo's warnings into faults
             _users = -1 if alone else _users + 1
             self._taken = True
         if alone:
@@ -141,27 +143,14 @@ class _Turn(AbstractContextManager[None]):
             with _changed:
                 _users = max(_users - 1, 0)
                 if not _users:
-                    _give_back(_previous)
+                    mujoco.set_mjcb_control(_previous[0])
+                    mujoco.set_mju_user_warning(_previous[1])
                     _changed.notify_all()
         self._interrupts.release()
 
 
-_CAREFUL = (_Turn.__enter__.__code__, _Turn.__exit__.__code__)
-_CALLED: tuple[CodeType, ...] = (_silent.__code__,)  # by C code, which would swallow what they raise
-
-
-def _take_over(callback: Any) -> tuple[Any, Any]:
-    """Install a control callback, and have MuJoCo's warnings go nowhere: the tick makes faults of them."""
-    previous = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
-    mujoco.set_mjcb_control(callback)
-    mujoco.set_mju_user_warning(_SILENCE)
-    return previous
-
-
-def _give_back(previous: tuple[Any, Any]) -> None:
-    control, warning = previous
-    mujoco.set_mjcb_control(control)
-    mujoco.set_mju_user_warning(warning)
+_CAREFUL = (_Installation.__enter__.__code__, _Installation.__exit__.__code__)
+_CALLED: tuple[CodeType, ...] = (_silent.__code__,)  # called by C code, which would swallow exceptions
 
 
 def _tick(row: Any, n: int) -> Tick:

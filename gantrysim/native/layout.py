@@ -1,13 +1,12 @@
-"""Where MuJoCo's C structs keep their fields, for code that runs inside the step.
+"""Byte offsets of the fields of MuJoCo's C structs, for code that runs inside the step.
 
-The layout is built from the struct declarations that MuJoCo's wheel describes itself with, and compared
-with the addresses its Python bindings report before any of it is used.
+They follow from the struct declarations in MuJoCo's wheel (`mujoco.introspect`), and are verified against the addresses
+that its Python bindings report before they are used.
 """
 
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any
 
@@ -28,6 +27,8 @@ _SCALARS: dict[str, Any] = {
     "mjtBool": ctypes.c_bool,
 }
 
+# mjData's arrays that the servo tick reads or writes
+POINTERS = ("userdata", "ctrl", "act", "actuator_length", "actuator_velocity", "site_xpos", "xpos", "xmat")
 
 # struct mjWarningStat { int lastinfo; int number; }
 WARNING_SIZE = 8
@@ -35,40 +36,20 @@ WARNING_NUMBER = 4
 
 
 class LayoutError(GantryError, ImportError):
-    """The installed MuJoCo does not lay out its structs as it describes them."""
-
-
-@dataclass(frozen=True)
-class Offsets:
-    """Byte offsets of the fields that the servo tick reads or writes."""
-
-    model_nuserdata: int
-    data_userdata: int
-    data_time: int
-    data_ctrl: int
-    data_act: int
-    data_actuator_length: int
-    data_actuator_velocity: int
-    data_site_xpos: int
-    data_xpos: int
-    data_xmat: int
-    data_warning: int
+    """The installed MuJoCo lays out its structs otherwise than it declares."""
 
 
 @cache
-def offsets() -> Offsets:
-    """Return the verified offsets.
+def offsets() -> dict[str, int]:
+    """Return the verified byte offsets by field.
 
     Raises:
-        LayoutError: a field is not where the declarations put it.
+        LayoutError: a field is not where it is declared.
     """
-    found = {}
-    for field in fields(Offsets):
-        struct, member = field.name.split("_", 1)
-        found[field.name] = int(getattr(_struct({"model": "mjModel", "data": "mjData"}[struct]), member).offset)
-    layout = Offsets(**found)
-    _verify(layout)
-    return layout
+    found = {name: int(getattr(_struct("mjData"), name).offset) for name in (*POINTERS, "warning")}
+    found["nuserdata"] = int(_struct("mjModel").nuserdata.offset)
+    _verify(found)
+    return found
 
 
 @cache
@@ -98,7 +79,7 @@ def _ctype(declared: Any) -> Any:
     return ctypes.c_int  # every other name is an enum
 
 
-def _verify(layout: Offsets) -> None:
+def _verify(found: dict[str, int]) -> None:
     spec = mujoco.MjSpec.from_string(
         "<mujoco><worldbody><body><joint name='j' type='slide'/><geom size='1'/><site name='s'/></body></worldbody>"
         "<actuator><dcmotor joint='j' motorconst='1 1' resistance='1' inductance='1 0'/></actuator></mujoco>"
@@ -106,26 +87,16 @@ def _verify(layout: Offsets) -> None:
     spec.nuserdata = 137
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.time = 0.731
     for k, warning in enumerate(data.warning):
         warning.number = 11 + k
-    wrong = []
-    for k, warning in enumerate(data.warning):
-        at = data._address + layout.data_warning + k * WARNING_SIZE
-        if ctypes.c_int.from_address(at + WARNING_NUMBER).value != warning.number:
-            wrong.append("mjData.warning")
-            break
-    if ctypes.c_int64.from_address(model._address + layout.model_nuserdata).value != model.nuserdata:
+    pointers = {name: ctypes.c_uint64.from_address(data._address + found[name]).value for name in POINTERS}
+    wrong = [f"mjData.{name}" for name in POINTERS if pointers[name] != getattr(data, name).ctypes.data]
+    at = data._address + found["warning"] + WARNING_NUMBER
+    numbers = [ctypes.c_int.from_address(at + k * WARNING_SIZE).value for k in range(len(data.warning))]
+    if numbers != [warning.number for warning in data.warning]:
+        wrong.append("mjData.warning")
+    if ctypes.c_int64.from_address(model._address + found["nuserdata"]).value != model.nuserdata:
         wrong.append("mjModel.nuserdata")
-    if ctypes.c_double.from_address(data._address + layout.data_time).value != data.time:
-        wrong.append("mjData.time")
-    for field in fields(Offsets):
-        member = field.name.removeprefix("data_")
-        if field.name in ("model_nuserdata", "data_time", "data_warning"):
-            continue
-        address = ctypes.c_uint64.from_address(data._address + getattr(layout, field.name)).value
-        if address != getattr(data, member).ctypes.data:
-            wrong.append(f"mjData.{member}")
     if wrong:
         raise LayoutError(
             f"MuJoCo {mujoco.__version__} keeps {', '.join(wrong)} elsewhere than it declares: "

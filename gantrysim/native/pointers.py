@@ -1,4 +1,8 @@
-"""Addresses as typed memory, for code that numba compiles."""
+"""Memory at an address as an array or a record, in code that numba compiles.
+
+An intrinsic makes a typed pointer of an integer (LLVM's `inttoptr`), and `numba.carray` an array of the pointer. The
+array is a view of the memory. Nothing is checked: the address must be right.
+"""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
@@ -10,9 +14,10 @@ import numba
 from numba import types
 from numba.extending import intrinsic
 
-from gantrysim.native.row import ROW
+from gantrysim.jit import inner_jit
+from gantrysim.native.row import LOG, ROW
 
-jit = numba.njit(error_model="numpy")
+_LOG_SIZE = LOG.itemsize
 
 
 @intrinsic
@@ -38,6 +43,11 @@ def _rows(context: Any, address: Any) -> Any:
     return _typed_pointer(numba.from_dtype(ROW))
 
 
+@intrinsic
+def _entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(LOG))
+
+
 def _typed_pointer(target: types.Type) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
@@ -45,19 +55,25 @@ def _typed_pointer(target: types.Type) -> Any:
     return types.CPointer(target)(types.int64), codegen
 
 
-@jit
+@inner_jit
 def field(struct, offset):
     """Return the 64-bit integer at an offset of a struct."""
     return numba.carray(integers(struct + offset), (1,))[0]
 
 
-@jit
+@inner_jit
 def vector(struct, offset, size):
     """Return the doubles to which the pointer at an offset of a struct points."""
     return numba.carray(floats(field(struct, offset)), (size,))
 
 
-@jit
+@inner_jit
 def row_at(address):
-    """Return the row at an address."""
+    """Return the row at an address, a view."""
     return numba.carray(_rows(address), (1,))[0]
+
+
+@inner_jit
+def log_at(row, tick):
+    """Return a tick's entry in the log, a view."""
+    return numba.carray(_entries(row.log + _LOG_SIZE * tick), (1,))[0]

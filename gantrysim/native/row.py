@@ -1,25 +1,25 @@
-"""What a simulation's servo needs, laid out in its own mjData.userdata: parameters, state, addresses, fault."""
+"""The data of the compiled tick: one row of parameters and state per simulation, one log entry per servo tick."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
+from gantrysim.controllers.servo import GAINS
 from gantrysim.native.layout import offsets
 
 MAX_AXES = 6
 
-# How far an axis may pass its travel before the limit switch trips, and by how much its speed limit.
+# How far an axis may pass its travel before the limit switch trips, and by which factor its speed limit.
 OVERTRAVEL = 0.1  # [mm or deg]
 OVERSPEED = 1.2
 
-# An unstable loop need not run away: the torque limit can hold it in a limit cycle, whose error looks harmless.
-# So many swings of the demand from one limit to the other, each within this time of the last, are no motion's.
+# The torque limit can hold an unstable loop in a limit cycle whose error looks harmless. It is detected by this many
+# swings of the demand from one limit to the other, each within this time of the last.
 OSCILLATION_SWINGS = 20
 OSCILLATION_TIME = 0.1  # [s]
 
-# MuJoCo switches a control of more than 1e10 off, with a warning and no more.
-LARGEST_TORQUE = 1e9  # [N·m]
+LARGEST_TORQUE = 1e9  # [N·m]; MuJoCo zeroes a control of more than 1e10, with no more than a warning
 
 FAULTS = (
     "none",
@@ -35,10 +35,9 @@ FAULTS = (
 FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = range(1, 6)
 POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
 
-# MuJoCo's own warnings, every one of which says that the numbers are no good any more
-WARNINGS = int(mujoco.mjtWarning.mjNWARNING)
+WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any of them makes the state invalid
 
-GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
 
 _WHOLE = [
     "magic",
@@ -50,22 +49,15 @@ _WHOLE = [
     "tick",  # servo ticks begun
     "index",  # of the setpoint that the next tick sends
     "setpoints",  # address of (ticks, axes) positions
-    "log",  # address of log_width numbers per tick
-    "ctrl_at",  # byte offsets of mjData's fields
-    "act_at",
-    "length_at",
-    "velocity_at",
-    "site_at",
-    "body_at",
-    "matrix_at",
-    "warning_at",  # of mjWarningStat[WARNINGS]
+    "log",  # address of the LOG entries, one per tick
+    *OFFSETS,  # in mjData
     "nozzle",  # site
     "work",  # body
     "supervised",  # whether there is a limit of the position error or a gate
     "position_error_delay",  # servo ticks
     "gates",  # address of the indices of setpoints at which the stream waits
     "gate_count",
-    "gate",  # those that are passed
+    "gate",  # number of gates passed
     "settle_ticks",
     "timeout_ticks",
     "within",  # ticks in a row within the settle error at this gate
@@ -79,7 +71,6 @@ _AXIS_PARAMETERS = [
     "scale",  # axis travel per radian of the motor
     "drive_gain",  # torque that the drive gives per torque demanded
     "resolution",
-    *GAINS,
     "torque_limit",
     "following_error_limit",
     "low",
@@ -107,30 +98,21 @@ ROW = np.dtype(
     [(name, np.int64) for name in _WHOLE]
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
+    + [("gains", np.float64, (MAX_AXES, len(GAINS)))]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
 )
 
 ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata
 
-
-def log_width(axes: int) -> int:
-    """Numbers per tick in the log.
-
-    They are encoder, nozzle (3), torque demand, motor current, motor speed, position, and the setpoint's index.
-    """
-    return 4 + 5 * axes
-
-
-_OFFSETS = offsets()  # verified at import: an error here is better than a wrong address later
-
-# the row's byte offsets of mjData's fields
-ADDRESSES = {
-    "ctrl_at": _OFFSETS.data_ctrl,
-    "act_at": _OFFSETS.data_act,
-    "length_at": _OFFSETS.data_actuator_length,
-    "velocity_at": _OFFSETS.data_actuator_velocity,
-    "site_at": _OFFSETS.data_site_xpos,
-    "body_at": _OFFSETS.data_xpos,
-    "matrix_at": _OFFSETS.data_xmat,
-    "warning_at": _OFFSETS.data_warning,
-}
+# what the tick logs; of the axes only as many as there are
+LOG = np.dtype(
+    [
+        ("setpoint", np.int64),  # index of the setpoint sent
+        ("nozzle", np.float64, (3,)),  # in the work frame [mm]
+        ("encoder", np.float64, (MAX_AXES,)),  # position as measured [mm or deg]
+        ("motor", np.float64, (MAX_AXES,)),  # exact position [mm or deg]
+        ("motor_speed", np.float64, (MAX_AXES,)),  # [rad/s]
+        ("demand", np.float64, (MAX_AXES,)),  # torque demand, clamped [N·m]
+        ("current", np.float64, (MAX_AXES,)),  # of the motor, nan where MuJoCo does not simulate it [A]
+    ]
+)

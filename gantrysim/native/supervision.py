@@ -1,4 +1,4 @@
-"""What a motion controller watches besides its servo: the group's position error, and whether a move has settled."""
+"""Supervision by the motion controller besides its servo: position error of the group, settling at gates."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
@@ -7,13 +7,14 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from gantrysim.native.pointers import floats, integers, jit
+from gantrysim.jit import inner_jit
+from gantrysim.native.pointers import floats, integers, log_at
 from gantrysim.native.row import POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 
 
-@jit
+@inner_jit
 def trip(row, fault, axis, value, limit):
-    """Put a fault into the row, unless one is there."""
+    """Record a fault, unless there is one already."""
     if row.fault == 0:
         row.fault = fault
         row.fault_axis = axis
@@ -22,15 +23,11 @@ def trip(row, fault, axis, value, limit):
         row.fault_limit = limit
 
 
-@jit
-def watch_position_error(row, width):
-    """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago.
-
-    Every tick's row of the log ends with the index of the setpoint that was sent.
-    """
+@inner_jit
+def watch_position_error(row):
+    """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
-    before = max(row.tick - row.position_error_delay, 0)
-    sent = np.int64(numba.carray(floats(row.log + 8 * (width * before + width - 1)), (1,))[0])
+    sent = log_at(row, max(row.tick - row.position_error_delay, 0)).setpoint
     command = numba.carray(floats(row.setpoints + 8 * n * sent), (n,))
     moving = False
     worst, largest, square = 0, -1.0, 0.0
@@ -45,9 +42,9 @@ def watch_position_error(row, width):
         trip(row, POSITION_ERROR if moving else POSITION_ERROR_AT_REST, worst, distance, row.position_error)
 
 
-@jit
+@inner_jit
 def waits(row):
-    """Say whether the stream stands still at the setpoint of this tick, for the axes to settle there."""
+    """Return whether the stream waits at the setpoint of this tick for the axes to settle."""
     if row.gate >= row.gate_count or numba.carray(integers(row.gates + 8 * row.gate), (1,))[0] != row.index:
         return False
     worst, within = 0, True

@@ -1,7 +1,6 @@
-"""The servo tick as native code, called by MuJoCo once per physics step as its control callback.
+"""The servo tick, compiled as MuJoCo's control callback: measure, apply the law, clamp, log, put out.
 
-It runs on whatever thread steps the simulation, and finds all it needs in the simulation's own row of
-userdata. A simulation whose row does not begin with the magic number is left alone.
+MuJoCo calls it once per physics step, on the thread that steps the simulation; see `gantrysim.native`.
 """
 
 from __future__ import annotations
@@ -15,12 +14,14 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 from numba import types
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import servo
+from gantrysim.jit import inner_jit
 from gantrysim.native import pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
-from gantrysim.native.pointers import field, floats, jit, row_at, vector, whole
+from gantrysim.native.pointers import field, floats, log_at, row_at, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -40,25 +41,26 @@ from gantrysim.native.supervision import trip, waits, watch_position_error
 
 @cache
 def magic() -> int:
-    """Return a number that stands for layout and code, so that no cached code outlives a change of either."""
+    """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
     source = "".join(
         inspect.getsource(module) for module in (sys.modules[__name__], pointers, supervision, row_layout, servo)
     )
     return zlib.crc32(source.encode())
 
 
-_law = jit(servo.law)
+_law = inner_jit(servo.law)
+_GAINS = len(servo.GAINS)
 
 
-@jit
+@inner_jit
 def _warned(address):
     statistics = numba.carray(whole(address), (2 * WARNINGS,))
     return statistics[WARNING_NUMBER // 4 :: WARNING_SIZE // 4].max() > 0
 
 
-@jit
+@inner_jit
 def _furthest(row):
-    """The axis with the largest following error, or the first whose error is no number."""
+    """Return the axis with the largest following error, or the first whose error is not finite."""
     worst = 0
     for a in range(row.axes):
         if not np.isfinite(row.error[a]):
@@ -68,19 +70,18 @@ def _furthest(row):
     return worst
 
 
-@jit
+@inner_jit
 def _sample(data, userdata):
-    """Measure all axes if a servo tick begins with this step; say whether it does."""
+    """Measure all axes if a servo tick begins with this step; return whether it does."""
     row = row_at(userdata)
     if row.fault != 0 or row.index >= row.ticks or row.steps % row.substeps != 0:
         return False
     n = row.axes
-    width = 4 + 5 * n
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
-    log = numba.carray(floats(row.log + 8 * width * row.tick), (width,))
-    length = vector(data, row.length_at, row.output[:n].max() + 1)
-    velocity = vector(data, row.velocity_at, row.output[:n].max() + 1)
-    log[width - 1] = row.index
+    log = log_at(row, row.tick)
+    length = vector(data, row.actuator_length_at, row.output[:n].max() + 1)
+    velocity = vector(data, row.actuator_velocity_at, row.output[:n].max() + 1)
+    log.setpoint = row.index
     lost = _warned(data + row.warning_at)
     for a in range(n):
         position = length[row.output[a]] * row.scale[a]
@@ -97,9 +98,9 @@ def _sample(data, userdata):
         row.measured_velocity[a] = (measured - row.measured[a]) / row.period
         row.error_change[a] = (error - row.error[a]) / row.period
         row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
-        log[a] = measured
-        log[3 + 3 * n + a] = velocity[row.output[a]]
-        log[3 + 4 * n + a] = position
+        log.encoder[a] = measured
+        log.motor_speed[a] = velocity[row.output[a]]
+        log.motor[a] = position
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
             continue
@@ -115,20 +116,20 @@ def _sample(data, userdata):
         worst = _furthest(row)
         trip(row, DIVERGED, worst, row.error[worst], np.inf)
     if row.supervised != 0:
-        watch_position_error(row, width)
+        watch_position_error(row)
     if row.supervised == 0 or not waits(row):
         row.index += 1
-    tip = vector(data, row.site_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
-    origin = vector(data, row.body_at, 3 * (row.work + 1))[3 * row.work :]
-    frame = vector(data, row.matrix_at, 9 * (row.work + 1))[9 * row.work :]
+    tip = vector(data, row.site_xpos_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
+    origin = vector(data, row.xpos_at, 3 * (row.work + 1))[3 * row.work :]
+    frame = vector(data, row.xmat_at, 9 * (row.work + 1))[9 * row.work :]
     for i in range(3):
-        log[n + i] = 1e3 * (
+        log.nozzle[i] = 1e3 * (
             frame[i] * (tip[0] - origin[0]) + frame[3 + i] * (tip[1] - origin[1]) + frame[6 + i] * (tip[2] - origin[2])
         )
     return True
 
 
-@jit
+@inner_jit
 def _apply_law(row):
     for a in range(row.axes):
         error_sum = row.error_sum[a] + row.error[a] * row.period
@@ -139,25 +140,20 @@ def _apply_law(row):
             row.demand_velocity[a],
             row.demand_acceleration[a],
             row.measured_velocity[a],
-            row.kp[a],
-            row.ki[a],
-            row.kd[a],
-            row.velocity_ff[a],
-            row.acceleration_ff[a],
-            row.output_velocity[a],
+            to_fixed_tuple(row.gains[a], _GAINS),
         )
         row.torque[a] = torque
-        # anti-windup: the sum stands still while the clamp holds the side the error drives towards
+        # anti-windup: the sum is frozen while the output is clamped on the side to which the error drives it
         if abs(torque) <= row.torque_limit[a] or torque * row.error[a] < 0.0:
             row.error_sum[a] = error_sum
 
 
-@jit
+@inner_jit
 def _command(data, userdata):
-    """Clamp and schedule the torques that the law has put into the row, and log them."""
+    """Clamp, schedule and log the torques of the law."""
     row = row_at(userdata)
     n = row.axes
-    log = numba.carray(floats(row.log + 8 * (4 + 5 * n) * row.tick), (4 + 5 * n,))
+    log = log_at(row, row.tick)
     currents = vector(data, row.act_at, row.current[:n].max() + 1)
     for a in range(n):
         limit = row.torque_limit[a]
@@ -169,15 +165,15 @@ def _command(data, userdata):
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
-        log[n + 3 + a] = torque
-        log[2 * n + 3 + a] = currents[row.current[a]] if row.current[a] >= 0 else np.nan
+        log.demand[a] = torque
+        log.current[a] = currents[row.current[a]] if row.current[a] >= 0 else np.nan
     if row.fault != 0:
         row.pending[:n] = 0.0
         row.held[:n] = 0.0
     row.tick += 1
 
 
-@jit
+@inner_jit
 def _watch_oscillation(row, axis, side):
     since = (row.tick - row.clamp_tick[axis]) * row.period
     if since > OSCILLATION_TIME:
@@ -190,9 +186,9 @@ def _watch_oscillation(row, axis, side):
         trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
-@jit
+@inner_jit
 def _output(data, userdata):
-    """Put out the torque demands that are due at this step."""
+    """Set the controls, with torque demands that are due at this step."""
     row = row_at(userdata)
     n = row.axes
     due = row.steps % row.substeps == row.delay
@@ -204,7 +200,7 @@ def _output(data, userdata):
     row.steps += 1
 
 
-@jit
+@inner_jit
 def _step(model, data, nuserdata_at, userdata_at, row_size, key):
     if field(model, nuserdata_at) < row_size:
         return
@@ -231,10 +227,10 @@ class Compiled(NamedTuple):
 def compiled() -> Compiled:
     """Return the tick, compiled or from numba's cache.
 
-    Numba keys its cache by this file's date and the numbers in a function's closure alone. So every function
-    that is cached has the magic number in its closure, and what they call is compiled into them.
+    Numba keys its cache by this file's date and the numbers in a function's closure. So every cached function has the
+    magic number in its closure, and the functions that it calls are compiled into it.
     """
-    nuserdata_at, userdata_at = offsets().model_nuserdata, offsets().data_userdata
+    nuserdata_at, userdata_at = offsets()["nuserdata"], offsets()["userdata"]
     row_size, key = ROW_NUMBERS, magic()
 
     @numba.cfunc(types.void(types.int64, types.int64), cache=True, error_model="numpy")

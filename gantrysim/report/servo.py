@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import GAINS, Servo
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
-
-_GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 
 
 def servo_section(job: Job, machine: Machine, run: Run) -> Section:
@@ -50,10 +48,9 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
 
 def _gains(machine: Machine, servo: Servo) -> Table:
     rows = [
-        [axis.name, axis.unit, *(getattr(servo, name)[a] for name in _GAINS)] for a, axis in enumerate(machine.axes)
+        [axis.name, axis.unit, *(getattr(servo, gain.name)[a] for gain in GAINS)] for a, axis in enumerate(machine.axes)
     ]
-    units = ("N·m/u", "N·m/(u·s)", "N·m·s/u", "N·m·s/u", "N·m·s²/u", "N·m·s/u")
-    columns = [Column(f"{name} [{unit}]") for name, unit in zip(_GAINS, units, strict=True)]
+    columns = [Column(f"{gain.name} [{gain.unit}]") for gain in GAINS]
     return Table(["axis", "u", *columns], rows, "Gains")
 
 

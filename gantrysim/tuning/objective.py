@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import GAIN_NAMES, Servo
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job.job import Job, ServoSettings
@@ -25,7 +25,6 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.search import TrialResult
-from gantrysim.tuning.space import GAINS
 
 METRICS = {
     f"{link}_{statistic}": f"{word} {link} error"
@@ -56,7 +55,7 @@ def micrometres(value: float) -> str:
 
 def case_of(job: Job, servo: Servo, perturbation: Perturbation | None, **tags: Value) -> Case:
     """Return the case of a job with other gains, on a perturbed machine or its own."""
-    gains = {f"servo.{name}": list(getattr(servo, name)) for name in GAINS}
+    gains = {f"servo.{name}": list(getattr(servo, name)) for name in GAIN_NAMES}
     return Case.of(job, gains, perturbation=perturbation).tagged(**tags)
 
 
@@ -124,7 +123,7 @@ def _perturbed(machine: Machine, perturbation: Perturbation) -> Machine:
 
 def _servo(case: Case) -> Servo:
     job, changes = _base(case), case.settings
-    allowed = {f"servo.{name}" for name in GAINS}
+    allowed = {f"servo.{name}" for name in GAIN_NAMES}
     if other := sorted(set(changes) - allowed):
         raise GantryError(f"a case that changes {other[0]}: only {', '.join(sorted(allowed))} may differ")
     settings = ServoSettings(**{**dict(job.servo), **{key.removeprefix("servo."): changes[key] for key in changes}})
@@ -136,7 +135,7 @@ def _row(run: Run, case: Case, metric: str) -> Row:
     time: Row = {} if run.fault is None else {_FAULT_TIME: run.fault.time}
     servo = _servo(case)
     gains: Row = {
-        f"{name}_{axis}": gain for name in GAINS for axis, gain in zip(run.axes, getattr(servo, name), strict=True)
+        f"{name}_{axis}": gain for name in GAIN_NAMES for axis, gain in zip(run.axes, getattr(servo, name), strict=True)
     }
     return {**row, **time, **gains}
 

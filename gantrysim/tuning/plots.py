@@ -14,7 +14,7 @@ from gantrysim.metrics.budget import LINKS, Budget, BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.search import RANKS, History, Phase
-from gantrysim.tuning.space import GAINS
+from gantrysim.tuning.space import SEARCHED
 from gantrysim.tuning.stability import Stability
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def draw_search(history: History, label: str, ripple: float) -> Figure:
 def _draw_leaders(axes: Axes, history: History) -> None:
     """Draw the gains of the first axis of every leader as multiples of the tuned ones."""
     runs, drawn = [one.runs for one in history.leaders], []
-    for name, colour in zip(GAINS[:-1], _GAIN_COLOURS, strict=True):
+    for name, colour in zip(SEARCHED, _GAIN_COLOURS, strict=True):
         values = np.array([getattr(one.servo, name)[0] for one in history.leaders])
         if not values[-1] > 0:
             continue
@@ -146,7 +146,7 @@ def _draw_leaders(axes: Axes, history: History) -> None:
 
 def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
     """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
-    names, width = GAINS[:-1], 0.8 / len(axes)
+    names, width = SEARCHED, 0.8 / len(axes)
     old, new = (np.array([getattr(servo, name) for name in names]) for servo in (start, tuned))
     drawn = [0.5, 2.0]
     with sheet(9.0, 3.2) as figure:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.servo import GAIN_NAMES
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.style import COLOURS, UM
 from gantrysim.report import Column, Table
@@ -17,7 +18,6 @@ from gantrysim.tuning import plots as drawing
 from gantrysim.tuning.objective import METRICS, RIPPLE, column, micrometres
 from gantrysim.tuning.search import RANKS, Candidate, History, Phase
 from gantrysim.tuning.servo import TUNED, UNITS
-from gantrysim.tuning.space import GAINS
 from gantrysim.tuning.stability import phase_margin
 from gantrysim.tuning.study import TuningStudy
 
@@ -234,7 +234,7 @@ def _links_table(budgets: dict[Phase, Budget]) -> Table:
 
 def _gains_table(study: TuningStudy, history: History) -> Table:
     servos = {phase: candidate.servo for phase, candidate in history.phases.items()}
-    names = [name for name in GAINS if any(any(getattr(servo, name)) for servo in servos.values())]
+    names = [name for name in GAIN_NAMES if any(any(getattr(servo, name)) for servo in servos.values())]
     return Table(
         ["axis", "u", "", *(Column(f"{name} [{UNITS[name]}]", ".4g") for name in names)],
         [

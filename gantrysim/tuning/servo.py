@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import DERIVED, Servo
 from gantrysim.job.job import Job
 
 TUNED = "tuned.toml"
 
-UNITS = {
-    "kp": "N·m/u",
-    "ki": "N·m/(u·s)",
-    "kd": "N·m·s/u",
-    "velocity_ff": "N·m·s/u",
-    "acceleration_ff": "N·m·s²/u",
-    "output_velocity": "N·m·s/u",
-    "torque_limit": "N·m",
-    "resolution": "u",
-}  # u is the axis' own unit
+UNITS = {parameter.name: parameter.unit for parameter in DERIVED}  # u is the axis' own unit
 
 
 def unit_of(name: str, units: Sequence[str]) -> str:

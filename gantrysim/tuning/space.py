@@ -33,7 +33,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import AxisDynamics, Servo
 
-GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets
 SPACES = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}
 
 _INTEGRAL = 5.0  # natural n: the integral term then takes atan(1 / n), 11 degrees, of the phase at w
@@ -70,7 +70,7 @@ class SearchSpace:
     @property
     def gains(self) -> tuple[str, ...]:
         """Names of the gains that are searched."""
-        return tuple(gain for gain in GAINS[:-1] if gain != "ki" or "n" in SPACES[self.name])
+        return tuple(gain for gain in SEARCHED if gain != "ki" or "n" in SPACES[self.name])
 
     @property
     def groups(self) -> int:
@@ -155,7 +155,8 @@ class SearchSpace:
 
     def _numbers(self, servo: Servo) -> dict[str, Floats]:
         """Return the numbers of a servo, (axes,); not finite or not above zero where it has none."""
-        kp, ki, kd, velocity, acceleration, output = (np.array(getattr(servo, name)) for name in GAINS)
+        names = (*SEARCHED, "output_velocity")
+        kp, ki, kd, velocity, acceleration, output = (np.array(getattr(servo, name)) for name in names)
         with np.errstate(divide="ignore", invalid="ignore"):
             w = np.sqrt(kp / self._inertia)
             return {

@@ -1,4 +1,4 @@
-"""Where what is shown comes from: a record that plays, or a simulation that runs."""
+"""Sources of the viewer: a record that is replayed, or a simulation that runs."""
 
 from __future__ import annotations
 
@@ -7,25 +7,24 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import whole
-from gantrysim.native.hook import installed
 from gantrysim.run import Fault, Run
 
-_CHUNK = 100  # servo ticks between two looks at the wall's clock
+_CHUNK = 100  # servo ticks between two checks of the clock
 _ROUNDING = 1e-6  # of a servo period
 
 
 class Source(Protocol):
-    """Gives a record and a tick of it for the moment that is wanted.
+    """A record and the present tick of it.
 
     Attributes:
-        live: whether it is simulated only now; then there is no way back but to the start.
-        until: the last moment that there is, or that there will be if the run waits for nothing [s].
+        live: whether it is being simulated; then it can only go forward, or restart.
+        until: end of the record, or of a live run that waits at no gate [s].
     """
 
     live: bool
@@ -33,32 +32,32 @@ class Source(Protocol):
 
     @property
     def run(self) -> Run:
-        """The record, of a live run so far."""
+        """The record, of a live run the record so far."""
 
     @property
     def tick(self) -> int:
-        """Of the record, at the moment that was last asked for, or before it where that is not reached."""
+        """Index of the last tick at or before the requested moment, as far as it is reached."""
 
     @property
     def over(self) -> bool:
-        """Whether there is no more to come."""
+        """Whether the end is reached."""
 
     @property
     def fault(self) -> Fault | None:
-        """Why the run ended early, from when it did."""
+        """The fault, once it has occurred."""
 
     def go(self, moment: float) -> None:
-        """Go to a moment [s], or as near to it as can be done in little time."""
+        """Go to a moment [s], or as far towards it as a little time allows."""
 
     def restart(self) -> None:
         """Go back to the start."""
 
     def push(self, wrench: Floats) -> None:
-        """Have forces and torques act on the bodies from now on, (bodies, 6) [N, N·m]."""
+        """Apply forces and torques to the bodies from now on, (bodies, 6) [N, N·m]."""
 
 
 class Replay:
-    """A record that plays.
+    """A record that is replayed.
 
     Args:
         run: the record.
@@ -73,47 +72,41 @@ class Replay:
 
     @property
     def run(self) -> Run:
-        """The record."""
         return self._run
 
     @property
     def tick(self) -> int:
-        """The last tick before the moment, or at it."""
         return self._tick
 
     @property
     def over(self) -> bool:
-        """Whether it is at its last tick."""
         return self._tick == len(self._run.time) - 1
 
     @property
     def fault(self) -> Fault | None:
-        """Why the run ended early, at its end."""
         return self._run.fault if self.over else None
 
     def go(self, moment: float) -> None:
-        """Go to a moment [s]; there is none before the first tick or after the last."""
         self._tick = min(max(math.floor(moment / self._run.period + _ROUNDING), 0), len(self._run.time) - 1)
 
     def restart(self) -> None:
-        """Go back to the first tick."""
         self._tick = 0
 
     def push(self, wrench: Floats) -> None:
-        """Leave the record as it is: what is past cannot be pushed."""
+        """Do nothing."""
 
 
 class Live:
-    """A simulation that runs as it is looked at.
+    """A simulation that runs while it is watched.
 
     Args:
-        simulation: to be run.
-        chunk: servo ticks stepped on end.
-        patience: after so long `go` comes back, there or not [s].
-        timer: the wall's clock [s].
+        simulation: the simulation.
+        chunk: servo ticks between two checks of the timer.
+        patience: longest duration of `go`, checked after every chunk [s].
+        timer: wall-clock time [s].
 
     Raises:
-        InputError: a chunk of no tick.
+        InputError: a chunk below one tick.
     """
 
     live = True
@@ -132,61 +125,45 @@ class Live:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew, at rest at the first setpoint, with nobody pushing."""
-        simulation = self._simulation
-        self._data = mujoco.MjData(simulation.model)
-        self._row = simulation.start(self._data.qpos, self._data.userdata)
+        self._stepper = Stepper(self._simulation)
         self._run: Run | None = None
-        self._step_to(1)
+        self._advance(1)
 
     @property
     def run(self) -> Run:
-        """The record so far."""
         if self._run is None:
-            self._run = self._simulation.record(self._row, partial=True)
+            self._run = self._stepper.run.record(partial=True)
         return self._run
 
     @property
     def tick(self) -> int:
-        """The last one."""
         return len(self.run.time) - 1
 
     @property
     def over(self) -> bool:
-        """Whether the last setpoint is sent, or a fault has ended the run."""
-        return self._simulation.done(self._row)
+        return self._stepper.run.done
 
     @property
     def fault(self) -> Fault | None:
-        """Why the run ended early."""
-        return self._simulation.fault(self._row)
+        return self._stepper.run.fault
 
     def go(self, moment: float) -> None:
-        """Step until the last tick before a moment [s], or until patience is at its end."""
         wanted = math.floor(moment / self._simulation.setpoints.period + _ROUNDING) + 1
         begun = self._timer()
-        while (done := int(self._row[0]["tick"])) < wanted and not self.over:
-            self._step_to(min(done + self._chunk, wanted))
-            if int(self._row[0]["tick"]) == done or self._timer() - begun > self._patience:
+        while (done := self._stepper.run.ticks) < wanted and not self.over:
+            self._advance(min(done + self._chunk, wanted))
+            if self._timer() - begun > self._patience:
                 break
 
     def push(self, wrench: Floats) -> None:
-        """Have forces and torques act on the bodies of the stepped model from now on, (bodies, 6) [N, N·m]."""
-        self._data.xfrc_applied[:] = wrench
+        self._stepper.data.xfrc_applied[:] = wrench
 
-    def _step_to(self, ticks: int) -> None:
+    def _advance(self, ticks: int) -> None:
         """Step until so many ticks are begun, or the run is over."""
-        simulation, row = self._simulation, self._row
-        with installed():
-            while int(row[0]["tick"]) < ticks and not simulation.done(row):
-                begun = int(row[0]["steps"])
-                steps = (ticks - 1) * simulation.substeps + 1 - begun
-                mujoco.mj_step(simulation.model, self._data, min(steps, simulation.steps_left(row)))
-                if int(row[0]["steps"]) == begun:
-                    break
+        self._stepper.advance((ticks - 1) * self._simulation.substeps + 1 - self._stepper.run.steps)
         self._run = None
 
     @property
     def forces(self) -> Floats:
-        """Forces and torques that act on the bodies of the stepped model, (bodies, 6) [N, N·m]."""
-        return np.array(self._data.xfrc_applied)
+        """Forces and torques applied to the bodies of the stepped model, (bodies, 6) [N, N·m]."""
+        return np.array(self._stepper.data.xfrc_applied)

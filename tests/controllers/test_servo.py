@@ -92,8 +92,8 @@ floats = st.floats(-1e3, 1e3)
 @given(st.lists(floats, min_size=12, max_size=12), st.lists(floats, min_size=6, max_size=6), floats)
 def test_law_is_linear_in_the_measured_quantities(arguments, other, factor):
     measured, gains = arguments[:6], arguments[6:]
-    total = law(*[a + factor * b for a, b in zip(measured, other, strict=True)], *gains)
-    parts = law(*measured, *gains) + factor * law(*other, *gains)
+    total = law(*[a + factor * b for a, b in zip(measured, other, strict=True)], gains)
+    parts = law(*measured, gains) + factor * law(*other, gains)
     assert total == pytest.approx(parts, rel=1e-9, abs=1e-3)
 
 
@@ -101,7 +101,7 @@ def test_each_term_of_the_law_has_its_own_gain():
     units = np.eye(6)
     for i in range(6):
         for j in range(6):
-            assert law(*units[i], *units[j]) == (1.0 if i == j else 0.0)
+            assert law(*units[i], units[j]) == (1.0 if i == j else 0.0)
 
 
 BAD = {

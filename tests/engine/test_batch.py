@@ -10,8 +10,8 @@ import pytest
 
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.controllers.paths.path import Path
+from gantrysim.engine.advance import CALLS
 from gantrysim.engine.batch import Batch
-from gantrysim.engine.simulate import CALLS
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
@@ -85,7 +85,7 @@ def test_a_fault_in_any_call_ends_no_other_simulation(xy, servo, share):
     assert len(whole.time) == len(ramp(SLOW, length).position)
 
 
-def test_jobs_of_different_machines_stand_side_by_side():
+def test_jobs_of_different_machines_run_in_one_batch():
     jobs = [Job.load(name) for name in ("stage-outline", "softmc-arc", "softmc-helical", "fanuc-conical", "softmc-arc")]
     together = simulate_batch(
         [job.built_machine for job in jobs],
@@ -109,7 +109,7 @@ def test_an_argument_is_one_for_all_or_one_for_each(xy, servo):
     assert same(only, simulate(xy, servo, setpoints))
 
 
-def test_what_mujoco_warns_of_in_one_simulation_stops_no_other(xy, servo):
+def test_a_warning_of_mujoco_in_one_simulation_stops_no_other(xy, servo):
     servo = dataclasses.replace(servo, following_error_limit=(math.inf, math.inf))
     wild = copy.copy(xy)
     wild.physics = copy.copy(xy.physics)
@@ -200,7 +200,7 @@ def test_lists_tuples_and_arrays_are_the_same(xy, servo, several):
     assert not same(*expected)
 
 
-def test_what_one_alone_would_refuse_is_refused_with_its_number(xy, servo):
+def test_invalid_input_of_one_simulation_is_refused_with_its_number(xy, servo):
     with pytest.raises(InputError) as refused:
         simulate_batch(xy, servo, [ramp(FAST), ramp(9000.0)])
     assert str(refused.value).startswith("simulation 1 of the batch: speed of x = ")
@@ -215,29 +215,26 @@ def test_a_batch_takes_one_layout_of_machine(xy, xyz, servo):
         batch.load({0: other})
 
 
-def test_a_place_is_taken_again_without_a_trace_of_what_was_there(xy, servo):
+def test_a_place_can_be_reused(xy, servo):
     batch = Batch(xy, 3, 1)
     long, short = (lambda: Simulation.of(xy, servo, ramp(SLOW))), (lambda: Simulation.of(xy, servo, ramp(FAST, 40.0)))
-    first = {place: long() for place in range(3)}
-    batch.load(first)
-    batch.step(1501)
-    second = {1: short()}
-    batch.load(second)
-    while not all(s.done(batch.rows[place]) for place, s in {**first, **second}.items()):
-        batch.step(777)
-    assert same(second[1].record(batch.rows[1]), simulate(xy, servo, ramp(FAST, 40.0)))
-    assert same(first[0].record(batch.rows[0]), simulate(xy, servo, ramp(SLOW)))
+    batch.load({place: long() for place in range(3)})
+    batch.advance(steps=1501)
+    batch.load({1: short()})
+    while not all(run.done for run in batch.runs.values()):
+        batch.advance(steps=777)
+    assert same(batch.runs[1].record(), simulate(xy, servo, ramp(FAST, 40.0)))
+    assert same(batch.runs[0].record(), simulate(xy, servo, ramp(SLOW)))
 
 
 def test_a_place_alone_can_be_stepped(xy, servo):
     batch = Batch(xy, 2, 1)
-    simulations = {place: Simulation.of(xy, servo, ramp(FAST, 40.0)) for place in range(2)}
-    batch.load(simulations)
-    batch.step(400, [1])
-    assert [int(batch.rows[place][0]["tick"]) for place in range(2)] == [0, 100]
+    batch.load({place: Simulation.of(xy, servo, ramp(FAST, 40.0)) for place in range(2)})
+    batch.advance([1], steps=400)
+    assert [batch.runs[place].ticks for place in range(2)] == [0, 100]
     with pytest.raises(GantryError, match="ran for 100 of 501 ticks"):
-        simulations[1].record(batch.rows[1])
-    partial = simulations[1].record(batch.rows[1], partial=True)
+        batch.runs[1].record()
+    partial = batch.runs[1].record(partial=True)
     assert np.array_equal(partial.nozzle, simulate(xy, servo, ramp(FAST, 40.0)).nozzle[:100])
 
 

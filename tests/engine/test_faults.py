@@ -1,4 +1,4 @@
-"""What ends a run, and what does not."""
+"""Faults that end a run, and conditions that are no faults."""
 
 import dataclasses
 import math
@@ -109,7 +109,7 @@ def test_a_run_away_axis_trips_on_the_first_limit_it_meets(rigid, limits, kind):
         ),
     ],
 )
-def test_a_fault_of_a_rotary_axis_is_told_in_degrees(tmp_path, limits, law, text):
+def test_a_fault_of_a_rotary_axis_is_in_degrees(tmp_path, limits, law, text):
     machine = turntable(tmp_path)
     machine.physics.jnt_limited[:] = 0  # no hard stop before the limit switch
     run = turn(machine, 0.0, ticks=6000, law=law, **limits)
@@ -147,7 +147,7 @@ def test_a_fault_disables_the_drives_at_once_even_with_a_delay(rigid):
     assert np.isfinite(run.nozzle).all()
 
 
-def test_a_control_that_mujoco_would_switch_off_is_a_fault(rigid):
+def test_a_control_that_mujoco_would_zero_is_a_fault(rigid):
     machine = Machine(ideal_motors(rigid(current=0.0).source))  # no limit
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
     run = simulate(machine, servo, ramp(50.0), law=lambda tick: [1e300, 0.0])
@@ -160,7 +160,7 @@ def test_a_control_that_mujoco_would_switch_off_is_a_fault(rigid):
     assert run.fault.time < 0.01
 
 
-def test_what_mujoco_warns_of_is_a_fault_at_the_next_tick(rigid, tmp_path, monkeypatch):
+def test_a_warning_of_mujoco_is_a_fault_at_the_next_tick(rigid, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     machine = rigid(speed=0.0, travel=1e7)
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
@@ -186,20 +186,20 @@ def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
     simulation = Simulation.of(machine, servo, ramp(400.0), physics_step=STEP)
     model = simulation.model
     data = mujoco.MjData(model)
-    row = simulation.start(data.qpos, data.userdata)
+    run = simulation.start(data.qpos, data.userdata)
     before = 0.0
     with installed():
         for _ in range(4000):
             mujoco.mj_step(model, data)
-            if row[0]["fault"]:
+            if run.fault:
                 break
             before = data.ctrl[0]
-    assert row[0]["fault"]
+    assert run.fault
     assert before != 0.0
     assert not data.ctrl.any()
 
 
-def test_a_run_that_ends_in_numbers_that_are_none_keeps_those_before(rigid):
+def test_a_run_that_ends_in_nan_keeps_the_ticks_before(rigid):
     machine = rigid()
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=math.inf)
     poisoned = machine.stepping(STEP)
@@ -213,7 +213,7 @@ def test_a_run_that_ends_in_numbers_that_are_none_keeps_those_before(rigid):
     assert np.isfinite(metrics.values(run).contour.max)
 
 
-def test_an_absurd_torque_is_told_in_its_own_unit():
+def test_a_fault_of_an_absurd_torque_is_in_newton_metres():
     assert (
         str(Fault("diverged", "x", 0.002, -5e9, 1e9, "N·m"))
         == "diverged on axis x at t = 0.0020 s: -5e+09 N·m, limit 1e+09 N·m"

@@ -39,7 +39,7 @@ def test_a_law_in_plain_python_runs_through_the_same_tick(xy):
     np.testing.assert_allclose(plain_law.encoder, compiled.encoder, rtol=0, atol=1e-9)
 
 
-def test_what_a_plain_law_raises_reaches_the_caller(xy):
+def test_an_exception_in_a_plain_law_reaches_the_caller(xy):
     setpoints = MoveSpiral(60, 1, 10, 100).setpoints(PERIOD)
 
     def broken(tick):

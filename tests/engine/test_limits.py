@@ -1,4 +1,4 @@
-"""What a machine cannot follow is refused before anything moves."""
+"""Setpoints and settings that a machine cannot follow are refused before anything moves."""
 
 import dataclasses
 import math
@@ -74,7 +74,7 @@ def test_physics_steps_are_at_most_what_the_machine_is_made_for(rigid):
     np.testing.assert_array_equal(default.nozzle, same.nozzle)
 
 
-def test_limits_of_a_rotary_axis_are_told_in_degrees(tmp_path):
+def test_limits_of_a_rotary_axis_are_in_degrees(tmp_path):
     machine = turntable(tmp_path)
     with pytest.raises(
         InputError, match=r"th = 420 deg at t = 4.2 s: must lie in the travel -400 to 400 deg of machine turntable$"

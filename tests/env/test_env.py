@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Job, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuningVectorEnv
-from gantrysim.env.episodes import GAINS
+from gantrysim.env.episodes import TUNED_GAINS
 from gantrysim.env.observation import entries
 from gantrysim.errors import GantryError
 from gantrysim.machine.tolerances import Tolerances
@@ -57,7 +57,8 @@ def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
     simulation = env._episodes.episodes[0].simulation
     factors = 4.0**action
     gains = {
-        name: tuple(f * g for g in getattr(simulation.servo, name)) for f, name in zip(factors, GAINS, strict=True)
+        name: tuple(f * g for g in getattr(simulation.servo, name))
+        for f, name in zip(factors, TUNED_GAINS, strict=True)
     }
     gains["ki"] = tuple(factors[0] * ki for ki in simulation.servo.ki)
     servo = dataclasses.replace(simulation.servo, **gains)
@@ -466,7 +467,7 @@ def test_nothing_is_stepped_after_the_end():
     env.reset(seed=1)
     *_, truncated, _ = env.step(np.zeros(4))
     assert truncated
-    row = env._episodes._batch.rows[0][0]
+    row = env._episodes._batch.runs[0].row
     assert row["steps"] <= row["tick"] * row["substeps"]
     assert row["tick"] == len(env._episodes.episodes[0].simulation.position)
 
@@ -508,7 +509,7 @@ def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             env.reset()
     fleet = env._episodes._batch
-    row = fleet.rows[0][0]
+    row = fleet.runs[0].row
     assert row["log"] == fleet._loaded[0].log.ctypes.data  # what the armed row writes to is kept alive
     if kind is SpiralTuningEnv:
         with pytest.raises(ResetNeeded):

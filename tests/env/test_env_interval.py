@@ -1,4 +1,4 @@
-"""What is measured between two decisions, tick by tick, against paths and numbers given by hand."""
+"""Measurements between two decisions, tick by tick, against paths and numbers given by hand."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
 from gantrysim.env.observation import IntervalValues
-from gantrysim.native.row import log_width
+from gantrysim.native.row import LOG
 
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
 AXES = 2
@@ -15,11 +15,11 @@ AXES = 2
 
 def log_of(tips, encoder=None, demand=None):
     """A servo's log with the nozzle at these points."""
-    log = np.zeros((len(tips), log_width(AXES)))
-    log[:, :AXES] = tips[:, :AXES] if encoder is None else encoder
-    log[:, AXES : AXES + 3] = tips
-    log[:, AXES + 3 : 2 * AXES + 3] = 0.0 if demand is None else demand
-    log[:, -1] = np.arange(len(tips))
+    log = np.zeros(len(tips), LOG)
+    log["encoder"][:, :AXES] = tips[:, :AXES] if encoder is None else encoder
+    log["nozzle"] = tips
+    log["demand"][:, :AXES] = 0.0 if demand is None else demand
+    log["setpoint"] = np.arange(len(tips))
     return log
 
 
@@ -52,7 +52,7 @@ def test_a_trace_nearer_to_the_next_turn_stays_on_its_own():
     assert foot == pytest.approx(len(path.table[0]) - 1, abs=3)
 
 
-def test_a_trace_begins_at_the_begin_of_a_path_that_ends_there_too():
+def test_a_trace_begins_at_the_start_of_a_closed_path():
     circle = ArcChain((10.0, 0.0), 0.5 * np.pi, [0.1], [2 * np.pi * 10.0])
     s = np.linspace(0, 20.0, 201)
     tips = circle.position(s) - 0.02 * circle.tangent(s[:1])  # a little behind: the end of the path is nearer
@@ -60,7 +60,7 @@ def test_a_trace_begins_at_the_begin_of_a_path_that_ends_there_too():
     assert foot * circle.table[0][1] == pytest.approx(20.0, abs=0.1)
 
 
-def test_where_the_dispenser_is_off_there_is_no_contour_error_but_a_following_error():
+def test_with_the_dispenser_off_following_errors_count_and_contour_errors_do_not():
     line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
     tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, 0.3, 0.0])
     on = np.zeros(101, bool)
@@ -78,7 +78,7 @@ def test_where_the_dispenser_is_off_there_is_no_contour_error_but_a_following_er
     assert seen.tracking_max == pytest.approx(np.array([[0.1, 0.2]] * 3))
 
 
-def test_the_mean_contour_error_is_of_the_ticks_with_the_dispenser_on_alone():
+def test_the_mean_contour_error_is_taken_with_the_dispenser_on():
     line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
     tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, -0.3, 0.0])
     on = np.arange(101) >= 75

@@ -1,4 +1,4 @@
-"""Ctrl-C at any point of putting MuJoCo's hooks in and taking them out: nothing is left installed, nothing waits."""
+"""Ctrl-C at any point of installing and removing MuJoCo's callbacks: nothing stays installed, no thread is blocked."""
 
 import os
 import signal
@@ -19,13 +19,13 @@ from support.runs import plain, ramp
 
 OURS = (hook.__file__, interrupts.__file__)
 MOST = 4000  # points of one enter and exit, by far
-PATIENCE = 60.0  # for what must not wait at all [s]
+PATIENCE = 300.0  # until a test that hangs is given up [s]
 
 
 class Interrupted:
     """Has Ctrl-C come at one bytecode of the hook's own code, by number from the start of tracing.
 
-    It does what Python does there: it calls the handler with the frame. The storm of real signals is below.
+    It calls the handler with the frame, as Python does there. Real signals come in the last test.
     """
 
     def __init__(self, point):
@@ -176,18 +176,29 @@ def test_a_handler_that_is_set_in_the_block_stays(before):
     assert signal.getsignal(signal.SIGINT) is mine
 
 
-def test_who_waits_for_its_turn_can_be_interrupted(machine, before):
-    make, entered, leave = alone(machine), threading.Event(), threading.Event()
+def test_a_waiting_thread_can_be_interrupted(machine, before, monkeypatch):
+    make, entered, leave, waiting = alone(machine), threading.Event(), threading.Event(), threading.Event()
+
+    class Condition(threading.Condition):
+        def wait(self, timeout=None):
+            waiting.set()
+            return super().wait(timeout)
+
+    monkeypatch.setattr(hook, "_changed", Condition(threading.Lock()))
 
     def hold():
         with make():
             entered.set()
             leave.wait(PATIENCE)
 
+    def interrupt():
+        waiting.wait(PATIENCE)
+        os.kill(os.getpid(), signal.SIGINT)
+
     thread = threading.Thread(target=hold)
     thread.start()
     entered.wait(PATIENCE)
-    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    threading.Thread(target=interrupt).start()
     try:
         with pytest.raises(KeyboardInterrupt):
             simulate(machine, plain(machine), ramp(50.0, 1.0))
@@ -270,9 +281,15 @@ from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.native.hook import installed
 
-faulthandler.dump_traceback_later(60, exit=True)
-signal.signal(signal.SIGINT, signal.default_int_handler)  # what starts the tests may ignore it
-handler = signal.getsignal(signal.SIGINT)
+ROUNDS, handled, came = 500, 0, 0
+
+def handler(number, frame):
+    global handled
+    handled += 1
+    raise KeyboardInterrupt
+
+faulthandler.dump_traceback_later(PATIENCE, exit=True)
+signal.signal(signal.SIGINT, handler)
 machine = Machine("xy")
 setpoints = MoveSpiral(40, 1, 10, 100).setpoints(1e-3)
 servo = Servo.derive(machine.axes)
@@ -281,18 +298,16 @@ go = threading.Semaphore(0)
 
 def send():
     chance = random.Random(1)
-    while True:
+    for _ in range(ROUNDS):
         go.acquire()
         time.sleep(chance.uniform(0, 3e-4))
         os.kill(os.getpid(), signal.SIGINT)
 
 threading.Thread(target=send, daemon=True).start()
-came, end = 0, time.monotonic() + 2
-while time.monotonic() < end:
+for number in range(1, ROUNDS + 1):
     try:
         go.release()
-        patience = time.monotonic() + 1
-        while time.monotonic() < patience:  # where C code of others has swallowed one, the next comes
+        while handled < number:  # C code of others may swallow what the handler raises
             with installed():
                 pass
     except KeyboardInterrupt:
@@ -300,13 +315,15 @@ while time.monotonic() < end:
     left = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning(), signal.getsignal(signal.SIGINT)
     assert left == (None, None, handler), left
 again = simulate(machine, servo, setpoints)
-print(came, (again.nozzle == run.nozzle).all())
+print(handled, came, (again.nozzle == run.nozzle).all())
 """
 
 
-def test_a_storm_of_interrupts_leaves_a_process_that_simulates():
-    done = subprocess.run([sys.executable, "-c", STORM], capture_output=True, text=True, timeout=2 * PATIENCE)
+def test_a_process_survives_hundreds_of_interrupts():
+    code = STORM.replace("PATIENCE", str(PATIENCE))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=2 * PATIENCE)
     assert done.returncode == 0, done.stderr
-    came, equal = done.stdout.split()
+    handled, came, equal = done.stdout.split()
+    assert int(handled) == 500
     assert int(came) > 100
     assert equal == "True"

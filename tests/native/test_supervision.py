@@ -1,4 +1,4 @@
-"""What a controller watches besides its servo: position error with a delay, settling, a velocity limit."""
+"""Supervision by the controller: position error with a delay, settling at gates, velocity limit."""
 
 import dataclasses
 import inspect
@@ -37,9 +37,9 @@ def in_python(servo):
 
 def diagonal(speed, ticks=600, start=100):
     """Rest, a constant speed along both axes, and rest again."""
-    way = np.clip(np.arange(ticks) - start, 0, ticks - 2 * start) * PERIOD * speed
+    distance = np.clip(np.arange(ticks) - start, 0, ticks - 2 * start) * PERIOD * speed
     path = ramp(50.0).requested
-    return Setpoints(PERIOD, ("x", "y"), np.column_stack([way, 0.5 * way]), np.ones(ticks, bool), path)
+    return Setpoints(PERIOD, ("x", "y"), np.column_stack([distance, 0.5 * distance]), np.ones(ticks, bool), path)
 
 
 def delayed_error(run, delay):
@@ -226,7 +226,7 @@ def test_a_command_that_moves_nothing_is_no_gate_at_the_start():
 
 
 @pytest.mark.parametrize("law", [None, "plain"])
-def test_what_does_not_settle_in_time_is_a_fault(rigid, law):
+def test_a_settling_timeout_is_a_fault(rigid, law):
     machine = rigid()
     servo = lazy(machine)
     law = None if law is None else in_python(servo)
@@ -279,14 +279,14 @@ def test_the_two_centre_spiral_settles_after_every_half_circle(xyz):
         assert np.all(np.abs(run.encoder - setpoints.position[gate])[last - 5 : last + 1] <= 0.05)
 
 
-def test_cached_code_knows_all_that_it_was_compiled_from(monkeypatch):
-    seen = []
-    monkeypatch.setattr(inspect, "getsource", lambda module: seen.append(module.__name__) or "")
+def test_the_magic_number_covers_all_compiled_modules(monkeypatch):
+    modules = []
+    monkeypatch.setattr(inspect, "getsource", lambda module: modules.append(module.__name__) or "")
     magic.__wrapped__()
-    assert {f"gantrysim.native.{name}" for name in ("tick", "row", "pointers", "supervision")} <= set(seen)
+    assert {f"gantrysim.native.{name}" for name in ("tick", "row", "pointers", "supervision")} <= set(modules)
 
 
-def test_held_setpoints_keep_what_is_watched():
+def test_held_setpoints_keep_supervision_and_gates():
     setpoints = Program(TEXT, dataclasses.replace(GROUP, settle_error=0.1, position_error=3)).setpoints(PERIOD)
     held = setpoints.hold(0.1)
     assert held.supervision == setpoints.supervision == Supervision(3, 0, 0.1)
@@ -319,7 +319,7 @@ def test_gates_are_ascending_indices(gates):
         dataclasses.replace(diagonal(10.0), gates=gates)
 
 
-def test_waits_beyond_all_memory_are_refused(rigid):
+def test_waits_that_would_exhaust_the_memory_are_refused(rigid):
     machine = rigid()
     setpoints = dataclasses.replace(diagonal(10.0), supervision=Supervision(settle_timeout=3e4), gates=[5, 9])
     with pytest.raises(InputError, match=r"^settle_timeout = 30000 s at each of 2 gates: makes 6e\+07 ticks, at most"):

@@ -1,4 +1,4 @@
-"""What the view plays: a record, or a simulation that runs and can be pushed."""
+"""Sources of the viewer: a record, or a simulation that runs and can be pushed."""
 
 import dataclasses
 
@@ -93,7 +93,7 @@ def test_live_run_so_far_is_the_beginning_of_the_whole(gated):
             assert np.array_equal(getattr(live.run, name), getattr(run, name)[:n]), name
 
 
-def test_live_run_begins_anew(gated):
+def test_live_run_restarts(gated):
     job, run = gated
     live = Live(simulation_of(job), patience=EVER)
     live.go(1.0)
@@ -109,7 +109,7 @@ def test_live_run_begins_anew(gated):
     assert np.array_equal(live.run.encoder, run.encoder[: live.tick + 1])
 
 
-def test_live_run_comes_back_when_patience_is_at_its_end(rigid):
+def test_live_run_returns_when_the_patience_is_exhausted(rigid):
     machine = rigid()
     wall = iter(np.arange(100) * 0.01)
     live = Live(Simulation.of(machine, plain(machine), ramp(100.0)), chunk=10, patience=0.025, timer=lambda: next(wall))
@@ -162,7 +162,7 @@ def test_replay_is_at_the_last_tick_before_the_moment(rigid):
     replay.push(np.ones((3, 6)))
 
 
-def test_replay_tells_its_fault_at_its_end(rigid):
+def test_replay_has_its_fault_at_its_end(rigid):
     machine = rigid()
     run = simulate(machine, plain(machine, following_error_limit=0.02, feedforward=0.0), ramp(100.0))
     replay = Replay(run)
