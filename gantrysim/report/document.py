@@ -184,5 +184,5 @@ def _cell(cell: Any, form: str) -> str:
         return _NOTHING
     if math.isinf(cell):
         return "∞" if cell > 0 else "−∞"
-    text = str(cell) if isinstance(cell, Integral) else format(float(cell), f"z{form}")
+    text = str(cell) if isinstance(cell, Integral) else format(float(cell), f"+z{form[1:]}" if form.startswith("+") else f"z{form}")
     return f"−{text[1:]}" if text.startswith("-") else text

@@ -371,7 +371,7 @@ def test_a_job_configures_its_dispenser_and_its_bead(tmp_path):
         ("cell=0", "job an225: cell = 0 mm: must be at least 1e-06 mm"),
         ("dispenser.area=3", "flow = 200 mm³/s and area = 3 mm²: only one"),
         ("dispenser.needle=3", "dispenser.needle = 3"),
-        ("dispenser.limit=100", "limit = 100 mm³/s: must be at least 200"),
+        ("dispenser.limit=100", "limit = 100 mm³/s: must be at least the request, 200"),
     ):
         with pytest.raises(InputError, match=text):
             Job.load("an225", [override])
