@@ -184,5 +184,6 @@ def _cell(cell: Any, form: str) -> str:
         return _NOTHING
     if math.isinf(cell):
         return "∞" if cell > 0 else "−∞"
-    text = str(cell) if isinstance(cell, Integral) else format(float(cell), f"+z{form[1:]}" if form.startswith("+") else f"z{form}")
+    signed = f"+z{form[1:]}" if form.startswith("+") else f"z{form}"  # no minus before a zero
+    text = str(cell) if isinstance(cell, Integral) else format(float(cell), signed)
     return f"−{text[1:]}" if text.startswith("-") else text

@@ -65,9 +65,7 @@ def test_speed_limit_is_met_exactly(rigid):
 
 def test_physics_steps_are_at_most_what_the_machine_is_made_for(rigid):
     machine = rigid()
-    with pytest.raises(
-        InputError, match=r"physics_step = 0.001 s: must be at most 0.0005 s, the timestep of machine"
-    ):
+    with pytest.raises(InputError, match=r"physics_step = 0.001 s: must be at most 0.0005 s, the timestep of machine"):
         simulate(machine, plain(machine), ramp(50.0), physics_step=1e-3)
     default = simulate(machine, plain(machine), ramp(50.0))
     same = simulate(machine, plain(machine), ramp(50.0), physics_step=5e-4)
