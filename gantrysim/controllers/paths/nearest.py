@@ -1,4 +1,4 @@
-"""The nearest entries of a table of points along a path, for a trace in the order of the motion."""
+"""The feet of a trace on a path, as entries of a table of points along it, in the order of the motion."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
@@ -7,11 +7,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-# Points of the trace this far apart are searched one after the other [mm], the foot moving at most _REACH times as far
-# as the point; those in between are searched within AROUND entries of the table.
-_ANCHOR = 1.0
-_REACH = 4.0
-AROUND = 12
+# A foot moves along the path by at most _REACH more than four times the point's step, and back by _BACK more than it [mm];
+# of all feet that a point may have, the best _KEPT are followed.
+_REACH = 10.0
+_BACK = 1.0
+_KEPT = 8
+_WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
 
 
 @numba.njit(error_model="numpy")
@@ -43,9 +44,47 @@ def _first(table, point, spacing):
     return 0
 
 
+@numba.njit(error_model="numpy")
+def _minima(table, point, low, high, found, distance):
+    """Find the entries from low to high that are nearer to a point than their neighbours; return their number.
+
+    Without any, it is the nearest; an end of the table needs one neighbour only.
+
+    Args:
+        table: points along the path, (m, 3) [mm].
+        point: (3,) [mm].
+        low, high: entries, inclusive.
+        found: of which the indices are written into the first, (c,).
+        distance: likewise the distances, (c,) [mm].
+    """
+    count, best, least = 0, low, np.inf
+    before = np.inf if low == 0 else _square(table[low - 1], point)
+    square = _square(table[low], point)
+    for i in range(low, high + 1):
+        after = np.inf if i == len(table) - 1 else _square(table[i + 1], point)
+        if square <= before and square < after and count < len(found):
+            found[count], distance[count] = i, np.sqrt(square)
+            count += 1
+        if square < least:
+            best, least = i, square
+        before, square = square, after
+    if count == 0:
+        found[0], distance[0] = best, np.sqrt(least)
+        return 1
+    return count
+
+
 @numba.njit(cache=True, error_model="numpy")
 def along(table, trace, spacing, begin):
-    """Return the index of the entry nearest to every point of a trace, close to that of the point before, (n,).
+    """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
+
+    Candidates are the points of the path that are nearer than their neighbours. Among all sequences of candidates s_k
+    within reach of one another the one with the least
+
+        sum of |s_k - s_(k-1) - l_k| + w d_k l_k,    l_k = |p_k - p_(k-1)|,
+
+    is chosen (Viterbi's algorithm), d being the distance from the path. So the foot advances along the path as the
+    trace does, where the path retraces itself or nearly does, and is the nearest where it may be either of two.
 
     Args:
         table: points along the path, (m, 3) [mm].
@@ -54,29 +93,42 @@ def along(table, trace, spacing, begin):
         begin: index at which the trace begins; -1 to search the whole table.
     """
     n, last_entry = len(trace), len(table) - 1
-    travelled = np.zeros(n)
-    for k in range(1, n):
-        travelled[k] = travelled[k - 1] + np.sqrt(_square(trace[k], trace[k - 1]))
+    index, origin = np.zeros((n, _KEPT), np.int32), np.zeros((n, _KEPT), np.int8)
+    kept = np.ones(n, np.int64)
+    cost, extended = np.zeros(_KEPT), np.zeros(_KEPT)
+    candidate, distance = np.zeros(4 * _KEPT, np.int64), np.zeros(4 * _KEPT)
     if begin < 0:
-        last, reach = _first(table, trace[0], spacing), 2
+        first, reach = _first(table, trace[0], spacing), 2
     else:
-        last = min(begin, last_entry)
-        reach = int((2 * np.sqrt(_square(trace[0], table[last])) + _ANCHOR) / spacing)
-    found = np.empty(n, np.int64)
-    last = _nearest(table, trace[0], last - reach, last + reach)
-    found[0] = _nearest(table, trace[0], last - AROUND, last + AROUND)
-    before = 0
+        first = min(begin, last_entry)
+        reach = int((2 * np.sqrt(_square(trace[0], table[first])) + _BACK) / spacing)
+    index[0, 0] = _nearest(table, trace[0], first - reach, first + reach)
     for k in range(1, n):
-        if k < n - 1 and np.floor(travelled[k] / _ANCHOR) == np.floor(travelled[k - 1] / _ANCHOR):
-            continue
-        distance = travelled[k] - travelled[before]
-        reach = int(_REACH * (distance + _ANCHOR) / spacing) + 1
-        foot = _nearest(table, trace[k], last - reach, last + reach)
-        for j in range(before + 1, k + 1):
-            share = (travelled[j] - travelled[before]) / distance if distance > 0 else 1.0
-            guess = int(np.round(last + share * (foot - last)))
-            found[j] = _nearest(table, trace[j], guess - AROUND, guess + AROUND)
-        last, before = foot, k
+        step = np.sqrt(_square(trace[k], trace[k - 1]))
+        previous = index[k - 1, : kept[k - 1]]
+        low = max(previous.min() - int((_BACK + step) / spacing), 0)
+        high = min(previous.max() + int((_REACH + 4 * step) / spacing) + 1, last_entry)
+        count = 0
+        for c in range(_minima(table, trace[k], low, high, candidate, distance)):
+            best, least = 0, np.inf
+            for j in range(len(previous)):
+                total = cost[j] + abs((candidate[c] - previous[j]) * spacing - step)
+                if total < least:
+                    best, least = j, total
+            least += _WEIGHT * distance[c] * step
+            place = count if count < _KEPT else int(np.argmax(extended))
+            if count < _KEPT:
+                count += 1
+            elif extended[place] <= least:
+                continue
+            extended[place], index[k, place], origin[k, place] = least, candidate[c], best
+        kept[k] = count
+        cost[:count] = extended[:count] - extended[:count].min()
+    found = np.empty(n, np.int64)
+    place = int(np.argmin(cost[: kept[n - 1]]))
+    for k in range(n - 1, -1, -1):
+        found[k] = index[k, place]
+        place = origin[k, place]
     return found
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.controllers.paths.nearest import AROUND, along, vertices
+from gantrysim.controllers.paths.nearest import along, vertices
 from gantrysim.errors import InputError, unknown
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
@@ -197,9 +197,10 @@ class Path(ABC):
         return self._foot(p, cKDTree(self.table[1]).query(p)[1])
 
     def follow(self, trace: ArrayLike, begin: float | None = None) -> Projection:
-        """Project a trace onto the path in the order of its points, every foot close to the one before.
+        """Project a trace onto the path in the order of its points: the feet advance as the trace does.
 
-        A trace thus stays on its own turn of a spiral, at any distance.
+        A trace thus stays on its own turn of a spiral, at any distance, and on its own leg of a path that retraces
+        itself. See `gantrysim.controllers.paths.nearest.along`.
 
         Args:
             trace: points in the order of the motion, (n, 3) [mm].
@@ -227,12 +228,12 @@ class Path(ABC):
         if corners.size:
             edges = np.concatenate([[0.0], corners, [self.length]])
             k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
-            reach = AROUND * s_table[1]
+            reach = 2 * s_table[1]
             near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
             at, before, after = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1]
             for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
                 other = self._between(p[near], low, high, 0.5 * (low + high))
-                closer = other.distance < found.distance[near]
+                closer = other.distance < found.distance[near] - _INSIDE  # of two that are as near, the one there is
                 for name, values in vars(found).items():
                     values[near[closer]] = getattr(other, name)[closer]
         return found
