@@ -7,11 +7,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-# A foot moves along the path by at most _REACH more than four times the point's step, and back by _BACK more than it [mm];
-# of all feet that a point may have, the best _KEPT are followed.
+# A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
+# [mm]; of all feet that a point may have, the best _KEPT are followed.
 _REACH = 10.0
 _BACK = 1.0
 _KEPT = 8
+_AROUND = 12  # entries about the first foot that are searched for a nearer one
 _WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
 
 
@@ -45,7 +46,14 @@ def _first(table, point, spacing):
 
 
 @numba.njit(error_model="numpy")
-def _minima(table, point, low, high, found, distance):
+def _vertex(before, square, after):
+    """Place of the vertex of a parabola through three squared distances, in entries from the middle one, -1 to 1."""
+    second = before - 2 * square + after
+    return min(max(0.5 * (before - after) / second, -1.0), 1.0) if second > 0 else 0.0
+
+
+@numba.njit(error_model="numpy")
+def _minima(table, point, low, high, found, place, distance):
     """Find the entries from low to high that are nearer to a point than their neighbours; return their number.
 
     Without any, it is the nearest; an end of the table needs one neighbour only.
@@ -53,8 +61,10 @@ def _minima(table, point, low, high, found, distance):
     Args:
         table: points along the path, (m, 3) [mm].
         point: (3,) [mm].
-        low, high: entries, inclusive.
-        found: of which the indices are written into the first, (c,).
+        low: first entry.
+        high: last entry.
+        found: into whose first elements their indices are written, (c,).
+        place: likewise where the distance is least about each, in entries, (c,).
         distance: likewise the distances, (c,) [mm].
     """
     count, best, least = 0, low, np.inf
@@ -64,12 +74,13 @@ def _minima(table, point, low, high, found, distance):
         after = np.inf if i == len(table) - 1 else _square(table[i + 1], point)
         if square <= before and square < after and count < len(found):
             found[count], distance[count] = i, np.sqrt(square)
+            place[count] = i + (_vertex(before, square, after) if 0 < i < len(table) - 1 else 0.0)
             count += 1
         if square < least:
             best, least = i, square
         before, square = square, after
     if count == 0:
-        found[0], distance[0] = best, np.sqrt(least)
+        found[0], place[0], distance[0] = best, best, np.sqrt(least)
         return 1
     return count
 
@@ -96,39 +107,44 @@ def along(table, trace, spacing, begin):
     index, origin = np.zeros((n, _KEPT), np.int32), np.zeros((n, _KEPT), np.int8)
     kept = np.ones(n, np.int64)
     cost, extended = np.zeros(_KEPT), np.zeros(_KEPT)
-    candidate, distance = np.zeros(4 * _KEPT, np.int64), np.zeros(4 * _KEPT)
+    at, reached = np.zeros(_KEPT), np.zeros(_KEPT)  # where the feet are, in entries
+    candidate, place, distance = np.zeros(4 * _KEPT, np.int64), np.zeros(4 * _KEPT), np.zeros(4 * _KEPT)
     if begin < 0:
         first, reach = _first(table, trace[0], spacing), 2
     else:
         first = min(begin, last_entry)
         reach = int((2 * np.sqrt(_square(trace[0], table[first])) + _BACK) / spacing)
-    index[0, 0] = _nearest(table, trace[0], first - reach, first + reach)
+    first = _nearest(table, trace[0], first - reach, first + reach)
+    index[0, 0] = _nearest(table, trace[0], first - _AROUND, first + _AROUND)
+    at[0] = index[0, 0]
     for k in range(1, n):
         step = np.sqrt(_square(trace[k], trace[k - 1]))
         previous = index[k - 1, : kept[k - 1]]
         low = max(previous.min() - int((_BACK + step) / spacing), 0)
         high = min(previous.max() + int((_REACH + 4 * step) / spacing) + 1, last_entry)
         count = 0
-        for c in range(_minima(table, trace[k], low, high, candidate, distance)):
+        for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
             best, least = 0, np.inf
             for j in range(len(previous)):
-                total = cost[j] + abs((candidate[c] - previous[j]) * spacing - step)
+                total = cost[j] + abs((place[c] - at[j]) * spacing - step)
                 if total < least:
                     best, least = j, total
             least += _WEIGHT * distance[c] * step
-            place = count if count < _KEPT else int(np.argmax(extended))
+            slot = count if count < _KEPT else int(np.argmax(extended))
             if count < _KEPT:
                 count += 1
-            elif extended[place] <= least:
+            elif extended[slot] <= least:
                 continue
-            extended[place], index[k, place], origin[k, place] = least, candidate[c], best
+            extended[slot], reached[slot] = least, place[c]
+            index[k, slot], origin[k, slot] = candidate[c], best
         kept[k] = count
+        at[:count] = reached[:count]
         cost[:count] = extended[:count] - extended[:count].min()
     found = np.empty(n, np.int64)
-    place = int(np.argmin(cost[: kept[n - 1]]))
+    slot = int(np.argmin(cost[: kept[n - 1]]))
     for k in range(n - 1, -1, -1):
-        found[k] = index[k, place]
-        place = origin[k, place]
+        found[k] = index[k, slot]
+        slot = origin[k, slot]
     return found
 
 
@@ -147,7 +163,5 @@ def vertices(table, points, nearest):
         middle = min(max(nearest[k], 1), len(table) - 2)
         for i in range(3):
             square[i] = _square(table[middle - 1 + i], points[k])
-        second = square[0] - 2 * square[1] + square[2]
-        shift = 0.5 * (square[0] - square[2]) / second if second > 0 else 0.0
-        found[k] = middle + min(max(shift, -1.0), 1.0)
+        found[k] = middle + _vertex(square[0], square[1], square[2])
     return found

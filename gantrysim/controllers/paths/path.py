@@ -29,6 +29,10 @@ from gantrysim.errors import InputError, unknown
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)
 _STEPS = 60
+# Within so many entries of the table the feet on both sides of a corner are compared; of one so sharp that the path
+# nearly retraces itself only where the two sides cannot be told apart.
+_NEAR_CORNER = (12, 2)
+_SHARP = -0.8  # cosine of the angle between the tangents
 _TOLERANCE = 1e-11  # [mm]
 _INSIDE = 1e-11  # [mm]
 _LAST_STEP = 1e-7  # of Newton's method, after which the error is of the order of its square [mm]
@@ -217,6 +221,11 @@ class Path(ABC):
         """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
         return np.zeros(0)
 
+    @cached_property
+    def _sharp(self) -> NDArray[np.bool_]:
+        """Whether the path nearly retraces itself from each corner, (m,)."""
+        return dot(self.tangent(self.corners - _INSIDE), self.tangent(self.corners + _INSIDE)) < _SHARP
+
     def _foot(self, p: Floats, nearest: NDArray[np.intp]) -> Projection:
         """Project points, given the nearest entries of the table.
 
@@ -228,9 +237,9 @@ class Path(ABC):
         if corners.size:
             edges = np.concatenate([[0.0], corners, [self.length]])
             k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
-            reach = 2 * s_table[1]
+            reach = s_table[1] * np.where(self._sharp[k - 1], _NEAR_CORNER[1], _NEAR_CORNER[0])
             near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
-            at, before, after = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1]
+            at, before, after, reach = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1], reach[near]
             for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
                 other = self._between(p[near], low, high, 0.5 * (low + high))
                 closer = other.distance < found.distance[near] - _INSIDE  # of two that are as near, the one there is
