@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gantrysim.controllers.paths.nearest import along
 from gantrysim.jit import inner_jit, jit
 
 # a row of measurements: those of the path, then those of one axis after the other
@@ -14,8 +15,6 @@ PER_AXIS = ("square", "largest", "sum", "demand", "ripple")
 
 _HEAD, _EACH = len(SHARED), len(PER_AXIS)
 
-_AROUND = 12  # points of the path to either side of the last foot in the search for the next
-_BEGIN = 1.0  # [mm]; a trace begins within this of the path's start, besides twice its distance from there
 _CHORD = 8  # points of the path to either side of a foot, over which heading and curvature are taken
 
 
@@ -23,18 +22,6 @@ _CHORD = 8  # points of the path to either side of a foot, over which heading an
 def _distance(a, b):
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return np.sqrt(x * x + y * y + z * z)
-
-
-@inner_jit
-def _nearest(points, tip, low, high):
-    low, high = max(low, 0), min(high, len(points) - 1)
-    best, least = low, np.inf
-    for i in range(low, high + 1):
-        x, y, z = points[i, 0] - tip[0], points[i, 1] - tip[1], points[i, 2] - tip[2]
-        square = x * x + y * y + z * z
-        if square < least:
-            best, least = i, square
-    return best
 
 
 @inner_jit
@@ -56,7 +43,8 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
     """Measure the ticks from `first` to before `last` and return the foot of the last.
 
     Errors of the axes are sums over all these ticks, contour errors over those with the dispenser on. The distance to
-    the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8.
+    the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet are found as
+    those of the analysis are, from the last foot on.
 
     Args:
         log: the servo's, (ticks,) of `gantrysim.native.row.LOG`.
@@ -72,6 +60,7 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
             path's at the last foot.
     """
     n = position.shape[1]
+    tips, laid = np.empty((last - first, 3)), 0
     row[:] = 0.0
     for k in range(first, last):
         at = log[k].setpoint
@@ -92,17 +81,16 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
             if both:
                 change = demand - log[k - 1].demand[a]
                 column[4] += change * change
-        moved = _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
-        row[6] += moved
-        if not dispense[at]:
-            continue
-        if foot < 0:
-            foot = _nearest(points, tip, 0, int(min((2 * _distance(tip, points[0]) + _BEGIN) / spacing, len(points))))
-        reach = _AROUND + int(min(2 * moved / spacing, len(points)))
-        foot = _nearest(points, tip, foot - reach, foot + reach)
+        row[6] += _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
+        if dispense[at]:
+            tips[laid] = tip
+            laid += 1
+    feet = along(points, tips[:laid], spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
+    for k in range(laid):
+        foot = feet[k]
         distance, left = np.inf, 0.0
         for i in range(max(foot - 1, 0), min(foot + 1, len(points) - 1)):
-            to, side = _to_chord(points, i, tip)
+            to, side = _to_chord(points, i, tips[k])
             if to < distance:
                 distance, left = to, side
         row[1] += 1

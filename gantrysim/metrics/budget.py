@@ -1,6 +1,6 @@
 """The error budget: the part of every link of the chain in the nozzle's error normal to the requested path.
 
-With e(q) the offset of a point q from its foot on the requested path, normal to the path there,
+With e(q) the offset of a point q from its foot on the requested path, in the path's frame there,
 
     e(nozzle) = e(commanded)                         generation
               + e(encoder) - e(commanded)            tracking
@@ -13,7 +13,9 @@ displacement of its link along the normal n, as for tracking
 
     e(encoder) - e(commanded) = (encoder - commanded).n + r
 
-with a remainder r of second order, kappa l^2 / 2 for a lag l and a path of curvature kappa.
+with a remainder r of second order, kappa l^2 / 2 for a lag l and a path of curvature kappa. The offset is normal to the
+path, but where the foot is an end of the path or a corner: there it has a part along the tangent, too, so that the size
+of e(nozzle) is the distance from the path everywhere.
 """
 
 from __future__ import annotations
@@ -70,22 +72,24 @@ class Part:
     Attributes:
         lateral: along the path's left normal, (m,) [mm].
         vertical: along the path's binormal, tangent x left normal; up on a level path, (m,) [mm].
+        beyond: along the tangent, where the nearest point is an end of the path or a corner, (m,) [mm].
     """
 
     lateral: Floats
     vertical: Floats
+    beyond: Floats
 
     @property
     def size(self) -> Floats:
         """Magnitude, (m,) [mm]."""
-        return np.hypot(self.lateral, self.vertical)
+        return np.sqrt(self.dot(self))
 
     def __sub__(self, other: Part) -> Part:
-        return Part(self.lateral - other.lateral, self.vertical - other.vertical)
+        return Part(self.lateral - other.lateral, self.vertical - other.vertical, self.beyond - other.beyond)
 
     def dot(self, other: Part) -> Floats:
         """Scalar product with another part, (m,) [mm²]."""
-        return self.lateral * other.lateral + self.vertical * other.vertical
+        return self.lateral * other.lateral + self.vertical * other.vertical + self.beyond * other.beyond
 
 
 @dataclass(frozen=True)
@@ -225,7 +229,7 @@ class Budget:
             position = run.commanded[on]
             position[:, a] = run.encoder[on, a]
             shift = machine.tip(position) - run.commanded_tip[on]
-            parts[name] = Part(dot(shift, normal), dot(shift, binormal))
+            parts[name] = Part(dot(shift, normal), dot(shift, binormal), np.zeros(len(on)))
         return parts
 
     def values_of(self, part: Part) -> PartValues:
@@ -258,4 +262,4 @@ class Budget:
 
 
 def _normal(foot: Projection) -> Part:
-    return Part(foot.lateral, foot.vertical)
+    return Part(foot.lateral, foot.vertical, foot.beyond)

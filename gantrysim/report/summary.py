@@ -26,8 +26,7 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadValues | None 
 
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
             share of the tracking part; by turn of a spiral the links' errors
-        contour_error_um: distance of the nozzle to the path; larger than error_budget's contour where the nozzle is
-            beyond an end or outside a corner
+        contour_error_um: distance of the nozzle to the path, the size of error_budget's contour
         requested_spacing_mm, bead_spacing_mm: null where the path, or the trace, has no neighbouring turns
         tracking_error_um: by linear axis; path is the tracking error along the path
         tracking_error_mdeg: by rotary axis; only where the machine has some

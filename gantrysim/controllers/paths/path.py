@@ -64,6 +64,7 @@ class Projection:
         offset: point minus foot point, (n, 3) [mm].
         lateral: component along the left normal, (n,) [mm].
         vertical: component along the binormal, tangent x left normal, up on a level path, (n,) [mm].
+        beyond: distance along the tangent, ahead positive: 0 but at an end of the path or outside a corner, (n,) [mm].
         distance: distance to the path, (n,) [mm].
     """
 
@@ -71,6 +72,7 @@ class Projection:
     offset: Floats
     lateral: Floats
     vertical: Floats
+    beyond: Floats
     distance: Floats
 
 
@@ -289,7 +291,7 @@ class Path(ABC):
             offset[active], normal[active], tangent[active] = p[active] - local.position, local.normal, local.tangent
         s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
         vertical = dot(offset, np.cross(tangent, normal))
-        return Projection(s, offset, dot(offset, normal), vertical, np.sqrt(dot(offset, offset)))
+        return Projection(s, offset, dot(offset, normal), vertical, dot(offset, tangent), np.sqrt(dot(offset, offset)))
 
 
 def _points(points: ArrayLike) -> Floats:
