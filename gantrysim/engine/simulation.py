@@ -115,7 +115,6 @@ class Simulation:
     def _supervise(self, row: np.void) -> None:
         """Write the limits of the supervision."""
         supervision, gates = self.setpoints.supervision, self.setpoints.gates
-        row["supervised"] = supervision.position_error < np.inf or gates.size > 0
         row["position_error"] = supervision.position_error
         row["position_error_delay"] = supervision.position_error_delay
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error

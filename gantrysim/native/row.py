@@ -57,7 +57,6 @@ _WHOLE = [
     *OFFSETS,  # in mjData
     "nozzle",  # site
     "work",  # body
-    "supervised",  # whether there is a limit of the position error or a gate
     "position_error_delay",  # servo ticks
     "gates",  # address of the indices of setpoints at which the stream waits
     "gate_count",

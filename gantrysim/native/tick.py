@@ -115,9 +115,9 @@ def _sample(data, userdata):
     if lost:
         worst = _furthest(row)
         trip(row, DIVERGED, worst, row.error[worst], np.inf)
-    if row.supervised != 0:
+    if row.position_error < np.inf:
         watch_position_error(row)
-    if row.supervised == 0 or not waits(row):
+    if row.gate_count == 0 or not waits(row):
         row.index += 1
     tip = vector(data, row.site_xpos_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
     origin = vector(data, row.xpos_at, 3 * (row.work + 1))[3 * row.work :]
