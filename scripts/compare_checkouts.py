@@ -54,7 +54,7 @@ def plain(value: object) -> object:
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list):
         return [plain(item) for item in value]
-    return re.findall(r"\d[\d.e+-]*", value) if isinstance(value, str) and ": " in value else repr(value)
+    return sorted(re.findall(r"\d[\d.e+-]*", value)) if isinstance(value, str) and ": " in value else repr(value)
 
 
 def main(old: Path, new: Path) -> int:

@@ -38,11 +38,11 @@ def advance(
     made = 0
     with installed() if hook is None else hook:
         while (steps is None or made < steps) and (left := [number for number, run in runs.items() if not run.done]):
-            before = sum(run.steps for run in runs.values())
-            count = min(max(runs[number].steps_left for number in left), most)
-            count = count if steps is None else min(count, steps - made)
+            one, before = runs[left[0]], runs[left[0]].steps
+            needed = max(runs[number].steps_left for number in left) if steps is None else steps - made
+            count = min(needed, most)
             step(count, left)
-            if sum(run.steps for run in runs.values()) == before:
+            if one.steps == before:
                 return
             made += count
             if progress is not None:

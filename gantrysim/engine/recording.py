@@ -11,6 +11,7 @@ from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
+from gantrysim.native.row import Log
 from gantrysim.run import Fault, Run
 
 
@@ -18,7 +19,7 @@ def record(
     machine: Machine,
     setpoints: Setpoints,
     position: Floats,
-    log: NDArray[np.void],
+    log: Log,
     dispenser: Dispenser,
     fault: Fault | None,
 ) -> Run:
@@ -28,15 +29,14 @@ def record(
         machine: the machine of the run.
         setpoints: its setpoints.
         position: the same for all the machine's axes, (setpoints, axes) [mm or deg].
-        log: the servo's, (ticks,) of `gantrysim.native.row.LOG`.
+        log: the servo's.
         dispenser: its dispenser.
         fault: why the run ended early, or None.
     """
-    axes = position.shape[1]
 
     def column(name: str) -> Floats:
         """A logged value, (axes, n): contiguous columns are several times as fast to work on as rows."""
-        return np.ascontiguousarray(log[name][:, :axes].T)
+        return np.ascontiguousarray(log.axis[name].T)
 
     encoder, motor, motor_speed, demand, current = map(column, ("encoder", "motor", "motor_speed", "demand", "current"))
     constant = np.array([[axis.motor_constant] for axis in machine.axes])
@@ -49,12 +49,12 @@ def record(
     current = np.where(np.isnan(current), (voltage - constant * motor_speed) / resistance, current)
     torque = np.clip(np.where(np.isnan(constant), torque, constant * current), -peak, peak)
     return Run(
-        **_sent(machine, setpoints, position, log["setpoint"], dispenser),
+        **_sent(machine, setpoints, position, log.tick["setpoint"], dispenser),
         encoder=encoder.T,
         encoder_tip=machine.tip(encoder.T),
         motor=motor.T,
         motor_tip=machine.tip(motor.T),
-        nozzle=log["nozzle"],
+        nozzle=log.tick["nozzle"],
         demand=demand.T,
         torque=torque.T,
         current=current.T,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import GAIN_NAMES, Servo
@@ -18,7 +17,6 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.native.row import (
     FAULTS,
-    LOG,
     OFFSETS,
     OVERSPEED,
     POSITION_ERROR,
@@ -26,6 +24,7 @@ from gantrysim.native.row import (
     ROW,
     ROW_NUMBERS,
     SETTLING,
+    Log,
 )
 from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
@@ -43,7 +42,7 @@ class Simulation:
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
         model: the machine's, with the physics step; not to be changed.
-        log: entries written by the servo, (ticks,) of `gantrysim.native.row.LOG`.
+        log: entries written by the servo.
     """
 
     machine: Machine
@@ -53,7 +52,7 @@ class Simulation:
     position: Floats
     substeps: int
     model: mujoco.MjModel
-    log: NDArray[np.void]
+    log: Log
 
     @classmethod
     def of(
@@ -76,7 +75,7 @@ class Simulation:
             )
         substeps = substeps_of(machine, servo.period, physics_step)
         delay_steps(servo.delay, servo.period, substeps)
-        log = np.empty(_most_ticks(setpoints), LOG)
+        log = Log.of(_most_ticks(setpoints), servo.axes)
         model = machine.stepping(servo.period / substeps)
         return cls(machine, servo, setpoints, dispenser, position, substeps, model, log)
 
@@ -96,7 +95,8 @@ class Simulation:
             row[name] = value
         row["axes"], row["ticks"], row["substeps"] = servo.axes, len(self.position), self.substeps
         row["delay"] = delay_steps(servo.delay, servo.period, self.substeps)
-        row["setpoints"], row["log"] = self.position.ctypes.data, self.log.ctypes.data
+        row["setpoints"] = self.position.ctypes.data
+        row["log"], row["axis_log"] = self.log.tick.ctypes.data, self.log.axis.ctypes.data
         row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
         row["resolution"][: servo.axes] = servo.resolution
         row["following_error_limit"][: servo.axes] = servo.following_error_limit
@@ -115,7 +115,6 @@ class Simulation:
     def _supervise(self, row: np.void) -> None:
         """Write the limits of the supervision."""
         supervision, gates = self.setpoints.supervision, self.setpoints.gates
-        row["supervised"] = supervision.position_error < np.inf or gates.size > 0
         row["position_error"] = supervision.position_error
         row["position_error_delay"] = supervision.position_error_delay
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
@@ -201,10 +200,10 @@ class Started:
                 "MuJoCo did not call it"
             )
         if fault is not None:
-            last = simulation.log[kept - 1]
-            if not (np.isfinite(last["nozzle"]).all() and np.isfinite(last["encoder"][: simulation.servo.axes]).all()):
+            nozzle, encoder = simulation.log.tick["nozzle"][kept - 1], simulation.log.axis["encoder"][kept - 1]
+            if not (np.isfinite(nozzle).all() and np.isfinite(encoder).all()):
                 kept -= 1  # the tick at which it diverged has no position to record
-        log, position = simulation.log[:kept], simulation.position
+        log, position = simulation.log.until(kept), simulation.position
         return record(simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault)
 
 

@@ -57,6 +57,7 @@ class EpisodeBatch:
         source: of the episodes.
         entries: of the observation.
         observation_space, action_space: of one place.
+        measured: measurements of the last interval at every place.
     """
 
     def __init__(self, settings: Settings, places: int, threads: int | None) -> None:
@@ -64,6 +65,8 @@ class EpisodeBatch:
         machine, servo = self.source.machine, self.source.servo
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
+        fields = ("gains", "tick", "index", "fault")
+        self._gains, self._ticks, self._sent, self._faults = (self._batch.field(name) for name in fields)  # live
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
         self.entries = entries(machine.axis_names, settings.per_axis)
@@ -79,6 +82,7 @@ class EpisodeBatch:
         self._measured = np.zeros(places, np.int64)  # ticks measured
         self._setpoints = np.ones(places, np.int64)
         self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
+        self.measured = self._interval()
 
     def begin(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, dict[str, float]]:
         """Begin new episodes, by place, and return the values drawn for each."""
@@ -90,6 +94,7 @@ class EpisodeBatch:
             self._foot[place], self._measured[place] = -1, 0
             self._setpoints[place] = len(episode.simulation.position)
             self._measure(place, 0)
+        self.measured = self._interval()
         return {place: episode.drawn for place, episode in drawn.items()}
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
@@ -114,19 +119,17 @@ class EpisodeBatch:
             return self._outcome(mask)
         self._set_gains(places)
         self._run(places)
-        ticks = self._batch.field("tick")
         for place in places:
-            self._measure(place, int(ticks[place]))
+            self._measure(place, int(self._ticks[place]))
+        self.measured = self._interval()
         return self._outcome(mask)
 
     def observations(self) -> NDArray[np.float32]:
         """Return the observations of all places, (places, entries)."""
-        progress = np.minimum(self._batch.field("index") / self._setpoints, 1.0)
+        progress = np.minimum(self._sent / self._setpoints, 1.0)
         return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
 
-    @property
-    def measured(self) -> IntervalValues:
-        """Measurements of the last interval at every place."""
+    def _interval(self) -> IntervalValues:
         return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
 
     def record(self, place: int) -> Run:
@@ -165,9 +168,8 @@ class EpisodeBatch:
 
     def _set_gains(self, places: Sequence[int]) -> None:
         chosen = self._action[places].reshape(len(places), len(TUNED_GAINS), -1)
-        gains = self._batch.field("gains")
         for name, factor in gain_factors(np.moveaxis(chosen, 1, 0), self.settings.gain_range).items():
-            gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
+            self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
 
     def _measure(self, place: int, last: int) -> None:
         """Measure the ticks since the last decision."""
@@ -192,8 +194,8 @@ class EpisodeBatch:
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         settings, measured = self.settings, self.measured
-        left = self._setpoints - self._batch.field("index")
-        faulty = advanced & (self._batch.field("fault") != 0)
+        left = self._setpoints - self._sent
+        faulty = advanced & (self._faults != 0)
         ended = advanced & (left <= 0) & ~faulty
         alone = self.source.ticks is None  # the episode has one decision
         ripple = measured.ripple.max(axis=1)

@@ -47,7 +47,7 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
     those of the analysis are, from the last foot on.
 
     Args:
-        log: the servo's, (ticks,) of `gantrysim.native.row.LOG`.
+        log: the servo's, see `gantrysim.native.row.Log`.
         first: the first tick.
         last: the tick after the last.
         position: the setpoints for all axes, (n, axes).
@@ -63,25 +63,25 @@ def measure(log, first, last, position, dispense, points, spacing, foot, row):
     tips, laid = np.empty((last - first, 3)), 0
     row[:] = 0.0
     for k in range(first, last):
-        at = log[k].setpoint
-        tip = log[k].nozzle
+        at = log.tick[k].setpoint
+        tip = log.tick[k].nozzle
         if not np.isfinite(tip).all():
             continue
         row[0] += 1
-        both = k > 0 and dispense[at] and dispense[log[k - 1].setpoint]
+        both = k > 0 and dispense[at] and dispense[log.tick[k - 1].setpoint]
         row[2] += both
         for a in range(n):
             column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
-            error = position[at, a] - log[k].encoder[a]
-            demand = log[k].demand[a]
+            error = position[at, a] - log.axis[k, a].encoder
+            demand = log.axis[k, a].demand
             column[0] += error * error
             column[1] = max(column[1], abs(error))
             column[2] += error
             column[3] = max(column[3], abs(demand))
             if both:
-                change = demand - log[k - 1].demand[a]
+                change = demand - log.axis[k - 1, a].demand
                 column[4] += change * change
-        row[6] += _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
+        row[6] += _distance(tip, log.tick[k - 1].nozzle) if k > 0 else 0.0
         if dispense[at]:
             tips[laid] = tip
             laid += 1

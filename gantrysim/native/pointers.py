@@ -15,9 +15,9 @@ from numba import types
 from numba.extending import intrinsic
 
 from gantrysim.jit import inner_jit
-from gantrysim.native.row import LOG, ROW
+from gantrysim.native.row import LOG_AXIS, LOG_TICK, ROW
 
-_LOG_SIZE = LOG.itemsize
+_TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
 
 
 @intrinsic
@@ -44,8 +44,13 @@ def _rows(context: Any, address: Any) -> Any:
 
 
 @intrinsic
-def _entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(LOG))
+def _tick_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(LOG_TICK))
+
+
+@intrinsic
+def _axis_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(LOG_AXIS))
 
 
 def _typed_pointer(target: types.Type) -> Any:
@@ -74,6 +79,12 @@ def row_at(address):
 
 
 @inner_jit
-def log_at(row, tick):
-    """Return a tick's entry in the log, a view."""
-    return numba.carray(_entries(row.log + _LOG_SIZE * tick), (1,))[0]
+def tick_log(row, tick):
+    """Return a tick's entry in the log of the machine, a view."""
+    return numba.carray(_tick_entries(row.log + _TICK_SIZE * tick), (1,))[0]
+
+
+@inner_jit
+def axis_log(row, tick):
+    """Return a tick's entries in the log of the axes, a view, (axes,)."""
+    return numba.carray(_axis_entries(row.axis_log + _AXIS_SIZE * row.axes * tick), (row.axes,))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.controllers.servo import GAINS
 from gantrysim.native.layout import offsets
@@ -49,11 +52,11 @@ _WHOLE = [
     "tick",  # servo ticks begun
     "index",  # of the setpoint that the next tick sends
     "setpoints",  # address of (ticks, axes) positions
-    "log",  # address of the LOG entries, one per tick
+    "log",  # address of the LOG_TICK entries, one per tick
+    "axis_log",  # address of the LOG_AXIS entries, one per tick and axis
     *OFFSETS,  # in mjData
     "nozzle",  # site
     "work",  # body
-    "supervised",  # whether there is a limit of the position error or a gate
     "position_error_delay",  # servo ticks
     "gates",  # address of the indices of setpoints at which the stream waits
     "gate_count",
@@ -104,15 +107,40 @@ ROW = np.dtype(
 
 ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata
 
-# what the tick logs; of the axes only as many as there are
-LOG = np.dtype(
+# what the tick logs: of the machine, and of each axis
+LOG_TICK = np.dtype(
     [
         ("setpoint", np.int64),  # index of the setpoint sent
         ("nozzle", np.float64, (3,)),  # in the work frame [mm]
-        ("encoder", np.float64, (MAX_AXES,)),  # position as measured [mm or deg]
-        ("motor", np.float64, (MAX_AXES,)),  # exact position [mm or deg]
-        ("motor_speed", np.float64, (MAX_AXES,)),  # [rad/s]
-        ("demand", np.float64, (MAX_AXES,)),  # torque demand, clamped [N·m]
-        ("current", np.float64, (MAX_AXES,)),  # of the motor, nan where MuJoCo does not simulate it [A]
     ]
 )
+LOG_AXIS = np.dtype(
+    [
+        ("encoder", np.float64),  # position as measured [mm or deg]
+        ("motor", np.float64),  # exact position [mm or deg]
+        ("motor_speed", np.float64),  # [rad/s]
+        ("demand", np.float64),  # torque demand, clamped [N·m]
+        ("current", np.float64),  # of the motor, nan where MuJoCo does not simulate it [A]
+    ]
+)
+
+
+class Log(NamedTuple):
+    """The log of a run.
+
+    Attributes:
+        tick: of the machine, (ticks,) of `LOG_TICK`.
+        axis: of the axes, (ticks, axes) of `LOG_AXIS`.
+    """
+
+    tick: NDArray[np.void]
+    axis: NDArray[np.void]
+
+    @classmethod
+    def of(cls, ticks: int, axes: int) -> Log:
+        """Return an empty log."""
+        return cls(np.empty(ticks, LOG_TICK), np.empty((ticks, axes), LOG_AXIS))
+
+    def until(self, tick: int) -> Log:
+        """Return the entries before a tick."""
+        return Log(self.tick[:tick], self.axis[:tick])

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from gantrysim.jit import inner_jit
-from gantrysim.native.pointers import floats, integers, log_at
+from gantrysim.native.pointers import floats, integers, tick_log
 from gantrysim.native.row import POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
 
 
@@ -27,7 +27,7 @@ def trip(row, fault, axis, value, limit):
 def watch_position_error(row):
     """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
-    sent = log_at(row, max(row.tick - row.position_error_delay, 0)).setpoint
+    sent = tick_log(row, max(row.tick - row.position_error_delay, 0)).setpoint
     command = numba.carray(floats(row.setpoints + 8 * n * sent), (n,))
     moving = False
     worst, largest, square = 0, -1.0, 0.0

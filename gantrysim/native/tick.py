@@ -21,7 +21,7 @@ from gantrysim.jit import inner_jit
 from gantrysim.native import pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
-from gantrysim.native.pointers import field, floats, log_at, row_at, vector, whole
+from gantrysim.native.pointers import axis_log, field, floats, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -78,7 +78,7 @@ def _sample(data, userdata):
         return False
     n = row.axes
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
-    log = log_at(row, row.tick)
+    log, axis = tick_log(row, row.tick), axis_log(row, row.tick)
     length = vector(data, row.actuator_length_at, row.output[:n].max() + 1)
     velocity = vector(data, row.actuator_velocity_at, row.output[:n].max() + 1)
     log.setpoint = row.index
@@ -98,9 +98,9 @@ def _sample(data, userdata):
         row.measured_velocity[a] = (measured - row.measured[a]) / row.period
         row.error_change[a] = (error - row.error[a]) / row.period
         row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
-        log.encoder[a] = measured
-        log.motor_speed[a] = velocity[row.output[a]]
-        log.motor[a] = position
+        axis[a].encoder = measured
+        axis[a].motor_speed = velocity[row.output[a]]
+        axis[a].motor = position
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
             continue
@@ -115,9 +115,9 @@ def _sample(data, userdata):
     if lost:
         worst = _furthest(row)
         trip(row, DIVERGED, worst, row.error[worst], np.inf)
-    if row.supervised != 0:
+    if row.position_error < np.inf:
         watch_position_error(row)
-    if row.supervised == 0 or not waits(row):
+    if row.gate_count == 0 or not waits(row):
         row.index += 1
     tip = vector(data, row.site_xpos_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
     origin = vector(data, row.xpos_at, 3 * (row.work + 1))[3 * row.work :]
@@ -153,7 +153,7 @@ def _command(data, userdata):
     """Clamp, schedule and log the torques of the law."""
     row = row_at(userdata)
     n = row.axes
-    log = log_at(row, row.tick)
+    axis = axis_log(row, row.tick)
     currents = vector(data, row.act_at, row.current[:n].max() + 1)
     for a in range(n):
         limit = row.torque_limit[a]
@@ -165,8 +165,8 @@ def _command(data, userdata):
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
-        log.demand[a] = torque
-        log.current[a] = currents[row.current[a]] if row.current[a] >= 0 else np.nan
+        axis[a].demand = torque
+        axis[a].current = currents[row.current[a]] if row.current[a] >= 0 else np.nan
     if row.fault != 0:
         row.pending[:n] = 0.0
         row.held[:n] = 0.0

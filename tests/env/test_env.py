@@ -510,7 +510,7 @@ def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
             env.reset()
     fleet = env._episodes._batch
     row = fleet.runs[0].row
-    assert row["log"] == fleet._loaded[0].log.ctypes.data  # what the armed row writes to is kept alive
+    assert row["log"] == fleet._loaded[0].log.tick.ctypes.data  # what the armed row writes to is kept alive
     if kind is SpiralTuningEnv:
         with pytest.raises(ResetNeeded):
             env.step(np.zeros(4))

@@ -7,7 +7,7 @@ from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
 from gantrysim.env.observation import IntervalValues
-from gantrysim.native.row import LOG
+from gantrysim.native.row import Log
 
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
 AXES = 2
@@ -15,11 +15,11 @@ AXES = 2
 
 def log_of(tips, encoder=None, demand=None):
     """A servo's log with the nozzle at these points."""
-    log = np.zeros(len(tips), LOG)
-    log["encoder"][:, :AXES] = tips[:, :AXES] if encoder is None else encoder
-    log["nozzle"] = tips
-    log["demand"][:, :AXES] = 0.0 if demand is None else demand
-    log["setpoint"] = np.arange(len(tips))
+    log = Log.of(len(tips), AXES)
+    log.axis["encoder"] = tips[:, :AXES] if encoder is None else encoder
+    log.axis["demand"] = 0.0 if demand is None else demand
+    log.tick["nozzle"] = tips
+    log.tick["setpoint"] = np.arange(len(tips))
     return log
 
 
