@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+_Result = TypeVar("_Result")
 
 
 def dot(a: Floats, b: Floats) -> Floats:
@@ -16,3 +21,18 @@ def dot(a: Floats, b: Floats) -> Floats:
 def spans(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     """First index of every run of True, and the first after it, (k, 2)."""
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
+
+
+class LastCall(Generic[_Result]):
+    """A function of arrays that remembers its last result, as several methods of a path need it in turn."""
+
+    def __init__(self, function: Callable[..., _Result]) -> None:
+        self._function = function
+        self._last: tuple[tuple[NDArray[Any], ...], _Result] | None = None
+
+    def __call__(self, *arrays: NDArray[Any]) -> _Result:
+        if self._last is not None and all(map(np.array_equal, self._last[0], arrays)):
+            return self._last[1]
+        result = self._function(*arrays)
+        self._last = tuple(array.copy() for array in arrays), result
+        return result

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.arrays import Floats, LastCall
 from gantrysim.controllers.paths.lengths import swept_angle
-from gantrysim.controllers.paths.path import LastCall, Local, Path
+from gantrysim.controllers.paths.path import Local, Path
 from gantrysim.controllers.paths.pieces import (
     ROW,
     SHORTEST,

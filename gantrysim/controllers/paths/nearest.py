@@ -148,6 +148,11 @@ def along(table, trace, spacing, begin):
     return found
 
 
+def last_moved(steps):
+    """Return steps in which those of a trace at rest are the last one before it."""
+    return steps[np.maximum.accumulate(np.where(steps > 0, np.arange(len(steps)), 0))]
+
+
 @numba.njit(cache=True, error_model="numpy")
 def vertices(table, points, nearest):
     """Return the vertex of a parabola through the squared distances to three entries, in entries, (n,).

@@ -12,16 +12,16 @@ to the left; without a climb that is the signed curvature.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.controllers.paths.nearest import along, vertices
+from gantrysim.controllers.paths.nearest import along, last_moved, vertices
 from gantrysim.errors import InputError, unknown
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
@@ -29,30 +29,14 @@ from gantrysim.errors import InputError, unknown
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)
 _STEPS = 60
-# Within so many entries of the table the feet on both sides of a corner are compared; of one so sharp that the path
-# nearly retraces itself only where the two sides cannot be told apart.
-_NEAR_CORNER = (12, 2)
+# Within so many entries of the table the feet on both sides of a corner are compared; of a trace and a corner so sharp
+# that the path nearly retraces itself within two entries and a step of the trace, where it cannot tell the two apart.
+_NEAR_CORNER = 12
+_NEAR_SHARP = 2
 _SHARP = -0.8  # cosine of the angle between the tangents
 _TOLERANCE = 1e-11  # [mm]
 _INSIDE = 1e-11  # [mm]
 _LAST_STEP = 1e-7  # of Newton's method, after which the error is of the order of its square [mm]
-
-_Result = TypeVar("_Result")
-
-
-class LastCall(Generic[_Result]):
-    """A function of arrays that remembers its last result, as several methods of a path need it in turn."""
-
-    def __init__(self, function: Callable[..., _Result]) -> None:
-        self._function = function
-        self._last: tuple[tuple[NDArray[Any], ...], _Result] | None = None
-
-    def __call__(self, *arrays: NDArray[Any]) -> _Result:
-        if self._last is not None and all(map(np.array_equal, self._last[0], arrays)):
-            return self._last[1]
-        result = self._function(*arrays)
-        self._last = tuple(array.copy() for array in arrays), result
-        return result
 
 
 @dataclass(frozen=True)
@@ -216,7 +200,9 @@ class Path(ABC):
         p = _points(trace)
         s_table, p_table = self.table
         first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
-        return self._foot(p, along(p_table, p, s_table[1], first))
+        steps = np.sqrt(np.sum(np.diff(p, axis=0) ** 2, axis=1))
+        longer = np.maximum(last_moved(np.append(0.0, steps)), last_moved(np.append(0.0, steps[::-1]))[::-1])
+        return self._foot(p, along(p_table, p, s_table[1], first), _NEAR_SHARP * s_table[1] + longer)
 
     @cached_property
     def corners(self) -> Floats:
@@ -228,10 +214,15 @@ class Path(ABC):
         """Whether the path nearly retraces itself from each corner, (m,)."""
         return dot(self.tangent(self.corners - _INSIDE), self.tangent(self.corners + _INSIDE)) < _SHARP
 
-    def _foot(self, p: Floats, nearest: NDArray[np.intp]) -> Projection:
+    def _foot(self, p: Floats, nearest: NDArray[np.intp], sharp: Floats | float = np.inf) -> Projection:
         """Project points, given the nearest entries of the table.
 
         The foot is between the neighbours of that entry; near a corner both sides are searched.
+
+        Args:
+            p: points, (n, 3) [mm].
+            nearest: entries of the table, (n,).
+            sharp: distance from a sharp corner within which that is done, (n,) [mm].
         """
         (s_table, p_table), corners = self.table, self.corners
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
@@ -239,7 +230,7 @@ class Path(ABC):
         if corners.size:
             edges = np.concatenate([[0.0], corners, [self.length]])
             k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
-            reach = s_table[1] * np.where(self._sharp[k - 1], _NEAR_CORNER[1], _NEAR_CORNER[0])
+            reach = np.minimum(_NEAR_CORNER * s_table[1], np.where(self._sharp[k - 1], sharp, np.inf))
             near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
             at, before, after, reach = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1], reach[near]
             for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.arrays import Floats, LastCall
 from gantrysim.controllers.paths.lengths import arc_length, swept_angle
-from gantrysim.controllers.paths.path import LastCall, Path
+from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError, finite, point, positive
 
 
