@@ -1,4 +1,4 @@
-"""Arrays of numbers: their type, products of rows, spans of a mask."""
+"""Arrays of numbers: their type, products of rows, spans of a mask, functions that remember a result."""
 
 from __future__ import annotations
 

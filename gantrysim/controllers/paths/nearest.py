@@ -7,6 +7,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from gantrysim.arrays import Floats
+
 # A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
 # [mm]; of all feet that a point may have, the best _KEPT are followed.
 _REACH = 10.0
@@ -148,7 +150,7 @@ def along(table, trace, spacing, begin):
     return found
 
 
-def last_moved(steps):
+def last_moved(steps: Floats) -> Floats:
     """Return steps in which those of a trace at rest are the last one before it."""
     return steps[np.maximum.accumulate(np.where(steps > 0, np.arange(len(steps)), 0))]
 
