@@ -139,9 +139,13 @@ def along(table, trace, spacing, begin):
                 continue
             extended[slot], reached[slot] = least, place[c]
             index[k, slot], origin[k, slot] = candidate[c], best
-        kept[k] = count
-        at[:count] = reached[:count]
-        cost[:count] = extended[:count] - extended[:count].min()
+        least, alive = extended[:count].min(), 0
+        for c in range(count):  # those far behind the best do not come back
+            if extended[c] <= least + 2 * _REACH:
+                cost[alive], at[alive] = extended[c] - least, reached[c]
+                index[k, alive], origin[k, alive] = index[k, c], origin[k, c]
+                alive += 1
+        kept[k] = alive
     found = np.empty(n, np.int64)
     slot = int(np.argmin(cost[: kept[n - 1]]))
     for k in range(n - 1, -1, -1):
