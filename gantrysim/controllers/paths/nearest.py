@@ -123,22 +123,25 @@ def along(table, trace, spacing, begin):
         step = np.sqrt(_square(trace[k], trace[k - 1]))
         previous = index[k - 1, : kept[k - 1]]
         low = max(previous.min() - int((_BACK + step) / spacing), 0)
-        high = min(previous.max() + int((_REACH + 4 * step) / spacing) + 1, last_entry)
-        count = 0
-        for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
-            best, least = 0, np.inf
-            for j in range(len(previous)):
-                total = cost[j] + abs((place[c] - at[j]) * spacing - step)
-                if total < least:
-                    best, least = j, total
-            least += _WEIGHT * distance[c] * step
-            slot = count if count < _KEPT else int(np.argmax(extended))
-            if count < _KEPT:
-                count += 1
-            elif extended[slot] <= least:
-                continue
-            extended[slot], reached[slot] = least, place[c]
-            index[k, slot], origin[k, slot] = candidate[c], best
+        for ahead in (_BACK, _REACH):  # far ahead only where no foot nearby advances as the trace does
+            high = min(previous.max() + int((ahead + 4 * step) / spacing) + 1, last_entry)
+            count = 0
+            for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
+                best, least = 0, np.inf
+                for j in range(len(previous)):
+                    total = cost[j] + abs((place[c] - at[j]) * spacing - step)
+                    if total < least:
+                        best, least = j, total
+                least += _WEIGHT * distance[c] * step
+                slot = count if count < _KEPT else int(np.argmax(extended))
+                if count < _KEPT:
+                    count += 1
+                elif extended[slot] <= least:
+                    continue
+                extended[slot], reached[slot] = least, place[c]
+                index[k, slot], origin[k, slot] = candidate[c], best
+            if extended[:count].min() <= 0.5 * step:
+                break
         least, alive = extended[:count].min(), 0
         for c in range(count):  # those far behind the best do not come back
             if extended[c] <= least + 2 * _REACH:
