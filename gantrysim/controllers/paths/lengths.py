@@ -9,11 +9,11 @@ c^2 = b^2 + climb^2.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
+from gantrysim.jit import inner_jit, jit
 
 _NEWTON_STEPS = 60
 _LAST_STEP = 1e-8  # relative; the remaining error is of the order of its square
@@ -46,7 +46,7 @@ def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
     return [np.ascontiguousarray(value).ravel() for value in whole], whole[0].shape
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _length(r, b, c, angle):
     middle, square = r + 0.5 * b * angle, c * c
     if abs(b * angle) <= _EVEN * np.sqrt(middle * middle + square):
@@ -58,13 +58,13 @@ def _length(r, b, c, angle):
     return (_antiderivative(r + b * angle, c) - _antiderivative(r, c)) / b
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _antiderivative(rho, c):
     square = c * c
     return 0.5 * (rho * np.hypot(rho, c) + square * (np.arcsinh(rho / abs(c)) if square > 0 else 0.0))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@jit
 def _arc_lengths(r, b, c, angle):
     found = np.empty(r.size)
     for k in range(r.size):
@@ -72,7 +72,7 @@ def _arc_lengths(r, b, c, angle):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy")
+@jit
 def _swept_angles(r, b, c, s, most):
     found = np.empty(r.size)
     for k in range(r.size):
@@ -80,7 +80,7 @@ def _swept_angles(r, b, c, s, most):
     return found
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _angle(r, b, c, s, most):
     rate = np.hypot(r, c)
     guess = 2 * s / max(rate + np.sqrt(max(rate * rate + 2 * b * s, 0.0)), 1e-300)

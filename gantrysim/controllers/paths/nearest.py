@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.jit import inner_jit, jit
 
 # A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
 # [mm]; of all feet that a point may have, the best _KEPT are followed.
@@ -18,14 +18,14 @@ _AROUND = 12  # entries about the first foot that are searched for a nearer one
 _WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _square(a, b):
     """Squared distance of two points."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return x * x + y * y + z * z
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _nearest(table, point, low, high):
     """Index of the first entry nearest to a point, from low to high inclusive."""
     best, least = low, np.inf
@@ -36,7 +36,7 @@ def _nearest(table, point, low, high):
     return best
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _first(table, point, spacing):
     """Index of the first entry as near to a point as the nearest, within the table's spacing."""
     nearest = table[_nearest(table, point, 0, len(table) - 1)]
@@ -47,14 +47,14 @@ def _first(table, point, spacing):
     return 0
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _vertex(before, square, after):
     """Place of the vertex of a parabola through three squared distances, in entries from the middle one, -1 to 1."""
     second = before - 2 * square + after
     return min(max(0.5 * (before - after) / second, -1.0), 1.0) if second > 0 else 0.0
 
 
-@numba.njit(error_model="numpy")
+@inner_jit
 def _minima(table, point, low, high, found, place, distance):
     """Find the entries from low to high that are nearer to a point than their neighbours; return their number.
 
@@ -87,7 +87,7 @@ def _minima(table, point, low, high, found, place, distance):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@jit
 def along(table, trace, spacing, begin):
     """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
 
@@ -162,7 +162,7 @@ def last_moved(steps: Floats) -> Floats:
     return steps[np.maximum.accumulate(np.where(steps > 0, np.arange(len(steps)), 0))]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@jit
 def vertices(table, points, nearest):
     """Return the vertex of a parabola through the squared distances to three entries, in entries, (n,).
 

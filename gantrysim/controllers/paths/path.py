@@ -202,7 +202,8 @@ class Path(ABC):
         first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
         steps = np.sqrt(np.sum(np.diff(p, axis=0) ** 2, axis=1))
         longer = np.maximum(last_moved(np.append(0.0, steps)), last_moved(np.append(0.0, steps[::-1]))[::-1])
-        return self._foot(p, along(p_table, p, s_table[1], first), _NEAR_SHARP * s_table[1] + longer)
+        entries = along(p_table, p, s_table[1], first)  # type: ignore[no-untyped-call]
+        return self._foot(p, entries, _NEAR_SHARP * s_table[1] + longer)
 
     @cached_property
     def corners(self) -> Floats:
@@ -226,7 +227,8 @@ class Path(ABC):
         """
         (s_table, p_table), corners = self.table, self.corners
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
-        found = self._between(p, low, high, vertices(p_table, p, nearest) * s_table[1])
+        guess = vertices(p_table, p, nearest) * s_table[1]  # type: ignore[no-untyped-call]
+        found = self._between(p, low, high, guess)
         if corners.size:
             edges = np.concatenate([[0.0], corners, [self.length]])
             k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
