@@ -4,8 +4,8 @@ from . import metrics as metrics
 from .bead import Bead as Bead
 from .bead import BeadSettings as BeadSettings
 from .bead import HeightMap as HeightMap
+from .controllers.law import Tick as Tick
 from .controllers.servo import Servo as Servo
-from .controllers.servo import Tick as Tick
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 _Result = TypeVar("_Result")
 
@@ -16,6 +17,13 @@ _Result = TypeVar("_Result")
 def dot(a: Floats, b: Floats) -> Floats:
     """Scalar products of vectors, row by row, (n,)."""
     return np.einsum("ij,ij->i", a, b)
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array that no one else holds, read-only down to its memory."""
+    memory = array.base if isinstance(array.base, np.ndarray) else array
+    memory.flags.writeable = array.flags.writeable = False
+    return array
 
 
 def spans(mask: NDArray[np.bool_]) -> NDArray[np.intp]:

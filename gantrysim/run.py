@@ -106,7 +106,7 @@ class Run:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
+            if isinstance(value, np.ndarray) and _writable(value):
                 own = value.copy()  # the caller's array stays the caller's
                 own.flags.writeable = False
                 object.__setattr__(self, field.name, own)
@@ -152,3 +152,9 @@ class Run:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"run {file}: is no record of a run ({error})") from None
+
+
+def _writable(array: NDArray[Any]) -> bool:
+    """Return whether anyone can write to the memory of an array."""
+    memory = array.base if isinstance(array.base, np.ndarray) else array
+    return bool(array.flags.writeable or memory.flags.writeable or not memory.flags.owndata)

@@ -68,7 +68,8 @@ class NativeVecEnv(VecEnv):
 
 
 job = Job.load(arguments.job)
-low = job.changed({f"servo.{name}": [gain / DETUNE for gain in getattr(job.built_servo, name)] for name in SCALED})
+lower = {f"servo.{name}": [gain / DETUNE for gain in getattr(job.built_servo, name)] for name in SCALED}
+low = job.changed({**lower, "simulation.allow_unstable": True})  # with an integral term only friction holds it
 settings = {"job": job, "detune": DETUNE, "gain_range": GAIN_RANGE, "spread": None}
 runs = {f"job, gains / {DETUNE:g}": (low.run(), [low.built_servo], ""), "job": (job.run(), [job.built_servo], "")}
 console = Console()

@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
-from gantrysim.controllers.servo import DERIVED, GAIN_NAMES
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.servo import DERIVED
 from gantrysim.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.plots.style import UM, sheet, thinned, turn_colours
@@ -36,7 +37,7 @@ try:
     machine, own = job.built_machine, job.built_servo
 except InputError as error:
     parser.error(str(error))
-plant = Plant.of(machine, own.period, own.delay, physics_step=job.simulation.physics_step)
+plant = Plant.of(machine, own.period, own.delay)
 trials: list[tuple[str, Servo, Analysis]] = []
 
 table = Table("trial", title=f"{job.name} on {machine.name}", title_justify="left")

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from gantrysim import Job
-from gantrysim.controllers.servo import GAIN_NAMES
+from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.metrics.analysis import Analysis
 
 from support.episodes import SHORT, TUNING, actions_of
@@ -93,7 +93,7 @@ def test_the_written_gains_reproduce_the_last_trial(script, job, tmp_path):
 
 
 def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypatch):
-    lines = iter(["kp 2", "foo 2", "kp z 2", "kp x", "kd nan", "kp 60", "kd y 1.2"])
+    lines = iter(["kp 2", "foo 2", "kp z 2", "kp x", "kd nan", "kp 600", "kd y 1.2"])
 
     def answer(_prompt=""):
         try:
@@ -109,7 +109,7 @@ def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypat
         "unknown axis 'z': known: x, y",
         "factor of kp = 'x': must be a number",
         "factor of kd = nan: must be finite",
-        "kp 60: fault: oscillation",
+        "kp 600: fault: following error on axis y",
     ):
         assert text in " ".join(output.split())
 

@@ -68,8 +68,9 @@ def run(
                 write_run_page(scratch / REPORT, loaded, machine, bead, scratch / VIDEO, advance)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     show(links_table(loaded.name, machine, budget))
-    show(outcome_table(record, analysis.values, laid))
+    show(outcome_table(record, analysis.values, laid, loaded.margins))
     say(headline(budget), wrap=True)
+    say(f"servo: {loaded.servo_reason}", wrap=True)
     for note in loaded.notes:
         say(f"note: {note}")
     if no_video:

@@ -8,10 +8,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.bead import BeadValues
+from gantrysim.job.job import LOW_MARGIN
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
 from gantrysim.run import Run
+from gantrysim.stability.margins import Margins
 
 _UM = 1e3
 
@@ -45,13 +47,18 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     return table
 
 
-def outcome_table(run: Run, values: AnalysisValues, bead: BeadValues | None) -> Table:
-    """Return the results of a run: following errors, spacing, speed, and the bead where there is glue."""
+def outcome_table(
+    run: Run, values: AnalysisValues, bead: BeadValues | None, margins: tuple[Margins, ...] | None
+) -> Table:
+    """Return the results of a run: following errors, stability, spacing, speed, and the bead where there is glue."""
     until = "" if run.fault is None else ", until the fault"
     table = Table.grid(padding=(0, 2))
     for unit, (axis, error) in zip(run.units, values.tracking.items(), strict=True):
         rms, largest = (f"{_UM * value:.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
         table.add_row(f"following error {axis}", rms, f"max {largest}")
+    if margins is not None:
+        axis, own = min(zip(run.axes, margins, strict=True), key=lambda pair: min(pair[1].gain, pair[1].together))
+        table.add_row("gain margin", f"{min(own.gain, own.together):.2f}", f"of {axis}, {_judged(own)}")
     if values.spacing is not None:
         s = values.spacing
         requested = "" if run.requested.turn_spacing is None else f"requested {run.requested.turn_spacing:g}, "
@@ -63,6 +70,13 @@ def outcome_table(run: Run, values: AnalysisValues, bead: BeadValues | None) -> 
     if bead is not None:
         _add_bead(table, bead)
     return table
+
+
+def _judged(margins: Margins) -> str:
+    if not margins.stable:
+        return "unstable"
+    low = f"low, below {LOW_MARGIN:g}" if min(margins.gain, margins.together) < LOW_MARGIN else "the smallest"
+    return f"{low}; phase margin {margins.phase:.0f} deg"
 
 
 def _add_bead(table: Table, bead: BeadValues) -> None:

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 
 import mujoco
 
-from gantrysim.controllers.servo import PlainLaw
+from gantrysim.controllers.law import PlainLaw
 from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.native.hook import installed, installed_law
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gantrysim.controllers.servo import PlainLaw, Servo
+from gantrysim.controllers.law import PlainLaw
+from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.recording import perfect_record

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import GAIN_NAMES, Servo
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
 from gantrysim.engine.recording import record
 from gantrysim.errors import GantryError, InputError
@@ -102,6 +103,7 @@ class Simulation:
         row["following_error_limit"][: servo.axes] = servo.following_error_limit
         for k, name in enumerate(GAIN_NAMES):
             row["gains"][: servo.axes, k] = getattr(servo, name)
+        row["notch"][: servo.axes] = servo.filters
         # a demand beyond what the drive can give is clamped by the drive itself
         peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
         row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)

@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import GAIN_NAMES
+from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, Source, gain_factors

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.derivation import loop
 from gantrysim.controllers.programs import build, dotted, keys
 from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter, Servo
 from gantrysim.controllers.setpoints import Setpoints
@@ -26,10 +27,15 @@ from gantrysim.job.toml_files import read_toml, validated
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
+from gantrysim.stability.margins import Margins, margins_of
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 PerAxis = float | list[float] | None
+
+LOW_MARGIN = 1.5  # gain margin below which a run says so
+
+_SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
 
 
 def _setting(default: Any, description: str) -> Any:
@@ -52,7 +58,7 @@ class _Derivation(BaseModel):
 
 def _per_axis(parameter: Parameter) -> Any:
     unit = "mm or deg" if parameter.unit == "u" else parameter.unit.replace("u", "mm")
-    return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]")
+    return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]" if unit else parameter.meaning)
 
 
 _PER_AXIS: dict[str, Any] = {parameter.name: _per_axis(parameter) for parameter in DERIVED}
@@ -63,12 +69,13 @@ class ServoSettings(create_model("_ServoSettings", __base__=_Derivation, **_PER_
 
 
 class SimulationSettings(BaseModel):
-    """Longest physics step, by default the machine's own, and time for which the last position is held [s]."""
+    """Longest physics step, time for which the last position is held, and whether an unstable servo may run."""
 
     model_config = _STRICT
 
-    physics_step: float | None = None
-    settle: float = 0.25
+    physics_step: float | None = _setting(None, "longest physics step, by default the machine's own [s]")
+    settle: float = _setting(0.25, "time for which the last position is held [s]")
+    allow_unstable: bool = _setting(False, "whether to run with a servo that is unstable on the machine")
 
 
 class Job(BaseModel):
@@ -199,8 +206,8 @@ class Job(BaseModel):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the controller on its program."""
-        return self.controller.notes
+        """Notes of the controller on its program, and on a servo with too small a margin."""
+        return (*self.controller.notes, *self.margin_notes)
 
     @cached_property
     def built_machine(self) -> Machine:
@@ -211,6 +218,50 @@ class Job(BaseModel):
     def built_servo(self) -> Servo:
         """The servo with its gains."""
         return Servo.derive(self.built_machine.axes, **dict(self.servo))
+
+    @property
+    def servo_reason(self) -> str:
+        """What bounds the natural frequency of the servo, and why it has notches, in words."""
+        given = [name for name in _SHAPING if getattr(self.servo, name) is not None]
+        if given:
+            return f"{', '.join(given)} as given"
+        servo = self.servo
+        return loop(
+            self.built_machine.axes,
+            servo.period,
+            servo.frequency,
+            servo.damping,
+            servo.integral_time,
+            servo.delay,
+        ).reason
+
+    @cached_property
+    def margins(self) -> tuple[Margins, ...] | None:
+        """Stability margins of each axis, None if the machine cannot be linearised."""
+        return margins_of(self.built_machine, self.built_servo)
+
+    @property
+    def margin_notes(self) -> tuple[str, ...]:
+        """A note for each axis whose gain margin is below 1.5."""
+        named = zip(self.built_machine.axis_names, self.margins or (), strict=False)
+        return tuple(
+            f"servo: {name} is {margins}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
+            for name, margins in named
+            if min(margins.gain, margins.together) < LOW_MARGIN
+        )
+
+    def _check_stability(self) -> None:
+        """Raise InputError for a servo that is unstable on the machine, unless the job allows it."""
+        unstable = [
+            f"{name} is {margins}"
+            for name, margins in zip(self.built_machine.axis_names, self.margins or (), strict=False)
+            if not margins.stable
+        ]
+        if unstable and not self.simulation.allow_unstable:
+            raise InputError(
+                f"servo on machine {self.built_machine.name}: {'; '.join(unstable)}: lower the gains or leave them out "
+                "to have them derived, or set simulation.allow_unstable = true to run it all the same"
+            )
 
     @cached_property
     def setpoints(self) -> Setpoints:
@@ -225,7 +276,12 @@ class Job(BaseModel):
             progress: as in `simulate`.
             machine: machine to run instead of the job's, such as a `perturbed` one; the servo remains that of the
                 job's machine.
+
+        Raises:
+            InputError: a servo that is unstable on the job's machine, unless `simulation.allow_unstable`; and as
+                `simulate`.
         """
+        self._check_stability()
         return simulate(
             self.built_machine if machine is None else machine,
             self.built_servo,

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
+from gantrysim.machine.linear_motion import linear_motion
+from gantrysim.stability.motion import Motion, UnknownLoopError
 
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
 
@@ -34,6 +38,8 @@ class Axis:
         peak_torque: torque limit of the drive [N·m].
         declared_speed: speed limit stated in the MJCF; inf if none [u/s].
         resolution: axis travel per encoder count; 0 for an exact measurement [u].
+        motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
+            has a delay of its own.
     """
 
     name: str
@@ -50,6 +56,7 @@ class Axis:
     peak_torque: float
     declared_speed: float
     resolution: float
+    motion: Motion | None = field(default=None, repr=False)
 
     @property
     def no_load_speed(self) -> float:
@@ -91,8 +98,23 @@ def read_axes(model: mujoco.MjModel) -> tuple[tuple[Axis, ...], tuple[AxisAddres
     home, inertia = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     mujoco.mj_forward(model, home)
     mujoco.mj_fullM(model, home, inertia)
-    read = [_read_axis(model, inertia, i) for i in range(model.nactuator)]
-    return tuple(axis for axis, _ in read), tuple(address for _, address in read)
+    axes, addresses = zip(*(_read_axis(model, inertia, i) for i in range(model.nactuator)), strict=True)
+    try:
+        motion = motion_of(model, axes, addresses, home.qpos)
+    except UnknownLoopError:
+        return axes, addresses
+    return tuple(replace(axis, motion=motion.of_axis(a)) for a, axis in enumerate(axes)), addresses
+
+
+def motion_of(model: mujoco.MjModel, axes: Sequence[Axis], addresses: Sequence[AxisAddress], qpos: Floats) -> Motion:
+    """Return the linear motion of all axes about a point of rest, see `linear_motion`."""
+    return linear_motion(
+        model,
+        qpos,
+        [address.current for address in addresses],
+        [address.control for address in addresses],
+        np.array([PER_SI[axis.unit] for axis in axes]),
+    )
 
 
 def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int) -> tuple[Axis, AxisAddress]:
@@ -134,7 +156,7 @@ def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int) -> tuple[Axis, Ax
     return axis, AxisAddress(*map(int, where))
 
 
-def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, float]:
+def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, Any]:
     """Return the attributes of `Axis` that belong to the motor and its drive."""
     peak = math.inf
     for limited, (low, high) in (

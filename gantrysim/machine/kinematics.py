@@ -115,7 +115,9 @@ class Kinematics:
         """
         if self._linear is not None:
             origin, directions = self._linear
-            return origin + q @ directions
+            points = q @ directions
+            points += origin
+            return points
         points = np.broadcast_to(self._site, (len(q), 3))
         for step in self._steps:
             points = step.move(points, q)

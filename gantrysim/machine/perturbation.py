@@ -16,16 +16,10 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine.axis import PER_SI, Axis
+from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
 
 PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
-
-# indices of a dcmotor's parameters in MuJoCo's arrays
-_MOTOR_CONSTANT = 1  # gainprm
-_COGGING, _COULOMB, _STATIC = 0, 3, 4  # biasprm
-_BRISTLE_STIFFNESS, _BRISTLE_DAMPING = 5, 6  # dynprm
-
-_NEGLIGIBLE = 1e-30
 
 
 @dataclass(frozen=True)
@@ -107,10 +101,10 @@ def perturbed_model(
     friction, viscous, constant, stiffness = (
         perturbation.per_axis(name, names) for name in ("friction", "viscous", "motor_constant", "stiffness")
     )
-    dofs, motors = model.jnt_dofadr[list(joints)], _dcmotors(model)
+    dofs, motors = model.jnt_dofadr[list(joints)], dcmotors(model)
 
-    changed.actuator_biasprm[:, [_COULOMB, _STATIC]] *= friction[:, None] ** motors
-    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= friction[:, None] ** motors
+    changed.actuator_biasprm[:, [COULOMB, STATIC]] *= friction[:, None] ** motors
+    changed.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= friction[:, None] ** motors
     changed.dof_frictionloss[dofs] *= friction
 
     changed.dof_damping[dofs] *= viscous
@@ -126,7 +120,7 @@ def perturbed_model(
         changed.jnt_stiffness[joint] *= stiffness[axis or 0]
         changed.jnt_stiffnesspoly[joint] *= stiffness[axis or 0]
 
-    changed.actuator_gainprm[:, [_MOTOR_CONSTANT]] *= constant[:, None] ** motors
+    changed.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** motors
     changed.actuator_forcerange[:] *= constant[:, None]  # current limits
     changed.actuator_ctrlrange[:] *= constant[:, None]
 
@@ -139,26 +133,9 @@ def perturbed_model(
     return changed
 
 
-def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of a compiled model without LuGre friction, frictionloss and cogging; viscous friction stays."""
-    changed = copy.copy(model)
-    motors = _dcmotors(model)
-    # not zero: MuJoCo would then expect no bristle activation
-    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
-    changed.actuator_biasprm[:, [_COGGING]] *= 1 - motors
-    changed.dof_frictionloss[:] = 0
-    changed.tendon_frictionloss[:] = 0
-    return changed
-
-
 def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
     """Return whether each axis can have its own stiffness factor: there is one axis, or one above every spring."""
     return len(joints) == 1 or all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
-
-
-def _dcmotors(model: mujoco.MjModel) -> Floats:
-    """Return 1 for a dcmotor, 0 for an ideal torque source, whose parameters have other meanings, (actuators, 1)."""
-    return (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR).astype(float)[:, None]
 
 
 def _springs(model: mujoco.MjModel, driven: Sequence[int]) -> list[int]:

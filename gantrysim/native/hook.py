@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gantrysim.controllers.servo import PlainLaw, Tick
+from gantrysim.controllers.law import PlainLaw, Tick
 from gantrysim.errors import GantryError, InputError
 from gantrysim.native.interrupts import Interrupts
 from gantrysim.native.row import ROW, ROW_NUMBERS

@@ -17,6 +17,7 @@ from numba.extending import intrinsic
 from gantrysim.jit import inner_jit
 from gantrysim.native.row import LOG_AXIS, LOG_TICK, ROW
 
+_MANY = 2**31  # nothing is checked against it
 _TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
 
 
@@ -67,9 +68,9 @@ def field(struct, offset):
 
 
 @inner_jit
-def vector(struct, offset, size):
-    """Return the doubles to which the pointer at an offset of a struct points."""
-    return numba.carray(floats(field(struct, offset)), (size,))
+def vector(struct, offset):
+    """Return the doubles to which the pointer at an offset of a struct points, however many they are."""
+    return numba.carray(floats(field(struct, offset)), (_MANY,))
 
 
 @inner_jit

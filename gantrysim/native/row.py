@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.servo import GAINS
+from gantrysim.controllers.law import GAINS
+from gantrysim.controllers.notch import Coefficients
 from gantrysim.native.layout import offsets
 
 MAX_AXES = 6
@@ -49,6 +50,7 @@ _WHOLE = [
     "substeps",  # physics steps per servo period
     "delay",  # physics steps from the sample to the output
     "steps",  # physics steps begun
+    "phase",  # of these, since the last tick was due
     "tick",  # servo ticks begun
     "index",  # of the setpoint that the next tick sends
     "setpoints",  # address of (ticks, axes) positions
@@ -91,6 +93,8 @@ _AXIS_STATE = [
     "demand_acceleration",
     "measured_velocity",
     "torque",
+    "notch_first",  # states of the notch
+    "notch_second",
     "pending",
     "held",
     "clamp_side",  # where the demand was last clamped, -1 or 1
@@ -102,6 +106,7 @@ ROW = np.dtype(
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
     + [("gains", np.float64, (MAX_AXES, len(GAINS)))]
+    + [("notch", np.float64, (MAX_AXES, len(Coefficients._fields)))]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
 )
 

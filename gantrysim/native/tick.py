@@ -16,7 +16,7 @@ import numpy as np
 from numba import types
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from gantrysim.controllers import servo
+from gantrysim.controllers import law, notch
 from gantrysim.jit import inner_jit
 from gantrysim.native import pointers, supervision
 from gantrysim.native import row as row_layout
@@ -43,13 +43,15 @@ from gantrysim.native.supervision import trip, waits, watch_position_error
 def magic() -> int:
     """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
     source = "".join(
-        inspect.getsource(module) for module in (sys.modules[__name__], pointers, supervision, row_layout, servo)
+        inspect.getsource(module) for module in (sys.modules[__name__], pointers, supervision, row_layout, law, notch)
     )
     return zlib.crc32(source.encode())
 
 
-_law = inner_jit(servo.law)
-_GAINS = len(servo.GAINS)
+_law = inner_jit(law.law)
+_filtered = inner_jit(notch.filtered)
+_GAINS = len(law.GAINS)
+_COEFFICIENTS = len(notch.Coefficients._fields)
 
 
 @inner_jit
@@ -74,13 +76,13 @@ def _furthest(row):
 def _sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; return whether it does."""
     row = row_at(userdata)
-    if row.fault != 0 or row.index >= row.ticks or row.steps % row.substeps != 0:
+    if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
     n = row.axes
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
     log, axis = tick_log(row, row.tick), axis_log(row, row.tick)
-    length = vector(data, row.actuator_length_at, row.output[:n].max() + 1)
-    velocity = vector(data, row.actuator_velocity_at, row.output[:n].max() + 1)
+    length = vector(data, row.actuator_length_at)
+    velocity = vector(data, row.actuator_velocity_at)
     log.setpoint = row.index
     lost = _warned(data + row.warning_at)
     for a in range(n):
@@ -119,9 +121,9 @@ def _sample(data, userdata):
         watch_position_error(row)
     if row.gate_count == 0 or not waits(row):
         row.index += 1
-    tip = vector(data, row.site_xpos_at, 3 * (row.nozzle + 1))[3 * row.nozzle :]
-    origin = vector(data, row.xpos_at, 3 * (row.work + 1))[3 * row.work :]
-    frame = vector(data, row.xmat_at, 9 * (row.work + 1))[9 * row.work :]
+    tip = vector(data, row.site_xpos_at)[3 * row.nozzle :]
+    origin = vector(data, row.xpos_at)[3 * row.work :]
+    frame = vector(data, row.xmat_at)[9 * row.work :]
     for i in range(3):
         log.nozzle[i] = 1e3 * (
             frame[i] * (tip[0] - origin[0]) + frame[3 + i] * (tip[1] - origin[1]) + frame[6 + i] * (tip[2] - origin[2])
@@ -142,6 +144,9 @@ def _apply_law(row):
             row.measured_velocity[a],
             to_fixed_tuple(row.gains[a], _GAINS),
         )
+        torque, row.notch_first[a], row.notch_second[a] = _filtered(
+            torque, to_fixed_tuple(row.notch[a], _COEFFICIENTS), row.notch_first[a], row.notch_second[a]
+        )
         row.torque[a] = torque
         # anti-windup: the sum is frozen while the output is clamped on the side to which the error drives it
         if abs(torque) <= row.torque_limit[a] or torque * row.error[a] < 0.0:
@@ -154,7 +159,7 @@ def _command(data, userdata):
     row = row_at(userdata)
     n = row.axes
     axis = axis_log(row, row.tick)
-    currents = vector(data, row.act_at, row.current[:n].max() + 1)
+    currents = vector(data, row.act_at)
     for a in range(n):
         limit = row.torque_limit[a]
         torque = min(max(row.torque[a], -limit), limit)
@@ -190,14 +195,18 @@ def _watch_oscillation(row, axis, side):
 def _output(data, userdata):
     """Set the controls, with torque demands that are due at this step."""
     row = row_at(userdata)
-    n = row.axes
-    due = row.steps % row.substeps == row.delay
-    ctrl = vector(data, row.ctrl_at, row.control[:n].max() + 1)
-    for a in range(n):
-        if due:
-            row.held[a] = row.pending[a]
-        ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
+    due = row.phase == row.delay
+    if due or row.phase == 0:  # a fault takes the torque away at once
+        n = row.axes
+        ctrl = vector(data, row.ctrl_at)
+        for a in range(n):
+            if due:
+                row.held[a] = row.pending[a]
+            ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
     row.steps += 1
+    row.phase += 1
+    if row.phase == row.substeps:
+        row.phase = 0
 
 
 @inner_jit

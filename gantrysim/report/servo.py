@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.controllers.servo import GAINS, Servo
-from gantrysim.job.job import Job
+from gantrysim.controllers.law import GAINS
+from gantrysim.controllers.servo import NOTCH, Servo
+from gantrysim.job.job import LOW_MARGIN, Job
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.run import Run
-from gantrysim.stability.margins import Margins, margins_of
+from gantrysim.stability.margins import Margins
 
 
 def servo_section(job: Job, machine: Machine, run: Run) -> Section:
     """Return the section of the servo of a job on the machine of its run."""
-    margins = margins_of(machine, job.built_servo, job.simulation.physics_step)
+    margins, reason = job.margins, job.servo_reason
     return Section(
-        "Servo", _text(machine, margins), table=[_gains(machine, job.built_servo), _margins(machine, margins, run)]
+        "Servo",
+        [_text(machine, margins), f"{reason[0].upper()}{reason[1:]}."],
+        table=[_gains(machine, job.built_servo), _margins(machine, margins, run)],
     )
 
 
@@ -25,6 +28,7 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
     columns: list[str | Column] = [
         "axis",
         Column("gain margin", ".2f"),
+        Column("with all it moves", ".2f"),
         Column("lower gain margin", ".2f"),
         Column("phase margin [deg]", ".1f"),
         Column("delay margin [ms]", ".2f"),
@@ -35,22 +39,26 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
     ]
     rows: list[list[str | float | None]] = []
     for a, (axis, ripple) in enumerate(zip(machine.axes, torque_ripple(run).tolist(), strict=True)):
-        numbers: list[float | None] = [None] * 6
+        numbers: list[float | None] = [None] * 7
         if margins is not None:
             m = margins[a]
-            finite = (m.gain, m.gain_lower, m.phase, 1e3 * m.delay, m.sensitivity, m.crossover)
+            finite = (m.gain, m.together, m.gain_lower, m.phase, 1e3 * m.delay, m.sensitivity, m.crossover)
             numbers = [value if math.isfinite(value) else None for value in finite]
         rows.append([axis.name, *numbers, ripple, 100 * ripple / axis.peak_torque])
     return Table(
-        columns, rows, "Stability margins at home, without Coulomb friction; torque ripple while the dispenser is on"
+        columns,
+        rows,
+        "Stability margins at home, without Coulomb friction; with all it moves: for a factor on the gains of all axes "
+        "that move each other; torque ripple while the dispenser is on",
     )
 
 
 def _gains(machine: Machine, servo: Servo) -> Table:
+    shown = (*GAINS, *(one for one in NOTCH if any(servo.notch_frequency)))
     rows = [
-        [axis.name, axis.unit, *(getattr(servo, gain.name)[a] for gain in GAINS)] for a, axis in enumerate(machine.axes)
+        [axis.name, axis.unit, *(getattr(servo, one.name)[a] for one in shown)] for a, axis in enumerate(machine.axes)
     ]
-    columns = [Column(f"{gain.name} [{gain.unit}]") for gain in GAINS]
+    columns = [Column(f"{one.name} [{one.unit}]" if one.unit else one.name) for one in shown]
     return Table(["axis", "u", *columns], rows, "Gains")
 
 
@@ -61,5 +69,9 @@ def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
     unstable = [name for name, axis_margins in by_axis.items() if not axis_margins.stable]
     if unstable:
         return f"Unstable, Coulomb friction neglected: {', '.join(unstable)}."
-    least = min(by_axis, key=lambda name: by_axis[name].gain)
-    return f"Axis {least} has the smallest gain margin: {by_axis[least].gain:.2f}."
+    gains = {name: min(own.gain, own.together) for name, own in by_axis.items()}
+    least = min(gains, key=gains.__getitem__)
+    text = f"Axis {least} has the smallest gain margin: {gains[least]:.2f}"
+    if gains[least] < LOW_MARGIN:
+        text += f", below {LOW_MARGIN:g}: with another load, or on another machine of this kind, it may be unstable"
+    return f"{text}."

@@ -14,7 +14,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
 from gantrysim.metrics.budget import Budget, PartValues
 from gantrysim.run import Run
-from gantrysim.stability.margins import Margins, margins_of
+from gantrysim.stability.margins import Margins
 
 _THOUSANDTHS = 1e3
 
@@ -100,7 +100,7 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
 
 
 def _servo(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
-    margins = margins_of(machine, job.built_servo, job.simulation.physics_step)
+    margins = job.margins
     ripple = torque_ripple(run)
     return {
         axis.name: {

@@ -5,14 +5,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import Servo
-from gantrysim.stability.linear_model import Complexes, LinearSystem
+from gantrysim.arrays import Complexes, Floats
+from gantrysim.stability.compensator import Compensator
+from gantrysim.stability.motion import LinearSystem
 
 _LOWEST = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency
 _PER_DECADE = 80
@@ -73,14 +74,12 @@ class Loops:
 
     Args:
         plant: frequency response of these axes.
-        servo: the servo of all axes of the machine.
+        laws: the law of each axis.
+        period: servo period [s].
     """
 
-    def __init__(self, plant: FrequencyResponse, servo: Servo) -> None:
-        self.plant, self.system, self.T = plant, plant.system, servo.period
-        axes = list(self.system.axes)
-        self.kp, self.ki = np.array(servo.kp)[axes], np.array(servo.ki)[axes]
-        self.d = np.array(servo.kd)[axes] - np.array(servo.output_velocity)[axes]
+    def __init__(self, plant: FrequencyResponse, laws: Sequence[Compensator], period: float) -> None:
+        self.plant, self.system, self.laws, self.T = plant, plant.system, tuple(laws), period
         self.delayed = bool(np.any(self.system.G0))
 
     def open(self, theta: Floats, P: Complexes) -> Complexes:
@@ -88,43 +87,36 @@ class Loops:
 
         With S = (1 + C P)^-1, that of axis i is 1/S_ii - 1.
         """
-        difference = (1 - np.exp(-1j * theta))[:, None] / self.T
-        C = self.kp + self.ki / difference + self.d * difference
-        if len(self.kp) == 1:
+        C = np.stack([law.response(np.exp(1j * theta)) for law in self.laws], axis=1)
+        if len(self.laws) == 1:
             return C * P[:, 0]
-        S: Complexes = np.linalg.inv(np.eye(len(self.kp)) + C[:, :, None] * P)
-        return 1 / np.einsum("nii->ni", S) - 1
+        S = np.linalg.inv(np.eye(len(self.laws)) + C[:, :, None] * P)
+        return np.asarray(1 / np.einsum("nii->ni", S) - 1, complex)
 
-    def poles(self, axis: int = 0, factor: float = 1.0) -> Complexes:
-        """Return the closed-loop poles with the gains of one axis scaled by a factor.
+    def poles(self, axes: Sequence[int] = (), factor: float = 1.0) -> Complexes:
+        """Return the closed-loop poles with the demands of some axes scaled by a factor.
 
-        With last y written y', u = -(kp + ki T + d/T) y - ki sum + d/T y'. The state is x, the sum of T y of each axis
-        with an integral term, y', and the last u if the output is delayed.
+        The state is x, those of the laws, and the last u if the output is delayed.
         """
         F, G0, G1, H = self.system.F, self.system.G0, self.system.G1, self.system.H
-        scale = np.ones(len(self.kp))
-        scale[axis] = factor
-        summed = np.flatnonzero(self.ki)
-        n, m, s = len(F), len(H), len(summed)
-        size = n + s + m + (m if self.delayed else 0)
-        u = np.zeros((m, size))
-        u[:, :n] = -(scale * (self.kp + self.ki * self.T + self.d / self.T))[:, None] * H
-        u[summed, n + np.arange(s)] = -(scale * self.ki)[summed]
-        u[:, n + s : n + s + m] = np.diag(scale * self.d / self.T)
-        A = np.zeros((size, size))
+        n, m = len(F), len(H)
+        own = np.cumsum([n, *(len(law.A) for law in self.laws)])
+        size = own[-1] + (m if self.delayed else 0)
+        A, u = np.zeros((size, size)), np.zeros((m, size))
+        for a, law in enumerate(self.laws):
+            scale, part = factor if a in axes else 1.0, slice(own[a], own[a + 1])
+            u[a, :n], u[a, part] = -scale * law.D * H[a], scale * law.C
+            A[part, :n], A[part, part] = -np.outer(law.B, H[a]), law.A
         A[:n] = G1 @ u
         A[:n, :n] += F
-        A[n : n + s, :n] = self.T * H[summed]
-        A[n : n + s, n : n + s] = np.eye(s)
-        A[n + s : n + s + m, :n] = H
         if self.delayed:
-            A[:n, n + s + m :] += G0
-            A[n + s + m :] = u
+            A[:n, own[-1] :] += G0
+            A[own[-1] :] = u
         return np.linalg.eigvals(A).astype(complex)
 
-    def stable(self, axis: int = 0, factor: float = 1.0) -> bool:
+    def stable(self, axes: Sequence[int] = (), factor: float = 1.0) -> bool:
         """Return whether all closed-loop poles lie inside the unit circle."""
-        return bool(np.abs(self.poles(axis, factor)).max() < 1 - _ASYMPTOTIC)
+        return bool(np.abs(self.poles(axes, factor)).max() < 1 - _ASYMPTOTIC)
 
     def crossings(self, L: Complexes) -> Crossings:
         """Return the crossings of the real axis and the unit circle, given the loops on the grid, (n, axes)."""

@@ -1,7 +1,7 @@
 """Stability margins of the sampled loop of each axis.
 
-The machine is MuJoCo's step, linearised: rotor, load, compliance, winding, hold and delay are those of the simulation.
-Encoder quantisation, torque and voltage limits and Coulomb friction are left out.
+Rotor, load, compliance, winding, hold and delay are in them, exactly and in continuous time between the ticks. Encoder
+quantisation, torque and voltage limits and Coulomb friction are left out.
 """
 
 # ruff: noqa: N806 - functions of z bear the letters of the law
@@ -11,19 +11,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import Servo
+from gantrysim.arrays import Complexes, Floats
 from gantrysim.errors import InputError, at_least, positive
-from gantrysim.machine.machine import Machine
-from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.stability.linear_model import Complexes, LinearSystem, UnknownLoopError, linearise
+from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.loops import FrequencyResponse, Loops
+from gantrysim.stability.motion import Motion, UnknownLoopError
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
+_LEAST, _MOST = 1e-3, 10.0  # factors on all gains
+_FACTORS = 60  # up to either, to begin with
+_SHARP = 1e-6  # accuracy of a factor on all gains
 _REAL = 1e-6  # largest imaginary part of a real loop, relative
 
 
@@ -43,6 +45,7 @@ class Margins:
         sensitivity: peak of |S| = |1/(1 + L)|; inf for an unstable loop.
         crossover: lowest frequency at which |L| falls below 1; 0 if |L| < 1 at all frequencies [Hz].
         stable: whether the loop is stable.
+        together: as gain, but a factor on the gains of all axes that move each other, sought from 0.001 to 10.
     """
 
     gain: float
@@ -52,6 +55,7 @@ class Margins:
     sensitivity: float
     crossover: float
     stable: bool
+    together: float
 
     def __str__(self) -> str:
         if not self.stable:
@@ -59,65 +63,84 @@ class Margins:
         return f"gain {self.gain:.3g}, phase {self.phase:.0f} deg, crossover {self.crossover:.3g} Hz"
 
 
-class Plant:
-    """A linearised machine for servos of one period and delay.
+class LinearLaw(Protocol):
+    """A servo, as its stability depends on it."""
 
-    The loop of an axis has all others closed by the same servo. Axes that do not move each other, as on a gantry, are
-    stable or unstable separately; coupled axes are so together. The methods raise InputError for a servo of another
-    number of axes, period or delay.
+    @property
+    def period(self) -> float:
+        """Servo period T [s]."""
+
+    @property
+    def delay(self) -> float:
+        """Time from sample to output [s]."""
+
+    def compensators(self) -> tuple[Compensator, ...]:
+        """Return the law of each axis."""
+
+
+class Movable(Protocol):
+    """A machine, as its stability depends on it."""
+
+    def motion(self, position: ArrayLike | None = None) -> Motion:
+        """Return the motion about rest at a position of the axes, by default zero, (axes,) [mm or deg]."""
+
+
+class Plant:
+    """The motion of axes, sampled by servos of one period and delay.
+
+    It is exact: the demand is held from tick to tick, and the matrix exponential integrates what it moves; no step of a
+    simulation is in it. The loop of an axis has all others closed by the same servo. Axes that do not move each other,
+    as on a gantry, are stable or unstable separately; coupled axes are so together. The methods raise InputError for a
+    servo of another number of axes, period or delay.
 
     Args:
+        motion: the motion of the axes.
         period: servo period T [s].
-        delay: time from sample to output [s].
-        systems: one per group of axes that move each other.
+        delay: time from sample to output, at most the period [s].
+
+    Attributes:
+        groups: axes that move each other, by number.
+
+    Raises:
+        InputError: a period or delay out of range.
     """
 
-    def __init__(self, period: float, delay: float, systems: list[LinearSystem]) -> None:
-        self.period = period
-        self.delay = delay
-        self.axes = sum(len(system.axes) for system in systems)
-        self._responses = [FrequencyResponse.of(system) for system in systems]
+    def __init__(self, motion: Motion, period: float, delay: float = 0.0) -> None:
+        self.period = positive("servo period", period, "s")
+        self.delay = at_least("servo delay", delay, 0, "s")
+        if delay > period:
+            raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
+        self.axes = len(motion.C)
+        self._responses = [FrequencyResponse.of(system) for system in motion.sampled(period, delay)]
+        self.groups = tuple(response.system.axes for response in self._responses)
 
     @classmethod
-    def of(
-        cls,
-        machine: Machine,
-        period: float,
-        delay: float = 0.0,
-        *,
-        physics_step: float | None = None,
-        position: ArrayLike | None = None,
-    ) -> Plant:
-        """Return the plant of a machine linearised at rest.
+    def of(cls, machine: Movable, period: float, delay: float = 0.0, *, position: ArrayLike | None = None) -> Plant:
+        """Return the plant of a machine about a position of its axes.
 
         Args:
-            machine: the machine.
+            machine: a `Machine`.
             period: servo period [s].
-            delay: time from sample to output, a multiple of the physics step and at most the period [s].
-            physics_step: as for `gantrysim.simulate` [s].
-            position: position of the axes, by default zero, (axes,) [mm or deg].
+            delay: time from sample to output, at most the period [s].
+            position: by default zero, (axes,) [mm or deg].
 
         Raises:
-            InputError: a period, delay or physics step that `gantrysim.simulate` rejects, or a position that is not one
-                finite number per axis.
+            InputError: a period or delay out of range, or a position that is not one finite number per axis.
             UnknownLoopError: an actuator has a delay in the MJCF.
         """
-        substeps = substeps_of(machine, positive("servo period", period, "s"), physics_step)
-        if at_least("servo delay", delay, 0, "s") > period:
-            raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
-        return cls(period, delay, linearise(machine, period, substeps, delay_steps(delay, period, substeps), position))
+        return cls(machine.motion(position), period, delay)
 
-    def margins(self, servo: Servo) -> tuple[Margins, ...]:
+    def margins(self, servo: LinearLaw) -> tuple[Margins, ...]:
         """Return the margins of each axis."""
         margins: dict[int, Margins] = {}
         for loops in self._loops(servo):
             margins |= zip(loops.system.axes, _margins(loops), strict=True)
         return tuple(margins[a] for a in range(self.axes))
 
-    def loop(self, servo: Servo, frequency: ArrayLike) -> Complexes:
+    def loop(self, servo: LinearLaw, frequency: ArrayLike) -> Complexes:
         """Return L, the open loop of each axis with all others closed, (n, axes).
 
-            L = C P of a single axis,        C(z) = kp + ki T/(1 - z^-1) + (kd - output_velocity) (1 - z^-1)/T
+            L = C P of a single axis, C(z) the law and its notch, P(z) the motion with hold and delay
 
         Args:
             servo: the servo.
@@ -132,25 +155,26 @@ class Plant:
             L[:, loops.system.axes] = loops.at(theta)
         return L
 
-    def poles(self, servo: Servo) -> Complexes:
+    def poles(self, servo: LinearLaw) -> Complexes:
         """Return the closed-loop poles, unstable outside the unit circle, (n,)."""
         return np.concatenate([loops.poles() for loops in self._loops(servo)])
 
-    def _loops(self, servo: Servo) -> list[Loops]:
+    def _loops(self, servo: LinearLaw) -> list[Loops]:
         """Return the loops of each group of axes that move each other."""
-        if servo.axes != self.axes:
-            raise InputError(f"servo has {servo.axes} axes: the plant has {self.axes}")
+        laws = servo.compensators()
+        if len(laws) != self.axes:
+            raise InputError(f"servo has {len(laws)} axes: the plant has {self.axes}")
         for name in ("period", "delay"):
             given, own = getattr(servo, name), getattr(self, name)
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
-        return [Loops(response, servo) for response in self._responses]
+        return [Loops(response, [laws[a] for a in response.system.axes], self.period) for response in self._responses]
 
 
-def margins_of(machine: Machine, servo: Servo, physics_step: float | None = None) -> tuple[Margins, ...] | None:
-    """Return the margins of each axis, or None if the machine cannot be linearised; arguments as for `simulate`."""
+def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:
+    """Return the margins of each axis with its servo, or None if the machine cannot be linearised."""
     try:
-        plant = Plant.of(machine, servo.period, servo.delay, physics_step=physics_step)
+        plant = Plant.of(machine, servo.period, servo.delay)
     except UnknownLoopError:
         return None
     return plant.margins(servo)
@@ -159,9 +183,9 @@ def margins_of(machine: Machine, servo: Servo, physics_step: float | None = None
 def _margins(loops: Loops) -> list[Margins]:
     L = loops.open(loops.plant.theta, loops.plant.P)
     crossings, stable = loops.crossings(L), loops.stable()
-    peaks = loops.peaks(L) if stable else np.full(len(loops.kp), np.inf)
-    margins = []
-    for a in range(len(loops.kp)):
+    peaks = loops.peaks(L) if stable else np.full(len(loops.laws), np.inf)
+    margins, together = [], _together(loops)
+    for a in range(len(loops.laws)):
         real, unit = (crossings.of(a, unit=kind) for kind in (False, True))
         ends = L[[0, -1], a]  # here the loop is real, or nearly so
         crossed = np.append(real.L.real, ends.real[np.abs(ends.imag) < _REAL * np.abs(ends)])
@@ -178,6 +202,7 @@ def _margins(loops: Loops) -> list[Margins]:
                 sensitivity=float(peaks[a]),
                 crossover=float(crossover) if unit.falls.any() else 0.0,
                 stable=stable,
+                together=high if together is None else together,
             )
         )
     return margins
@@ -190,6 +215,26 @@ def _factors(loops: Loops, axis: int, critical: Floats, stable: bool) -> tuple[f
     if stable:
         return bounds[-1], float(critical[critical >= 1].min(initial=math.inf))
     for low, high in reversed(list(pairwise(bounds))):
-        if loops.stable(axis, math.sqrt(low * high) or high / 2):
+        if loops.stable([axis], math.sqrt(low * high) or high / 2):
             return low, high
     return 0.0, 0.0
+
+
+def _together(loops: Loops) -> float | None:
+    """Return the factor on the gains of all axes of a group at its limit of stability, None for a single axis."""
+    axes = range(len(loops.laws))
+    if len(axes) == 1:
+        return None
+    stable = loops.stable()
+    low = high = 1.0
+    for factor in np.geomspace(1, _MOST if stable else _LEAST, _FACTORS)[1:].tolist():
+        low, high = min(low, factor), max(high, factor)
+        if loops.stable(axes, factor) is not stable:
+            break
+        low, high = (factor, factor)
+    else:
+        return math.inf if stable else 0.0
+    while high - low > _SHARP * low:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if loops.stable(axes, middle) else (low, middle)
+    return low

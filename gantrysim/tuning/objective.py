@@ -14,7 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import GAIN_NAMES, Servo
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.servo import Servo
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.errors import GantryError, InputError
 from gantrysim.job.job import Job, ServoSettings

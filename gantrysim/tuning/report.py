@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import GAIN_NAMES
+from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.style import COLOURS, UM
 from gantrysim.report import Column, Table

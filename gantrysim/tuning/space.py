@@ -31,7 +31,8 @@ from typing import Any
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import AxisDynamics, Servo
+from gantrysim.controllers.derivation import AxisDynamics
+from gantrysim.controllers.servo import Servo
 
 SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets
 SPACES = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.arrays import Complexes, Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, finite
 from gantrysim.machine.machine import Machine
-from gantrysim.stability.linear_model import Complexes
 from gantrysim.stability.margins import Margins, Plant
 from gantrysim.tuning.space import SearchSpace
 
@@ -71,7 +70,6 @@ class Stability:
         period: of the servos [s].
         delay: of the servos [s].
         margin: M.
-        physics_step: as in `gantrysim.simulate` [s].
 
     Attributes:
         peak: bound on the peak of |S|.
@@ -87,11 +85,10 @@ class Stability:
         period: float,
         delay: float,
         margin: float,
-        physics_step: float | None = None,
     ) -> None:
         self.peak = sensitivity_bound(margin)
         self.machines = len(machines)
-        self._plants = [Plant.of(machine, period, delay, physics_step=physics_step) for machine in machines]
+        self._plants = [Plant.of(machine, period, delay) for machine in machines]
         self._margins: dict[tuple[Servo, int], tuple[Margins, ...]] = {}
 
     def margins(self, servo: Servo, machine: int = 0) -> tuple[Margins, ...]:
@@ -112,6 +109,7 @@ class Stability:
                 sensitivity=max(one.sensitivity for one in axis),
                 crossover=axis[0].crossover,
                 stable=all(one.stable for one in axis),
+                together=min(one.together for one in axis),
             )
             for axis in zip(*(self.margins(servo, k) for k in range(self.machines)), strict=True)
         ]

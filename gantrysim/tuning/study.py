@@ -152,7 +152,7 @@ class TuningStudy(Study):
 
     def _stability_on(self, machines: list[Machine]) -> Stability:
         servo = self.job.built_servo
-        return Stability(machines, servo.period, servo.delay, self.margin, self.job.simulation.physics_step)
+        return Stability(machines, servo.period, servo.delay, self.margin)
 
     @cached_property
     def space(self) -> SearchSpace:

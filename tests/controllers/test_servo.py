@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Servo
-from gantrysim.controllers.servo import law, natural_frequency
+from gantrysim.controllers.derivation import natural_frequency
+from gantrysim.controllers.law import law
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Plant:
     lag: float = 3e-4
     peak_torque: float = 0.9
     resolution: float = 1e-3
+    motion: None = None
 
 
 def margin(frequency, damping, lag):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gantrysim import GantryError, InputError, Servo, simulate
-from gantrysim.controllers.servo import Tick
+from gantrysim.controllers.law import Tick
 from gantrysim.controllers.trio import MoveSpiral
 
 from support.runs import PERIOD, plain, ramp
@@ -31,7 +31,7 @@ def pd_in_python(servo):
 
 
 def test_a_law_in_plain_python_runs_through_the_same_tick(xy):
-    servo = Servo.derive(xy.axes)
+    servo = Servo.derive(xy.axes, notch_frequency=0.0)
     setpoints = MoveSpiral(60, 1, 10, 100).setpoints(PERIOD)
     compiled = simulate(xy, servo, setpoints)
     plain_law = simulate(xy, servo, setpoints, law=pd_in_python(servo))

@@ -27,7 +27,7 @@ RE_25 = {"K": 0.0234, "R": 2.32, "L": 0.24e-3, "J": 1.03e-6, "peak": 4.0}
 BUS = 24.0  # [V]
 SI = {"mm": 1e-3, "deg": math.radians(1)}
 # Energy balance of a job, relative to the electrical energy: what the physics step of 0.25 ms leaves.
-BALANCE = 2e-3
+BALANCE = 1.2e-2
 
 
 def motor(axis):

@@ -225,7 +225,7 @@ def test_tracking_by_axis_adds_up_but_for_second_order(name):
     curvature = np.abs(found.analysis.run.requested.curvature(found.analysis.commanded.s))
     size = found.parts["tracking"].size + np.abs(lag)
     smooth = (np.abs(found.lag) < 0.02) & (size < 0.03)  # off the corners
-    assert smooth.mean() > 0.95
+    assert smooth.mean() > 0.93
     for direction in ("lateral", "vertical"):
         whole = sum(getattr(part, direction) for part in parts.values())
         rest = np.abs(getattr(found.parts["tracking"], direction) - whole)[smooth]

@@ -264,23 +264,23 @@ def test_the_servo_section_shows_gains_margins_and_ripple(spiral):
     assert numbers["x"]["torque_ripple_share"] == pytest.approx(ripple[0] / peak)
 
 
-@pytest.mark.parametrize(("scale", "unstable"), [((1, 2), "y"), ((9, 2), "x, y")])
+@pytest.mark.parametrize(("scale", "unstable"), [((1, 6), "y"), ((9, 6), "x, y")])
 def test_the_servo_section_names_unstable_axes(spiral, scale, unstable):
     servo, bead = spiral[0].built_servo, spiral[2]
     gains = [f"servo.{name}={np.multiply(getattr(servo, name), scale).tolist()}" for name in ("kp", "kd")]
     job = Job.load("an225", (*SMALL, *gains))
     section = servo_page.servo_section(job, job.built_machine, bead.run)
-    assert section.text == f"Unstable, Coulomb friction neglected: {unstable}."
+    assert section.text == [f"Unstable, Coulomb friction neglected: {unstable}.", "Kp, kd as given."]
 
 
-def test_unknown_and_unbounded_margins_are_left_out(spiral, monkeypatch):
+def test_unknown_and_unbounded_margins_are_left_out(spiral):
     job, _, bead = spiral
     budget = Budget(bead.analysis)
-    monkeypatch.setattr(summary_module, "margins_of", lambda *_: None)
-    monkeypatch.setattr(servo_page, "margins_of", lambda *_: None)
+    job = job.model_copy()
+    vars(job)["margins"] = None
     assert summary(job, job.built_machine, budget)["servo"]["x"]["margins"] is None
-    assert "margins are unknown" in servo_page.servo_section(job, job.built_machine, bead.run).text
-    boundless = Margins(np.inf, 0.0, 180.0, np.inf, 1.0, 0.0, stable=True)
-    monkeypatch.setattr(summary_module, "margins_of", lambda *_: (boundless,) * 2)
+    assert "margins are unknown" in servo_page.servo_section(job, job.built_machine, bead.run).text[0]
+    boundless = Margins(np.inf, 0.0, 180.0, np.inf, 1.0, 0.0, stable=True, together=np.inf)
+    vars(job)["margins"] = (boundless,) * 2
     margins = summary(job, job.built_machine, budget)["servo"]["x"]["margins"]
     assert (margins["gain"], margins["delay_s"], margins["phase_deg"]) == (None, None, 180.0)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.servo import AxisDynamics, Servo
+from gantrysim.controllers.derivation import AxisDynamics
+from gantrysim.controllers.servo import Servo
 
 
 def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -> complex:

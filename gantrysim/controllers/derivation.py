@@ -1,0 +1,213 @@
+"""Gains that follow from the axes: from inertia, lags, and the mode in which each axis swings on its drive."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from gantrysim.controllers import notch
+from gantrysim.controllers.law import GAIN_NAMES, compensator
+from gantrysim.errors import positive
+from gantrysim.stability.compensator import Compensator
+from gantrysim.stability.margins import Margins, Plant
+from gantrysim.stability.motion import Motion
+
+LEAST_GAIN_MARGIN = 2.0  # of every derived loop
+LARGEST_PEAK = 2.0  # of its |S|
+
+# Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
+NOTCH_WIDTH = 0.35
+NOTCH_DEPTH = 0.1
+
+_SLOWER = 0.97  # from one frequency tried to the next
+_SLOWEST = 1e-3  # relative to what the lags leave room for
+_BESIDE = 1e-5
+_BELOW_NYQUIST = 0.9  # highest frequency of a notch, relative
+
+
+class AxisDynamics(Protocol):
+    """What the derivation of gains needs to know of an axis."""
+
+    @property
+    def name(self) -> str:
+        """Of the axis."""
+
+    @property
+    def inertia(self) -> float:
+        """Motor torque per acceleration of the axis [N·m·s²/mm]."""
+
+    @property
+    def viscous(self) -> float:
+        """Motor torque per speed of the axis [N·m·s/mm]."""
+
+    @property
+    def lag(self) -> float:
+        """Time constant from torque demand to torque [s]."""
+
+    @property
+    def peak_torque(self) -> float:
+        """Largest torque the drive delivers [N·m]."""
+
+    @property
+    def resolution(self) -> float:
+        """Axis travel per encoder count, 0 for an exact measurement [mm]."""
+
+    @property
+    def motion(self) -> Motion | None:
+        """Linear motion of the axis alone; None if it is not known, and no mode is taken into account."""
+
+
+class Loop(NamedTuple):
+    """The natural frequency of all axes and the notch of each.
+
+    Attributes:
+        frequency: [Hz].
+        notches: frequency of each axis' notch, 0 for none [Hz].
+        reason: what bounds the frequency, and why there are notches, in words.
+    """
+
+    frequency: float
+    notches: tuple[float, ...]
+    reason: str
+
+
+@lru_cache(maxsize=256)
+def loop(
+    axes: tuple[AxisDynamics, ...],
+    period: float,
+    frequency: float | None,
+    damping: float,
+    integral_time: float,
+    delay: float,
+) -> Loop:
+    """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
+
+    The lags of winding, sampling and output leave room for a natural frequency, see `natural_frequency`. An axis that
+    would not keep the margins at it, for it swings on its drive, gets a notch at that mode. Where a notch does not do,
+    or the mode is too near half the servo's frequency, all axes are slowed down until they keep the margins.
+
+    Args:
+        axes: the machine's axes.
+        period: servo period [s].
+        frequency: natural frequency that is to be taken, whatever the margins are; None for the fastest [Hz].
+        damping: damping ratio zeta.
+        integral_time: kp / ki [s].
+        delay: from sample to output [s].
+    """
+    loops = [_AxisLoop(axis, period, damping, integral_time, delay) for axis in axes]
+    if frequency is not None:
+        at, why = positive("frequency", frequency, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
+    else:
+        slowest = max(axes, key=lambda axis: axis.lag)
+        lag = slowest.lag + period + delay
+        at = room = natural_frequency(lag, damping)
+        bound = ""
+        while at > _SLOWEST * room and (failing := next((one for one in loops if one.notch_at(at) is None), None)):
+            bound, at = failing.limit(at), at * _SLOWER
+        why = f"natural frequency {at:.3g} Hz: "
+        if bound:
+            why += f"at more, {bound}; the lags alone leave room for {room:.3g} Hz"
+        else:
+            why += f"the lags of sampling, output and winding, {1e3 * lag:.3g} ms, leave room for no more"
+    notches = tuple(one.notch_at(at) or notch.NONE for one in loops)
+    for one, mode in zip(loops, notches, strict=True):
+        if mode != notch.NONE:
+            why += f"; notch of {one.axis.name} at its mode of {mode:.0f} Hz, without it {one.trouble(at)}"
+    return Loop(at, notches, why)
+
+
+class _AxisLoop:
+    """The loop of one axis, by its natural frequency and with or without a notch."""
+
+    def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, delay: float) -> None:
+        self.axis, self.period, self.delay = axis, period, delay
+        self._damping, self._integral_time = damping, integral_time
+        self._plant = None if axis.motion is None else Plant(axis.motion, period, delay)
+        self._laws: tuple[Compensator, ...] = ()
+
+    def compensators(self) -> tuple[Compensator, ...]:
+        """Return the law, as `Plant` wants it."""
+        return self._laws
+
+    def notch_at(self, frequency: float) -> float | None:
+        """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
+        if _kept(self._margins(frequency)):
+            return notch.NONE
+        mode = self._mode(frequency)
+        return mode if self._usable(mode) and _kept(self._margins(frequency, mode)) else None
+
+    def limit(self, frequency: float) -> str:
+        """Return what is wrong at a natural frequency at which no notch helps, in words."""
+        mode = self._mode(frequency)
+        if not mode:
+            return self.trouble(frequency)
+        if self._usable(mode):
+            return f"{self.trouble(frequency, mode)} even with a notch at its mode of {mode:.0f} Hz"
+        nyquist = 0.5 / self.period
+        where = "above" if mode > nyquist else "too near"
+        return f"{self.trouble(frequency)}, and its mode of {mode:.0f} Hz is {where} half the servo's, {nyquist:.0f} Hz"
+
+    def trouble(self, frequency: float, mode: float = notch.NONE) -> str:
+        """Return which margin a notch, or none, leaves too small, in words."""
+        found, name = self._margins(frequency, mode), self.axis.name
+        if found.gain < LEAST_GAIN_MARGIN:
+            return f"{name} has a gain margin of {found.gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"
+        return f"{name} has a peak of |S| of {found.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
+
+    def _usable(self, mode: float) -> bool:
+        return 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
+
+    def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
+        if self._plant is None:
+            return _UNBOUNDED
+        gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
+        law = compensator(tuple(gains.get(name, 0.0) for name in GAIN_NAMES), self.period)
+        self._laws = (law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period)),)
+        return self._plant.margins(self)[0]
+
+    def _mode(self, frequency: float) -> float:
+        """Return the frequency of the mode at which the loop is largest, 0 without modes [Hz]."""
+        if self.axis.motion is None or self._plant is None:
+            return 0.0
+        modes = self.axis.motion.resonances()
+        below = modes[modes < 0.5 / self.period]
+        if not below.size:
+            return float(modes.min(initial=math.inf)) if modes.size else 0.0
+        self._margins(frequency)
+        beside = below * (1 + _BESIDE)  # the loop has no bound at a mode without damping
+        return float(below[np.abs(self._plant.loop(self, beside)[:, 0]).argmax()])
+
+
+def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time: float) -> dict[str, float]:
+    """Return the gains that place the poles of the continuous loop of an axis' inertia: kp = J w^2, kd = 2 zeta J w."""
+    w = 2 * math.pi * frequency
+    kp = axis.inertia * w**2
+    return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
+
+
+def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
+    """Return the natural frequency at which a PD loop with a lag keeps a share of its phase margin [Hz].
+
+    The loop L(s) = (2 zeta w s + w^2) / s^2 crosses over at wc = w c, c^2 = 2 zeta^2 + sqrt(4 zeta^4 + 1),
+    with the phase margin atan(2 zeta c): 76 degrees where zeta is 1. A lag tau takes wc tau of it, so that
+    w = (1 - kept) atan(2 zeta c) / (c tau). For a sampled servo tau is the drive's time constant plus one
+    period: half of it for the hold and half for the difference that stands for the derivative.
+
+    Args:
+        lag: tau [s].
+        damping: damping ratio zeta.
+        kept: share of the phase margin that remains.
+    """
+    zeta = positive("damping", damping)
+    c = math.sqrt(2 * zeta**2 + math.sqrt(4 * zeta**4 + 1))
+    return (1 - kept) * math.atan(2 * zeta * c) / (c * positive("lag", lag, "s")) / (2 * math.pi)
+
+
+def _kept(margins: Margins) -> bool:
+    return margins.gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
+
+
+_UNBOUNDED = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)

@@ -1,0 +1,72 @@
+"""A notch filter on the torque demand: it takes out the frequency at which the machine swings."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from gantrysim.errors import InputError, positive
+
+NONE = 0.0  # frequency of an axis without a notch
+
+
+class Coefficients(NamedTuple):
+    """Of (b0 + b1/z + b2/z^2) / (1 + a1/z + a2/z^2)."""
+
+    b0: float = 1.0
+    b1: float = 0.0
+    b2: float = 0.0
+    a1: float = 0.0
+    a2: float = 0.0
+
+
+def coefficients(frequency: float, width: float, depth: float, period: float) -> Coefficients:
+    """Return the notch as a filter from servo tick to servo tick.
+
+        N(s) = (s^2 + 2 depth width w s + w^2) / (s^2 + 2 width w s + w^2),    w = 2 pi frequency
+
+    by the bilinear transform, prewarped so that the notch is deepest at its frequency.
+
+    Args:
+        frequency: below half the servo's, 0 for no notch [Hz].
+        width: damping ratio of the poles.
+        depth: gain at the frequency.
+        period: servo period [s].
+
+    Raises:
+        InputError: a frequency that is not below half the servo's, or a width or depth that is not above zero.
+    """
+    if frequency == NONE:
+        return Coefficients()
+    nyquist = 0.5 / period
+    if not 0 < frequency < nyquist:
+        raise InputError(
+            f"notch_frequency = {frequency:g} Hz: must be below half the servo's, {nyquist:g} Hz, or 0 for no notch"
+        )
+    k = math.tan(math.pi * frequency * period)
+    wide = 2 * positive("notch_width", width) * k
+    narrow = positive("notch_depth", depth) * wide
+    whole = 1 + wide + k**2
+    middle = 2 * (k**2 - 1) / whole
+    return Coefficients(
+        (1 + narrow + k**2) / whole, middle, (1 - narrow + k**2) / whole, middle, (1 - wide + k**2) / whole
+    )
+
+
+def lag(frequency: float, width: float, depth: float) -> float:
+    """Return the time by which the notch delays what is slow against it [s]."""
+    return 2 * width * (1 - depth) / (2 * math.pi * frequency) if frequency != NONE else 0.0
+
+
+def filtered(value: float, filter: tuple[float, ...], first: float, second: float) -> tuple[float, float, float]:
+    """Return the filter's output at one tick and its two states after it (direct form II, transposed).
+
+    Args:
+        value: input at this tick.
+        filter: in the order of `Coefficients`.
+        first: a state after the last tick, 0 at rest.
+        second: the other.
+    """
+    b0, b1, b2, a1, a2 = filter
+    out = b0 * value + first
+    return out, b1 * value - a1 * out + second, b2 * value - a2 * out

@@ -1,0 +1,54 @@
+"""A servo's law as a linear system, as the stability of its loop needs it."""
+
+# ruff: noqa: N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gantrysim.arrays import Complexes, Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Compensator:
+    """A sampled law of one axis, from the following error to the torque demand.
+
+        s[k+1] = A s[k] + B e[k],        u[k] = C s[k] + D e[k]
+
+    Attributes:
+        A: (states, states).
+        B: (states,).
+        C: (states,).
+        D: gain at once.
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: float
+
+    @classmethod
+    def pid(cls, kp: float, ki: float, kd: float, period: float) -> Compensator:
+        """Return kp e + ki T sum(e) + kd de/T; the sum is no state of a law without it."""
+        D = kp + ki * period + kd / period
+        if not ki:
+            return cls(np.zeros((1, 1)), np.ones(1), np.array([-kd / period]), D)
+        return cls(np.diag([0.0, 1.0]), np.array([1.0, period]), np.array([-kd / period, ki]), D)
+
+    def then(self, filter: tuple[float, float, float, float, float]) -> Compensator:
+        """Return this law followed by (b0 + b1/z + b2/z^2) / (1 + a1/z + a2/z^2), given b0, b1, b2, a1, a2."""
+        b0, b1, b2, a1, a2 = filter
+        if not (b1 or b2 or a1 or a2):
+            return Compensator(self.A, self.B, b0 * self.C, b0 * self.D)
+        n, own = len(self.A), np.array([b1 - a1 * b0, b2 - a2 * b0])
+        A = np.zeros((n + 2, n + 2))
+        A[:n, :n], A[n:, :n], A[n:, n:] = self.A, np.outer(own, self.C), [[-a1, 1.0], [-a2, 0.0]]
+        return Compensator(A, np.append(self.B, own * self.D), np.append(b0 * self.C, [1.0, 0.0]), b0 * self.D)
+
+    def response(self, z: Complexes) -> Complexes:
+        """Return the transfer function at every z, (n,)."""
+        shifted = z[:, None, None] * np.eye(len(self.A)) - self.A
+        states = np.linalg.solve(shifted, np.broadcast_to(self.B[:, None], (len(z), len(self.B), 1)))
+        return np.asarray(self.D + states[:, :, 0] @ self.C, complex)
