@@ -29,11 +29,11 @@ JOBS = ("an225", "softmc-arc", "fanuc-spiral")
 FINE = 12.5e-6  # physics step [s]
 
 # of contour errors [mm], and of torque demands as a share of the job's largest: rms, largest
-COUNTED, COUNTED_TORQUE = (0.5e-3, 1e-3), (0.01, 0.05)
+COUNTED, COUNTED_TORQUE = (0.5e-3, 1e-3), (5e-3, 0.03)
 EXACT, EXACT_TORQUE = (0.1e-3, 0.5e-3), (3e-3, 0.03)  # in the MJCF's step, 0.25 ms
 EXACT_FINE, EXACT_FINE_TORQUE = (5e-6, 50e-6), (3e-4, 3e-3)  # in steps of 12.5 µs
 
-CONVERGED = 1e-6  # of the reference, by halving its step [mm]
+CONVERGED = 1e-7  # of the reference, by halving its step [mm]
 CHORDS = 0.2e-3  # of the path [mm]
 SAME = 1e-12
 TORQUE_MEAN = 20  # ticks over which demands with counts are averaged

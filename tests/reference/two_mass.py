@@ -27,7 +27,7 @@ import numpy as np
 
 from .mjcf import Drive
 
-STEP = 8e-6  # of the integration [s]
+STEP = 10e-6  # of the integration [s]
 
 
 @dataclass(frozen=True)
