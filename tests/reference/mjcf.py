@@ -6,6 +6,7 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,27 @@ class Drive:
     static: float
     stribeck: float
     counts: float
+
+
+class Body(NamedTuple):
+    """A body alone: mass [kg], centre of mass in its frame [m], moment of inertia about the vertical there [kg·m²]."""
+
+    mass: float
+    x: float
+    y: float
+    inertia: float
+
+
+def read_bodies(file: Path) -> dict[str, Body]:
+    """Return the bodies of an MJCF that have a mass, by name; their frames must not be turned."""
+    root = _included(ET.parse(file).getroot(), file.parent)
+    bodies = {}
+    for body in root.iter("body"):
+        for inertial in body.findall("inertial"):
+            x, y, _ = _numbers(inertial.get("pos", "0 0 0"))
+            about_z = _numbers(inertial.get("diaginertia", "0 0 0"))[2]
+            bodies[body.get("name", "")] = Body(float(inertial.get("mass", "0")), x, y, about_z)
+    return bodies
 
 
 def read_drives(file: Path) -> list[Drive]:

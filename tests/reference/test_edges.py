@@ -100,9 +100,7 @@ def loop_by_sweep(name, axis):
     run = moved(name, servo, axis, position - position[0])
     assert run.fault is None
     assert (np.abs(run.demand) < servo.torque_limit).all()
-    answer, error = (
-        np.fft.rfft(values[SETTLED:, axis])[bins] for values in (run.motor, run.commanded - run.motor)
-    )
+    answer, error = (np.fft.rfft(values[SETTLED:, axis])[bins] for values in (run.motor, run.commanded - run.motor))
     return bins / SWEPT / PERIOD, answer / error / REDUCED
 
 

@@ -21,9 +21,11 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 
+from .compare import law_of, sizes, within
 from .contour import contour_error, polyline
+from .law import notch_coefficients
 from .mjcf import read_drives
-from .two_mass import STEP, Law, follow, notch_coefficients
+from .two_mass import STEP, follow
 
 JOBS = ("an225", "softmc-arc", "fanuc-spiral")
 FINE = 12.5e-6  # physics step [s]
@@ -54,18 +56,6 @@ def path_of(name):
 
 def drives_of(name="xy"):
     return read_drives(Path(str(files("gantrysim.models") / f"{name}.xml")))
-
-
-def law_of(servo, axis):
-    """The servo of one axis in plain numbers."""
-    gains = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
-    return Law(
-        period=servo.period,
-        delay=servo.delay,
-        limit=servo.torque_limit[axis],
-        count=servo.resolution[axis],
-        **{name: getattr(servo, name)[axis] for name in gains},
-    )
 
 
 def exact(servo):
@@ -109,17 +99,6 @@ def stiff(name, **changes):
 @cache
 def fine(name):
     return engine(name, stiff(name), physics_step=FINE)
-
-
-def sizes(error):
-    return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-
-
-def within(one, other, tolerance, torque_tolerance):
-    """Whether contour errors and torque demands agree."""
-    peak = np.abs(other[1]).max()
-    contours, torques = sizes(one[0] - other[0]), sizes((one[1] - other[1]) / peak)
-    return all(found <= bound for found, bound in zip(contours + torques, tolerance + torque_tolerance, strict=True))
 
 
 @pytest.mark.parametrize("name", ["xy", "xyz", "xyzr"])
