@@ -1,22 +1,11 @@
-"""The sampled servo of one axis in plain numbers.
-
-Once per period T the encoder gives the nearest count, and with the following error E the servo demands
-
-    torque = kp E + ki T sum(E) + kd dE/T + velocity_ff dDPOS/T + acceleration_ff ddDPOS/T² + output_velocity dMPOS/T
-
-through the notch and the torque limit; it takes effect after the delay and is held for a period. The sum leaves out a
-tick whose demand is beyond the limit on the side to which the error drives it.
-"""
+"""The sampled servo of one axis in plain numbers; its law is in `kernels`."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
-
-MEMORY = 8  # numbers that the servo of an axis keeps from tick to tick
 
 
 @dataclass(frozen=True)
@@ -26,7 +15,7 @@ class Law:
     Attributes:
         period: T [s].
         delay: from the sample to the output [s].
-        kp, ki, kd, velocity_ff, acceleration_ff, output_velocity: see above [N·m per u, u·s, u/s, u/s²].
+        kp, ki, kd, velocity_ff, acceleration_ff, output_velocity: gains [N·m per u, u·s, u/s, u/s²].
         limit: largest torque demand [N·m].
         count: travel per encoder count, 0 for an exact encoder [u].
         notch: centre [Hz] and damping of numerator and denominator of the filter on the torque; no filter at 0 Hz.
@@ -75,31 +64,3 @@ def notch_coefficients(frequency: float, numerator: float, denominator: float, p
         middle,
         (1 - 2 * denominator * k + k * k) / whole,
     )
-
-
-@numba.njit(cache=True, error_model="numpy")
-def sampled(numbers, memory, first, command, position):
-    """Return measured position [u] and torque demand [N·m] of one tick; memory is zero before the first."""
-    kp, ki, kd, velocity_ff, acceleration_ff, output_velocity, b0, b1, b2, a1, a2, limit, count, period = numbers
-    total, w1, w2, old_command, old_measured, old_error, old_velocity, _ = memory
-    measured = count * np.rint(position / count) if count > 0 else position
-    error = command - measured
-    if first:
-        old_command, old_measured, old_error = command, measured, error
-    velocity = (command - old_command) / period
-    trial = total + period * error
-    torque = (
-        kp * error
-        + ki * trial
-        + kd * (error - old_error) / period
-        + velocity_ff * velocity
-        + acceleration_ff * (velocity - old_velocity) / period
-        + output_velocity * (measured - old_measured) / period
-    )
-    filtered = b0 * torque + w1
-    demand = min(max(filtered, -limit), limit)
-    memory[0] = trial if demand == filtered or demand * error < 0 else total
-    memory[1] = b1 * torque - a1 * filtered + w2
-    memory[2] = b2 * torque - a2 * filtered
-    memory[3], memory[4], memory[5], memory[6] = command, measured, error, velocity
-    return measured, demand

@@ -13,7 +13,7 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 
-from .compare import law_of, within
+from .compare import law_of, torques_of, within
 from .contour import contour_error, polyline
 from .mjcf import read_bodies, read_drives
 from .stage import follow_stage, on_the_work
@@ -22,7 +22,7 @@ from .two_mass import STEP
 FILE = Path(str(files("gantrysim.models") / "stage.xml"))
 FINE = 12.5e-6  # physics step [s]
 
-# contour error [mm] and torque demand as a share of the job's largest: rms, largest
+# contour error [mm] and torques as a share of the job's largest: rms, largest
 AGREES = (20e-6, 200e-6), (5e-4, 3e-3)
 CONVERGED = 1e-7  # of the reference, by halving its step [mm]
 CHORDS = 0.2e-3  # of the path [mm]
@@ -52,20 +52,20 @@ def engine():
 def reference(drives=None, bodies=None, step=STEP):
     setpoints = job().setpoints
     laws = [law_of(servo(), axis) for axis in range(3)]
-    position, demand = follow_stage(
+    position, torques = follow_stage(
         read_drives(FILE) if drives is None else drives,
         read_bodies(FILE) if bodies is None else bodies,
         laws,
         setpoints.position,
         step,
     )
-    return contour(on_the_work(position)), demand[setpoints.dispense]
+    return contour(on_the_work(position)), torques[setpoints.dispense]
 
 
 def agrees(other):
     run = engine()
     assert run.fault is None
-    return within((contour(run.nozzle[:, :2]), run.demand[run.dispense]), other, *AGREES)
+    return within((contour(run.nozzle[:, :2]), torques_of(run)), other, *AGREES)
 
 
 def test_contour_error_and_torque_on_the_table_are_the_references():
