@@ -39,7 +39,7 @@ MEMORY = 8  # numbers that the servo of an axis keeps from tick to tick
 
 @numba.njit(cache=True, error_model="numpy")
 def _sampled(numbers, memory, first, command, position):
-    """Return measured position [u] and torque demand [N·m] of one tick; memory is zero before the first."""
+    """Return the torque demand of one tick [N·m]; memory is zero before the first."""
     kp, ki, kd, velocity_ff, acceleration_ff, output_velocity, b0, b1, b2, a1, a2, limit, count, period = numbers
     total, w1, w2, old_command, old_measured, old_error, old_velocity, _ = memory
     measured = count * np.rint(position / count) if count > 0 else position
@@ -62,7 +62,7 @@ def _sampled(numbers, memory, first, command, position):
     memory[1] = b1 * torque - a1 * filtered + w2
     memory[2] = b2 * torque - a2 * filtered
     memory[3], memory[4], memory[5], memory[6] = command, measured, error, velocity
-    return measured, demand
+    return demand
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -114,15 +114,14 @@ def _axis_after(p, state, torque, steps, step):
 
 @numba.njit(cache=True, error_model="numpy")
 def follow_axis(plant, law, steps, setpoints):
-    """Return encoder, motor, load, demand and torque at each tick, (n, 5)."""
+    """Return load position, torque demand and motor torque at each tick, (n, 3)."""
     before, first, after, second = steps
     state = (1e-3 * setpoints[0], 0.0, 1e-3 * setpoints[0], 0.0, 0.0, 0.0)
     memory, held = np.zeros(MEMORY), 0.0
-    rows = np.empty((len(setpoints), 5))
+    rows = np.empty((len(setpoints), 3))
     for tick in range(len(setpoints)):
-        position = 1e3 * state[0]
-        measured, demand = _sampled(law, memory, tick == 0, setpoints[tick], position)
-        rows[tick] = (measured, position, 1e3 * state[2], demand, plant.constant * state[4])
+        demand = _sampled(law, memory, tick == 0, setpoints[tick], 1e3 * state[0])
+        rows[tick] = (1e3 * state[2], demand, plant.constant * state[4])
         state = _axis_after(plant, state, held, before, first)
         held = demand
         state = _axis_after(plant, state, held, after, second)
@@ -200,7 +199,7 @@ def follow_table(plants, masses, slides, laws, steps, setpoints, per_si):
     rows = np.empty((len(setpoints), 9))
     for tick in range(len(setpoints)):
         for a in range(3):
-            _, demand[a] = _sampled(laws[a], memory[a], tick == 0, setpoints[tick, a], per_si[a] * state[a])
+            demand[a] = _sampled(laws[a], memory[a], tick == 0, setpoints[tick, a], per_si[a] * state[a])
             rows[tick, 6 + a] = plants[a].constant * state[12 + a]
         rows[tick, :3] = state[3:6] * per_si
         rows[tick, 3:6] = demand

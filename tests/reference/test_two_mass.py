@@ -37,6 +37,7 @@ EXACT_FINE, EXACT_FINE_TORQUE = (5e-6, 50e-6), (3e-4, 3e-3)  # in steps of 12.5 
 
 CONVERGED = 1e-7  # of the reference, by halving its step [mm]
 CHORDS = 0.2e-3  # of the path [mm]
+AMPLIFIED = 0.05e-3  # rms by which counts change a contour error at the least cause [mm]
 SAME = 1e-12
 TORQUE_MEAN = 20  # ticks over which torques with counts are averaged
 ZEROS = (np.arange(8) + 0.5) / 8  # of the encoder [counts]
@@ -135,6 +136,13 @@ def test_with_an_exact_encoder_contour_error_and_torque_are_the_references(name)
 @pytest.mark.parametrize("name", JOBS)
 def test_in_fine_steps_they_agree_much_more_closely(name):
     assert within(fine(name), reference(name, stiff(name)), EXACT_FINE, EXACT_FINE_TORQUE)
+
+
+def test_counts_amplify_a_shift_far_below_a_count_and_an_exact_encoder_does_not():
+    for servo in (job_of("softmc-arc").built_servo, exact(job_of("softmc-arc").built_servo)):
+        moved, _ = reference("softmc-arc", servo, shift=1e-9)
+        found = sizes(reference("softmc-arc", servo)[0] - moved)
+        assert (found[0] > AMPLIFIED) if servo.resolution[0] else (found[1] < CONVERGED)
 
 
 @pytest.mark.parametrize("name", ["an225", "fanuc-spiral"])

@@ -19,13 +19,11 @@ class Motion:
     """An axis at the instants of the samples, (n,) each.
 
     Attributes:
-        encoder, motor, load: positions as measured, of the motor side and of the load [mm].
+        load: position of the load [mm].
         demand: torque demand, after its limit [N·m].
         torque: of the motor, K i [N·m].
     """
 
-    encoder: np.ndarray
-    motor: np.ndarray
     load: np.ndarray
     demand: np.ndarray
     torque: np.ndarray
