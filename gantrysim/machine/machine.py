@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+from collections.abc import Callable
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -71,21 +72,24 @@ class Machine:
         self.source = _find(model)
         self.name = self.source.stem
         try:
-            self.spec, self._compiled = _compile(self.source)
-            physics = _physics(self.spec, self._compiled)
-            self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
-            self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)
-            if not 1 <= physics.nactuator <= MAX_AXES:
-                raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
-            self._perturbations: tuple[Perturbation, ...] = ()
-            self._use(physics)
-            self.drive_gain: Floats = np.ones(len(self.axes))
-            self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
-            self._kinematics = Kinematics(physics, self.nozzle, self.work, [axis.joint for axis in self.addresses])
-            if not self.turns_work:
-                self._check_work_frame()
+            self._build(self.source)
         except InputError as error:
             raise InputError(f"model {self.source}: {error}") from None
+
+    def _build(self, source: Path | mujoco.MjSpec) -> None:
+        self.spec, self._compiled = _compile(source)
+        physics = _physics(self.spec, self._compiled)
+        self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
+        self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)
+        if not 1 <= physics.nactuator <= MAX_AXES:
+            raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
+        self._perturbations: tuple[Perturbation, ...] = ()
+        self._use(physics)
+        self.drive_gain: Floats = np.ones(len(self.axes))
+        self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
+        self._kinematics = Kinematics(physics, self.nozzle, self.work, [axis.joint for axis in self.addresses])
+        if not self.turns_work:
+            self._check_work_frame()
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""
@@ -158,6 +162,27 @@ class Machine:
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 
+    def edited(self, edit: Callable[[mujoco.MjSpec], None]) -> Machine:
+        """Return a copy whose MJCF is edited before compilation; perturbations, name and source stay the same.
+
+        It may have other joints and states, and then cannot share a batch with this machine.
+
+        Args:
+            edit: changes a copy of `spec`.
+
+        Raises:
+            InputError: the edited MJCF does not compile, or is no machine.
+        """
+        spec, machine = self.spec.copy(), copy.copy(self)
+        edit(spec)
+        try:
+            machine._build(spec)
+        except InputError as error:
+            raise InputError(f"model {self.source}, edited: {error}") from None
+        for perturbation in self._perturbations:
+            machine = machine.perturbed(perturbation)
+        return machine
+
     def stepping(self, timestep: float) -> mujoco.MjModel:
         """Return `physics` with another timestep [s]; the same object at every call, not to be changed."""
         if timestep == self.physics.opt.timestep:
@@ -216,10 +241,10 @@ def _vector(values: Floats) -> str:
     return f"({', '.join(f'{value:g}' for value in values.round(6))})"
 
 
-def _compile(source: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+def _compile(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset."""
     try:
-        spec = mujoco.MjSpec.from_file(str(source))
+        spec = mujoco.MjSpec.from_file(str(source)) if isinstance(source, Path) else source
         spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
         compiled = spec.compile()
     except (ValueError, mujoco.FatalError) as error:

@@ -22,8 +22,8 @@ FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 # indices of a dcmotor's parameters in MuJoCo's arrays
 _MOTOR_CONSTANT = 1  # gainprm
-_COGGING, _COULOMB, _STATIC = 0, 3, 4  # biasprm
-_BRISTLE_STIFFNESS, _BRISTLE_DAMPING = 5, 6  # dynprm
+_COGGING, COULOMB, STATIC = 0, 3, 4  # biasprm
+BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6  # dynprm
 
 _NEGLIGIBLE = 1e-30
 
@@ -109,8 +109,8 @@ def perturbed_model(
     )
     dofs, motors = model.jnt_dofadr[list(joints)], _dcmotors(model)
 
-    changed.actuator_biasprm[:, [_COULOMB, _STATIC]] *= friction[:, None] ** motors
-    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= friction[:, None] ** motors
+    changed.actuator_biasprm[:, [COULOMB, STATIC]] *= friction[:, None] ** motors
+    changed.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= friction[:, None] ** motors
     changed.dof_frictionloss[dofs] *= friction
 
     changed.dof_damping[dofs] *= viscous
@@ -144,7 +144,7 @@ def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
     changed = copy.copy(model)
     motors = _dcmotors(model)
     # not zero: MuJoCo would then expect no bristle activation
-    changed.actuator_dynprm[:, [_BRISTLE_STIFFNESS, _BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
+    changed.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
     changed.actuator_biasprm[:, [_COGGING]] *= 1 - motors
     changed.dof_frictionloss[:] = 0
     changed.tendon_frictionloss[:] = 0
