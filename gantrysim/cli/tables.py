@@ -53,9 +53,8 @@ def causes_table(causes: Causes) -> Table:
         table.add_column(head, justify="left" if head == HEADS[0] else "right", no_wrap=True)
     for name, cells in causes.rows:
         table.add_row(name, *map(told, cells))
-    worth = "worth: rms with the cause minus rms without it, negative where it offsets others; gains are\n"
-    worth += "unchanged, worths do not add up"
-    table.caption = "\n".join([worth, *map(escape, causes.notes)])
+    table.caption = "worth: rms with the cause minus rms without it, negative where it offsets others; gains stay, "
+    table.caption += "\n".join(["worths do not add up", *map(escape, causes.notes)])
     table.caption_justify = "left"
     return table
 

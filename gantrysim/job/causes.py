@@ -32,7 +32,7 @@ from gantrysim.run import Run
 
 Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
 
-TITLE = "contour error with one cause at a time switched off, and rms by link [µm]"
+TITLE = "contour error without one cause at a time, and rms by link [µm]"
 HEADS = ("switched off", "rms", "max", "worth", *LINKS)
 
 _UM = 1e3
@@ -225,7 +225,7 @@ def _effect(cause: Cause, setup: Setup, errors: Errors, progress: Callable[[floa
             return Effect(cause, errors, {}, str(record.fault))
         if abs(ideal.step - setup.step) < _SAME_STEP * setup.step:
             return Effect(cause, errors, _errors(record))
-        before = replace(setup, physics_step=ideal.step).run(progress)
+        before = replace(setup, physics_step=ideal.step).run()
         if before.fault is not None:
             return Effect(cause, errors, {}, f"with it, at the same physics step of {ideal.step:g} s: {before.fault}")
         return Effect(cause, _errors(before), _errors(record))
