@@ -64,9 +64,7 @@ class Setup:
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run it and return the record at the ticks of the program."""
-        record = simulate(
-            self.machine, self.servo, self.setpoints, physics_step=self.physics_step, progress=progress
-        )
+        record = simulate(self.machine, self.servo, self.setpoints, physics_step=self.physics_step, progress=progress)
         if self.ticks == 1:
             return record
         arrays = {field.name: getattr(record, field.name) for field in fields(record)}
@@ -163,10 +161,8 @@ class Causes:
     @property
     def rows(self) -> list[tuple[str, list[float | None]]]:
         """The table, by `HEADS`: what is switched off, and numbers of the run without it, None where it failed [µm]."""
-        rows = [("nothing", _cells(self.errors, None))]
-        for effect in self.effects:
-            rows.append((effect.cause.name, _cells(effect.without, effect.worth)))
-        return rows
+        effects = [(effect.cause.name, _cells(effect.without, effect.worth)) for effect in self.effects]
+        return [("nothing", _cells(self.errors, None)), *effects]
 
     @property
     def notes(self) -> list[str]:
@@ -177,7 +173,7 @@ class Causes:
                 notes.append(f"{effect.cause.name}: {effect.failure}")
             elif effect.before != self.errors:
                 rms = _UM * effect.before["contour"].rms
-                notes.append(f"{effect.cause.name}: worth against {rms:.2f} µm rms, of the job at the same physics step")
+                notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms:.2f} µm rms")
         return notes
 
     def __str__(self) -> str:

@@ -33,7 +33,7 @@ def draw_causes(figure: Figure, worth: Mapping[str, Mapping[str, float]]) -> Non
         axes.bar_label(bars, ["–" if np.isnan(value) else f"{value:z.2f}" for value in size], padding=3, fontsize=8)
         low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
         room = max(_ROOM * (high - low), _LEAST)
-        axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="[µm]")
+        axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="worth [µm]")
         axes.set_title(error, loc="left")
         axes.axvline(0, color=INK, lw=0.8)
         axes.grid(visible=False, axis="y")

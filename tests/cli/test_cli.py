@@ -468,7 +468,7 @@ def test_errors_of_rotary_axes_are_in_thousandths_of_a_degree(tmp_path, capsys):
     written = summary_of(job, machine, budget)
     assert list(written["tracking_error_um"]) == ["x", "path"]
     assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
-    assert list(written)[5:7] == ["tracking_error_um", "tracking_error_mdeg"]
+    assert list(written)[6:8] == ["tracking_error_um", "tracking_error_mdeg"]
     Console().print(outcome_table(run, values, None))
     printed = capsys.readouterr().out
     rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()

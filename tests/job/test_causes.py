@@ -18,6 +18,7 @@ from gantrysim.metrics.budget import LINKS
 from support.runs import PERIOD, plain
 
 EXACT = 1e-9  # [mm]
+SCATTER = 1e-4  # of the rms contour error [mm]
 SHORT_STEP = 2.5e-5  # physics step of the closed forms [s]
 WINDING = 0.03  # of its worth, relative
 SAMPLING = 1 / FINER + 0.03  # what is left of the sampling, relative
@@ -182,7 +183,7 @@ def test_sampling_is_compared_at_its_own_physics_step(found):
     assert effect.before["contour"].rms == pytest.approx(again.contour.rms)
     assert effect.before != causes.errors
     rms = 1e3 * again.contour.rms
-    assert f"sampling: worth against {rms:.2f} µm rms, of the job at the same physics step" in causes.notes
+    assert f"sampling: compared with the job at the same physics step, {rms:.2f} µm rms" in causes.notes
     # where the job's own step is as short, there is one reference
     fine = causes_of(job.changed({"simulation.physics_step": step}))
     assert by_name(fine)["sampling"].before == fine.errors
@@ -228,7 +229,9 @@ def test_a_loop_that_only_the_sampling_keeps_quiet_is_reported():
 
 def test_a_job_that_ends_in_a_fault_has_no_causes():
     job = Job.load("an225", ("following_error_limit=0.01",))
-    with pytest.raises(InputError, match=r"job an225: ends in a fault, following error on axis .*: causes are those of"):
+    with pytest.raises(
+        InputError, match=r"job an225: ends in a fault, following error on axis .*: causes are those of"
+    ):
         causes_of(job)
 
 
@@ -255,3 +258,14 @@ def test_progress_is_the_share_of_the_runs(found):
     causes_of(job, progress=shares.append)
     assert shares == sorted(shares)
     assert 0 < shares[0] < shares[-1] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("name", ["fanuc-conical", "softmc-arc", "stage-outline"])
+def test_scatter_of_the_contour_error_is_below_what_counts_as_worth(name):
+    job = Job.load(name)
+    setup = Setup(job.built_machine, job.built_servo, job.setpoints)
+    rms = []
+    for k in range(4):
+        servo = replace(setup.servo, kp=tuple(kp * (1 + 1e-9 * k) for kp in setup.servo.kp))
+        rms.append(Budget(replace(setup, servo=servo).run()).values.contour.rms)
+    assert 0 < np.ptp(rms) < SCATTER

@@ -86,9 +86,7 @@ def test_without_compliance_the_nozzle_is_that_of_a_rigid_machine(xyz):
 
 def test_without_friction_a_steady_motion_takes_the_viscous_torque(xy):
     speed = 100.0
-    torques = [
-        simulate(machine, plain(xy), ramp(speed)).torque[-1, 0] for machine in (without_friction(xy), xy)
-    ]
+    torques = [simulate(machine, plain(xy), ramp(speed)).torque[-1, 0] for machine in (without_friction(xy), xy)]
     viscous = xy.axes[0].viscous * speed
     assert torques[0] == pytest.approx(viscous, rel=MOTION)
     assert torques[1] == pytest.approx(viscous + xy.axes[0].coulomb, rel=1e-2)
@@ -118,7 +116,9 @@ def test_without_winding_the_torque_is_there_at_once(rigid, damped):
         simulate(one, servo, ramp(1000.0), physics_step=step, law=law) for one in (without_winding(machine), machine)
     )
     way = direct.motor[:, 0] - direct.motor[0, 0]
-    assert way == pytest.approx(acceleration * (0.5 * t**2 + 0.5 * step * t), rel=MOTION, abs=1e-9)  # semi-implicit Euler
+    assert way == pytest.approx(
+        acceleration * (0.5 * t**2 + 0.5 * step * t), rel=MOTION, abs=1e-9
+    )  # semi-implicit Euler
     assert direct.current[:, 0] == pytest.approx(np.full(141, torque / 0.03), rel=MOTION)
     behind = way - (lagging.motor[:, 0] - lagging.motor[0, 0])
     expected = acceleration * (tau * t - tau**2 * (1 - np.exp(-t / tau)))
