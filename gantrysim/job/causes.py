@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -68,7 +69,9 @@ class Setup:
         if self.ticks == 1:
             return record
         arrays = {field.name: getattr(record, field.name) for field in fields(record)}
-        kept = {name: value[:: self.ticks] for name, value in arrays.items() if isinstance(value, np.ndarray)}
+        kept: dict[str, Any] = {
+            name: value[:: self.ticks] for name, value in arrays.items() if isinstance(value, np.ndarray)
+        }
         return replace(record, **kept, period=record.period * self.ticks)
 
 

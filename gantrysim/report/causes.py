@@ -21,14 +21,14 @@ def causes_section(causes: Causes) -> Section:
         effect.cause.name: {name: size.rms for name, size in effect.worth.items()} or unknown
         for effect in causes.effects
     }
-    columns = [HEADS[0], *(Column(f"{head} [µm]", ".2f") for head in HEADS[1:]), "without it"]
+    columns: list[str | Column] = [HEADS[0], *(Column(f"{head} [µm]", ".2f") for head in HEADS[1:]), "without it"]
     without = ["the job as it is", *(effect.cause.off for effect in causes.effects)]
     rows = [[name, *cells, off] for (name, cells), off in zip(causes.rows, without, strict=True)]
     return Section(
         "Causes",
         [
-            "The links of the error budget say where on the chain the error lies; this section says what caused it. The "
-            "job was run again with one cause at a time switched off, with the same gains and all else equal.",
+            "The links of the error budget say where on the chain the error lies; this section says what caused it. "
+            "The job was run again with one cause at a time switched off, with the same gains and all else equal.",
             "Worth is the rms contour error of the job minus that without the cause: negative where the cause offsets "
             "others. Worths do not add up.",
             *(f"{note[0].upper()}{note[1:]}." for note in causes.notes),

@@ -102,23 +102,26 @@ def test_without_friction_frictionloss_is_gone_and_cogging_stays(rigid, tmp_path
     assert smooth.physics.actuator_biasprm[0, 0] == 0.01
 
 
-@pytest.mark.parametrize("damped", [False, True])
-def test_without_winding_the_torque_is_there_at_once(rigid, damped):
-    """A step of torque F on a mass m: v = F t / m at once; with the winding's tau, v = F (t - tau (1 - e^(-t/tau))) / m."""
+def steady(torque):
+    """A law that demands a torque of the first of two axes."""
+    return lambda tick: np.array([torque, 0.0])
+
+
+def test_without_winding_the_torque_is_there_at_once(rigid):
+    """A step of torque accelerates a mass at once, v = a t; behind a winding, v = a (t - tau (1 - exp(-t / tau)))."""
     torque, step = 0.02, 2.5e-5
     machine = rigid(damping=0.0)
     servo = plain(machine)
-    law = lambda tick: np.array([torque, 0.0])
     acceleration = torque / machine.axes[0].inertia  # [mm/s²]
     t, tau = np.arange(141) * PERIOD, machine.axes[0].lag
     assert tau == pytest.approx(1e-3)
     direct, lagging = (
-        simulate(one, servo, ramp(1000.0), physics_step=step, law=law) for one in (without_winding(machine), machine)
+        simulate(one, servo, ramp(1000.0), physics_step=step, law=steady(torque))
+        for one in (without_winding(machine), machine)
     )
     way = direct.motor[:, 0] - direct.motor[0, 0]
-    assert way == pytest.approx(
-        acceleration * (0.5 * t**2 + 0.5 * step * t), rel=MOTION, abs=1e-9
-    )  # semi-implicit Euler
+    exact = acceleration * (0.5 * t**2 + 0.5 * step * t)  # of semi-implicit Euler
+    assert way == pytest.approx(exact, rel=MOTION, abs=1e-9)
     assert direct.current[:, 0] == pytest.approx(np.full(141, torque / 0.03), rel=MOTION)
     behind = way - (lagging.motor[:, 0] - lagging.motor[0, 0])
     expected = acceleration * (tau * t - tau**2 * (1 - np.exp(-t / tau)))
@@ -130,8 +133,7 @@ def test_without_winding_the_bus_voltage_still_limits_the_torque(rigid):
     """At a speed w the torque is at most K (V - K w) / R, which the run must not exceed and does reach."""
     machine = without_winding(rigid(damping=0.0, voltage=6.0))
     axis = machine.axes[0]
-    law = lambda tick: np.array([axis.peak_torque, 0.0])
-    run = simulate(machine, plain(machine), ramp(100.0), physics_step=2.5e-5, law=law)
+    run = simulate(machine, plain(machine), ramp(100.0), physics_step=2.5e-5, law=steady(axis.peak_torque))
     free = slice(1, int(np.argmax(run.motor[:, 0] > 140)) - 1)  # before the end of the travel
     speed = np.gradient(run.motor[:, 0], PERIOD)[free] / axis.scale
     bound = 0.03 * (6.0 - 0.03 * speed) / 0.3
