@@ -22,7 +22,7 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
 from gantrysim.errors import InputError
-from gantrysim.job.ideal import FINER, finely_sampled, on_the_path
+from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import Machine
@@ -91,8 +91,10 @@ class Cause:
 
 
 def _without_sampling(setup: Setup) -> Setup:
+    if setup.servo.period <= FINE and not setup.servo.delay:
+        return setup
     servo, setpoints = finely_sampled(setup.machine, setup.servo, setup.setpoints)
-    return replace(setup, servo=servo, setpoints=setpoints, ticks=FINER)
+    return replace(setup, servo=servo, setpoints=setpoints, ticks=round(setup.servo.period / servo.period))
 
 
 def _without_counts(setup: Setup) -> Setup:
@@ -116,7 +118,7 @@ def _without_program(setup: Setup) -> Setup:
 
 CAUSES = (
     Cause("program", "the command follows the requested path exactly, at the same progress", _without_program),
-    Cause("sampling", f"the servo's period is {FINER} times as short, without delay", _without_sampling),
+    Cause("sampling", f"the servo's period is at most {1e6 * FINE:g} µs, without delay", _without_sampling),
     Cause("counts", "the encoders are exact", _without_counts),
     Cause("friction", "only viscous friction is left", _on(without_friction)),
     Cause("winding", "the motors' current follows the demand at once", _on(without_winding)),

@@ -8,11 +8,11 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.engine.simulation import axis_positions
 from gantrysim.machine.machine import Machine
 
-FINER = 16  # ticks of the fast servo in one of the program's
+FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
 
 _ON_THE_PATH = 1e-9  # largest distance of a command that needs no correction [mm]
 _HASTE = 1.5  # largest speed of a foot, in units of the command's own
@@ -36,7 +36,7 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     if foot.distance.max() < _ON_THE_PATH:
         return setpoints
     spans = np.split(np.arange(on.size), np.flatnonzero(np.diff(on) > 1) + 1)
-    progress = np.concatenate([_unhurried(foot.s[span], tip[on[span]]) for span in spans])
+    progress = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
     correction = setpoints.requested.position(progress) - tip[on]
     shift = np.stack([np.interp(np.arange(len(tip)), on, component) for component in correction.T], axis=1)
     slides = [a for a, axis in enumerate(machine.axes) if axis.unit == "mm" and axis.name in setpoints.axes]
@@ -46,7 +46,7 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     return replace(setpoints, position=position[:, [machine.axis_names.index(name) for name in setpoints.axes]])
 
 
-def _unhurried(s: Floats, tip: Floats) -> Floats:
+def unhurried(s: Floats, tip: Floats) -> Floats:
     """Return feet that advance at most `_HASTE` times as fast as the command: the mean of the latest and earliest such.
 
     Args:
@@ -61,7 +61,7 @@ def _unhurried(s: Floats, tip: Floats) -> Floats:
 
 
 def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Servo, Setpoints]:
-    """Return servo and setpoints at a period `FINER` times as short, without the servo's delay.
+    """Return servo and setpoints at a period of at most `FINE`, a whole fraction of theirs, without the servo's delay.
 
     The gains are those of the continuous law. The command is a cubic spline through the setpoints, at rest before the
     first and after the last: velocity and acceleration, from which the feed-forward comes, are continuous, where those
@@ -71,29 +71,27 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
-    corners, names = setpoints.position, machine.axis_names
-    axes = [machine.axes[names.index(name)] for name in setpoints.axes]
+    n = ticks(servo.period, FINE)
+    period, knots = servo.period / n, setpoints.position
+    axes = [machine.axes[machine.axis_names.index(name)] for name in setpoints.axes]
     low, high = np.array([axis.travel for axis in axes]).T
-    limit = np.array([axis.speed_limit for axis in axes]) * setpoints.period / FINER
-    tick = np.arange(len(corners) * FINER - FINER + 1) / FINER
-    position = CubicSpline(np.arange(len(corners)), corners, bc_type="clamped")(tick)
-    steps = np.diff(position, axis=0).reshape(-1, FINER, len(axes))
-    straight = np.repeat(np.abs(steps).max(axis=1) > limit, FINER, axis=0)
-    line = np.repeat(corners[:-1], FINER, axis=0) + (tick[:-1] % 1.0)[:, None] * np.repeat(
-        np.diff(corners, axis=0), FINER, axis=0
-    )
-    position[:-1] = np.where(straight, line, position[:-1])
-    position[::FINER] = corners
-    dispense = np.append(np.repeat(setpoints.dispense[:-1] & setpoints.dispense[1:], FINER), False)
-    dispense[::FINER] = setpoints.dispense
-    supervision = setpoints.supervision
+    limit = np.array([axis.speed_limit for axis in axes])
+    tick = np.arange((len(knots) - 1) * n + 1) / n
+    position = CubicSpline(np.arange(len(knots)), knots, bc_type="clamped")(tick)
+    line = np.stack([np.interp(tick, np.arange(len(knots)), knot) for knot in knots.T], axis=1)
+    speed = np.abs(np.diff(position, axis=0)).reshape(-1, n, len(axes)).max(axis=1) / period
+    position[:-1] = np.where(np.repeat(speed > limit, n, axis=0), line[:-1], position[:-1])
+    position[::n] = knots
+    dispense = np.append(np.repeat(setpoints.dispense[:-1] & setpoints.dispense[1:], n), False)
+    dispense[::n] = setpoints.dispense
+    delay = n * setpoints.supervision.position_error_delay
     fine = Setpoints(
-        period=setpoints.period / FINER,
+        period=period,
         axes=setpoints.axes,
         position=np.clip(position, low, high),
         dispense=dispense,
         requested=setpoints.requested,
-        supervision=replace(supervision, position_error_delay=FINER * supervision.position_error_delay),
-        gates=FINER * setpoints.gates,
+        supervision=replace(setpoints.supervision, position_error_delay=delay),
+        gates=n * setpoints.gates,
     )
-    return replace(servo, period=fine.period, delay=0.0), fine
+    return replace(servo, period=period, delay=0.0), fine

@@ -11,7 +11,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError
 from gantrysim.job import causes as module
 from gantrysim.job.causes import CAUSES, HEADS, Cause, Setup
-from gantrysim.job.ideal import FINER
+from gantrysim.job.ideal import FINE
 from gantrysim.job.job import builtin_jobs
 from gantrysim.metrics.budget import LINKS
 
@@ -21,7 +21,7 @@ EXACT = 1e-9  # [mm]
 SCATTER = 1e-4  # of the rms contour error [mm]
 SHORT_STEP = 2.5e-5  # physics step of the closed forms [s]
 WINDING = 0.03  # of its worth, relative
-SAMPLING = 1 / FINER + 0.03  # what is left of the sampling, relative
+SAMPLING = FINE / PERIOD + 0.03  # what is left of the sampling, relative
 
 WITHOUT = {cause.name: cause.without for cause in CAUSES}
 SMALL = ("diameter=40", "turns=1", "thickness=5")
@@ -97,6 +97,8 @@ def test_a_cause_that_is_absent_is_worth_nothing_at_all(rigid):
     job = Job(name="ideal", machine=str(machine), program={**program, "loop_period": 0}, servo=exact)
     effects = by_name(causes_of(job))
     assert effects["sampling"].worth["contour"].rms != 0
+    setup = Setup(job.built_machine, replace(job.built_servo, period=FINE), job.controller.setpoints(FINE))
+    assert WITHOUT["sampling"](setup) is setup
     for name in ("program", "counts", "friction", "winding", "compliance"):
         assert effects[name].without == effects[name].before
         assert {(worth.rms, worth.max) for worth in effects[name].worth.values()} == {(0.0, 0.0)}
@@ -178,14 +180,13 @@ def test_without_friction_the_spikes_at_reversals_vanish(xy, circle):
 def test_sampling_is_compared_at_its_own_physics_step(found):
     job, causes = found
     effect = by_name(causes)["sampling"]
-    step = PERIOD / FINER
-    again = Budget(job.changed({"simulation.physics_step": step}).run()).values
+    again = Budget(job.changed({"simulation.physics_step": FINE}).run()).values
     assert effect.before["contour"].rms == pytest.approx(again.contour.rms)
     assert effect.before != causes.errors
     rms = 1e3 * again.contour.rms
     assert f"sampling: compared with the job at the same physics step, {rms:.2f} µm rms" in causes.notes
     # where the job's own step is as short, there is one reference
-    fine = causes_of(job.changed({"simulation.physics_step": step}))
+    fine = causes_of(job.changed({"simulation.physics_step": FINE}))
     assert by_name(fine)["sampling"].before == fine.errors
 
 
@@ -220,7 +221,7 @@ def test_runs_that_fail_are_reported_in_their_rows(monkeypatch):
 
 
 def test_a_loop_that_only_the_sampling_keeps_quiet_is_reported():
-    """Coarse counts through kd at a sixteenth of the period drive the torque from limit to limit."""
+    """Coarse counts through kd at a short period drive the torque from limit to limit."""
     job = Job.load("an225", (*SMALL, "resolution=0.02"))
     effect = by_name(causes_of(job))["sampling"]
     assert "oscillation on axis" in effect.failure

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gantrysim import Job, Machine, Servo, perfect_follower
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints, Supervision
-from gantrysim.job.ideal import FINER, finely_sampled, on_the_path
+from gantrysim.job.ideal import FINE, finely_sampled, on_the_path, unhurried
 from gantrysim.job.job import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 
@@ -19,6 +19,7 @@ from support.runs import PERIOD, ramp
 
 ON_THE_PATH = 1e-9  # [mm]
 PROGRESS = 1e-6  # of a foot where it does not jump [mm]
+FINER = 16  # ticks in one of the program's, of 62.5 µs in 1 ms
 MACHINE = Machine("xy")
 SERVO = Servo.derive(MACHINE.axes)
 SPLINE = 0.003  # w^4 T^4 R of the greatest departure of a cubic spline from a circle: 1 / 384
@@ -75,6 +76,35 @@ def test_a_rounded_corner_is_taken_sharp_without_a_jump(blend_time):
         assert np.diff(before.s).max() > 4 * steps.max()
 
 
+@pytest.mark.parametrize("name", ["stage-outline", "fanuc-conical"])
+def test_the_slides_bring_the_nozzle_back_whatever_the_rotary_axes_do(name):
+    """The linear axes are displaced by a tenth of a millimetre that turns round, at any angle of the rotary ones."""
+    job = Job.load(name)
+    setpoints, t = job.setpoints, np.arange(len(job.setpoints.position)) * 1e-3
+    position = setpoints.position.copy()
+    for k, column in enumerate(column for column, axis in enumerate(setpoints.axes) if axis in "xyz"):
+        position[:, column] += 0.1 * np.sin(2 * np.pi * t + 2 * k)
+    displaced = replace(setpoints, position=position)
+    assert foot(job.built_machine, displaced).distance.max() > 0.05
+    moved = on_the_path(job.built_machine, displaced)
+    assert foot(job.built_machine, moved).distance.max() < ON_THE_PATH
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(-0.5, 8)), min_size=1, max_size=60))
+@settings(max_examples=100)
+def test_feet_are_spread_where_they_hurry_and_nowhere_else(moves):
+    """Moves: steps of a command along a line, and those of its foot in units of them."""
+    steps = np.array([step for step, _ in moves])
+    tip = np.append(0.0, np.cumsum(steps))[:, None] * np.eye(3)[0]
+    s = np.append(0.0, np.cumsum([step * haste for step, haste in moves]))
+    spread = unhurried(s, tip)
+    assert np.all(np.diff(spread) <= 1.5 * steps + 1e-12 * (1 + np.abs(s).max()))
+    if max(haste for _, haste in moves) <= 1.5:
+        assert spread == pytest.approx(s, abs=1e-12 * (1 + np.abs(s).max()))
+    assert spread.min() >= s.min() - 1e-9
+    assert spread.max() <= s.max() + 1e-9
+
+
 def test_the_correction_is_carried_on_while_the_dispenser_is_off(xy):
     """A command beside a line by a different amount in each of two stretches of dispensing."""
     along = np.arange(301) * 0.1
@@ -94,6 +124,7 @@ def test_a_finely_sampled_circle_is_the_circle(xy):
     setpoints = Setpoints.along(CIRCLE, 200.0, PERIOD)
     servo, fine = finely_sampled(xy, Servo.derive(xy.axes, delay=PERIOD), setpoints)
     assert (servo.period, servo.delay, fine.period) == (PERIOD / FINER, 0.0, PERIOD / FINER)
+    assert servo.period == FINE
     assert replace(servo, period=PERIOD, delay=PERIOD) == Servo.derive(xy.axes, delay=PERIOD)
     assert np.array_equal(fine.position[::FINER], setpoints.position)
     angle = np.arange(len(fine.position)) * fine.period * 200.0 / 40.0
