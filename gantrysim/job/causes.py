@@ -64,7 +64,7 @@ class Setup:
         return self.servo.period / substeps_of(self.machine, self.servo.period, self.physics_step)
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
-        """Run it and return the record at the ticks of the program."""
+        """Run it without glue and return the record at the ticks of the program."""
         record = simulate(self.machine, self.servo, self.setpoints, physics_step=self.physics_step, progress=progress)
         if self.ticks == 1:
             return record
@@ -81,7 +81,7 @@ class Cause:
 
     Attributes:
         name: in a word.
-        off: how it is switched off.
+        off: what a run without it is like.
         without: returns a setup without it, or the setup itself where it is absent.
     """
 
@@ -182,7 +182,7 @@ class Causes:
         return notes
 
     def __str__(self) -> str:
-        texts = [HEADS, *((name, *map(told, cells)) for name, cells in self.rows)]
+        texts = [HEADS, *((name, *map(cell_text, cells)) for name, cells in self.rows)]
         widths = [max(7, len(head)) for head in HEADS[1:]]
         table = [
             f"{name:12}" + "".join(f" {cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
@@ -247,6 +247,6 @@ def _cells(errors: Errors, worth: Errors | None) -> list[float | None]:
     return [_UM * contour.rms, _UM * contour.max, change, *(_UM * errors[link].rms for link in LINKS)]
 
 
-def told(value: float | None) -> str:
+def cell_text(value: float | None) -> str:
     """Return a number of the table as text."""
     return "–" if value is None else f"{value:z.2f}"

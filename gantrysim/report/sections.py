@@ -178,7 +178,7 @@ def _bead_sizes(values: BeadValues) -> Table:
 
 
 def _volumes(values: BeadValues) -> Table:
-    causes = {
+    descriptions = {
         "ramps": "requested by the program beyond the nominal section while the speed ramps",
         "starts": "laid beyond the request until the flow has settled",
         "running": "the same while the flow is settled, from a limit",
@@ -187,8 +187,11 @@ def _volumes(values: BeadValues) -> Table:
     }
     volumes = values.volume_error_parts | {"error": values.volume_error}
     return Table(
-        ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "cause"],
-        [[name, volume, 100 * volume / values.requested_volume, causes[name]] for name, volume in volumes.items()],
+        ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "description"],
+        [
+            [name, volume, 100 * volume / values.requested_volume, descriptions[name]]
+            for name, volume in volumes.items()
+        ],
         "Volume laid beyond the nominal section along the path; the parts sum to the error",
     )
 

@@ -12,7 +12,7 @@ from gantrysim.machine.ideal import without_compliance, without_friction, withou
 from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.perturbation import Perturbation
 
-from support.runs import PERIOD, plain, ramp
+from support.runs import PERIOD, ideal_motors, plain, ramp
 
 EXACT = 1e-12  # relative, of masses and inertias
 MOTION = 1e-6  # relative, of a motion in closed form
@@ -34,8 +34,10 @@ def rewritten(machine, tmp_path, *replacements):
 
 def test_a_machine_without_the_imperfection_is_returned_as_it_is(rigid, xy):
     ideal = rigid(inductance=0.0)
+    torque_sources = Machine(ideal_motors(rigid(inductance=0.0).source))
     for remove in ALL:
         assert remove(ideal) is ideal
+        assert remove(torque_sources) is torque_sources
         once = remove(xy)
         assert once is not xy
         assert once.digest != xy.digest
