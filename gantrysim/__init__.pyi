@@ -11,6 +11,8 @@ from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
 from .errors import GantryError as GantryError
 from .errors import InputError as InputError
+from .job.causes import Causes as Causes
+from .job.causes import causes_of as causes_of
 from .job.job import Job as Job
 from .machine.axis import Axis as Axis
 from .machine.dispenser import Dispenser as Dispenser

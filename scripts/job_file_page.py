@@ -7,7 +7,8 @@ from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import PROGRAMS, described
-from gantrysim.job.job import Job, ServoSettings, SimulationSettings
+from gantrysim.job.job import Job
+from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
 
 PAGE = Path(__file__).parent.parent / "docs" / "job-file.md"

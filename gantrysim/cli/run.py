@@ -21,16 +21,24 @@ def run(
         Path | None,
         typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml of gantrysim tune."),
     ] = None,
+    causes: Annotated[
+        bool, typer.Option("--causes", help="Run the job again with one cause of error at a time switched off.")
+    ] = False,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
 ) -> None:
     """Simulate a job, print its error budget, and write record, summary, plots, report and video.
 
+    The error budget says where on the chain the error lies. With --causes, a second table says what caused it: the job
+    is run again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and
+    the change of the error is what that cause is worth.
+
     Exit status: 0 for a complete run, 2 for bad input, 3 for a run that ended in a fault, 130 after Ctrl-C, which
     leaves the output folder unchanged.
     """
     from gantrysim.bead import Bead
-    from gantrysim.cli.tables import links_table, outcome_table
+    from gantrysim.cli.tables import causes_table, links_table, outcome_table
+    from gantrysim.job.causes import causes_of
     from gantrysim.job.job import Job
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.metrics.budget import Budget
@@ -53,7 +61,11 @@ def run(
         budget = Budget(analysis)
         bead = Bead(record, loaded.bead, analysis)
         laid = bead.values if bead.nominal > 0 else None
-        write_run(scratch, loaded, machine, budget, laid)
+        found = None
+        if causes and record.fault is None:
+            with share_bar("causes", go_on) as advance:
+                found = causes_of(loaded, record, advance)
+        write_run(scratch, loaded, machine, budget, laid, found)
         if with_report:
             with share_bar("plot", go_on) as advance:
                 save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
@@ -65,9 +77,11 @@ def run(
                 no_video = f"no video: {error}"
         if with_report:
             with share_bar("report", go_on) as advance:
-                write_run_page(scratch / REPORT, loaded, machine, bead, scratch / VIDEO, advance)
+                write_run_page(scratch / REPORT, loaded, machine, bead, scratch / VIDEO, advance, found)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     show(links_table(loaded.name, machine, budget))
+    if found is not None:
+        show(causes_table(found))
     show(outcome_table(record, analysis.values, laid, loaded.margins))
     say(headline(budget), wrap=True)
     say(f"servo: {loaded.servo_reason}", wrap=True)
@@ -77,5 +91,7 @@ def run(
         warn(no_video)
     say(f"written to {folder}/: {', '.join(written)}")
     if record.fault is not None:
+        if causes:
+            say("note: no causes, they are those of a complete run")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.bead import BeadValues
+from gantrysim.job.causes import HEADS, TITLE, Causes, cell_text
 from gantrysim.job.job import LOW_MARGIN
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
@@ -41,8 +42,22 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.add_section()
     contour, (x, y, _) = values.contour, values.contour.point
     add("contour", contour, DESCRIPTIONS["contour"])
-    table.caption = "share of the mean square contour error; a negative share offsets others\n"
+    table.caption = "links say where on the chain the error lies, --causes what caused it\n"
+    table.caption += "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:.2f} s, x = {x:.1f}, y = {y:.1f} mm"
+    table.caption_justify = "left"
+    return table
+
+
+def causes_table(causes: Causes) -> Table:
+    """Return what each cause of the error is worth, a row per cause."""
+    table = Table(title=escape(TITLE), title_justify="left", box=None, padding=(0, 1, 0, 0))  # wide: without lines
+    for head in HEADS:
+        table.add_column(head, justify="left" if head == HEADS[0] else "right", no_wrap=True)
+    for name, cells in causes.rows:
+        table.add_row(name, *map(cell_text, cells))
+    table.caption = "worth: rms with the cause minus rms without it, negative where it offsets others; gains stay, "
+    table.caption += "\n".join(["worths do not add up", *map(escape, causes.notes)])
     table.caption_justify = "left"
     return table
 

@@ -55,7 +55,8 @@ def record(
         "voltage": voltage.T,
     }
     sent = _sent(machine, setpoints, position, log.tick["setpoint"], dispenser)
-    return Run(**sent, **{name: read_only(array) for name, array in measured.items()}, fault=fault)
+    kept: dict[str, Any] = {name: read_only(array) for name, array in measured.items()}
+    return Run(**sent, **kept, fault=fault)
 
 
 @jit

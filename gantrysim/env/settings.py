@@ -18,7 +18,8 @@ from pydantic import (
 )
 
 from gantrysim.errors import InputError, finite, positive, unknown, whole
-from gantrysim.job.job import Job, ServoSettings
+from gantrysim.job.job import Job
+from gantrysim.job.settings import ServoSettings
 from gantrysim.job.toml_files import one_line
 from gantrysim.machine.tolerances import Tolerances
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -12,70 +11,27 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
+from pydantic import BaseModel, Field, field_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.derivation import loop
 from gantrysim.controllers.programs import build, dotted, keys
-from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter, Servo
+from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, at_least, unknown
 from gantrysim.job.overrides import absolute_machine, change, override
+from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.job.toml_files import read_toml, validated
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
 
-_STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
-
-PerAxis = float | list[float] | None
-
 LOW_MARGIN = 1.5  # gain margin below which a run says so
 
 _SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
-
-
-def _setting(default: Any, description: str) -> Any:
-    return Field(default=default, description=description)
-
-
-class _Derivation(BaseModel):
-    model_config = _STRICT
-
-    period: float = _setting(1e-3, "servo period [s]")
-    frequency: float | None = _setting(
-        None, "natural frequency of the loop, by default what the lags leave room for [Hz]"
-    )
-    damping: float = _setting(1.0, "damping ratio of the loop")
-    feedforward: float = _setting(1.0, "share of the computed velocity and acceleration feed-forward")
-    integral_time: float = _setting(math.inf, "kp / ki; inf for no integral term [s]")
-    following_error_limit: float = _setting(FOLLOWING_ERROR_LIMIT, "error at which the drives are disabled [mm or deg]")
-    delay: float = _setting(0.0, "from the encoder's sample to the torque demand [s]")
-
-
-def _per_axis(parameter: Parameter) -> Any:
-    unit = "mm or deg" if parameter.unit == "u" else parameter.unit.replace("u", "mm")
-    return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]" if unit else parameter.meaning)
-
-
-_PER_AXIS: dict[str, Any] = {parameter.name: _per_axis(parameter) for parameter in DERIVED}
-
-
-class ServoSettings(create_model("_ServoSettings", __base__=_Derivation, **_PER_AXIS)):  # type: ignore[misc]
-    """Arguments of `Servo.derive`; one that is given, as a number or a list of one per axis, is not derived."""
-
-
-class SimulationSettings(BaseModel):
-    """Longest physics step, time for which the last position is held, and whether an unstable servo may run."""
-
-    model_config = _STRICT
-
-    physics_step: float | None = _setting(None, "longest physics step, by default the machine's own [s]")
-    settle: float = _setting(0.25, "time for which the last position is held [s]")
-    allow_unstable: bool = _setting(False, "whether to run with a servo that is unstable on the machine")
 
 
 class Job(BaseModel):
@@ -91,7 +47,7 @@ class Job(BaseModel):
         simulation: physics step and settling time.
     """
 
-    model_config = _STRICT
+    model_config = STRICT
 
     name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
     machine: str = "xy"

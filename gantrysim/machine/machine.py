@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
@@ -20,9 +21,10 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, positive, unknown
 from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes
+from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.kinematics import Kinematics
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
-from gantrysim.native.row import MAX_AXES, ROW_NUMBERS
+from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
 
 NOZZLE = "nozzle"  # site at the tip
@@ -73,21 +75,24 @@ class Machine:
         self.source = _find(model)
         self.name = self.source.stem
         try:
-            self.spec, self._compiled = _compile(self.source)
-            physics = _physics(self.spec, self._compiled)
-            self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
-            self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)
-            if not 1 <= physics.nactuator <= MAX_AXES:
-                raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
-            self._perturbations: tuple[Perturbation, ...] = ()
-            self._use(physics)
-            self.drive_gain: Floats = np.ones(len(self.axes))
-            self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
-            self._kinematics = Kinematics(physics, self.nozzle, self.work, [axis.joint for axis in self.addresses])
-            if not self.turns_work:
-                self._check_work_frame()
+            self._build(self.source)
         except InputError as error:
             raise InputError(f"model {self.source}: {error}") from None
+
+    def _build(self, source: Path | mujoco.MjSpec) -> None:
+        self.spec, self._compiled = compile_mjcf(source)
+        physics = without_visuals(self.spec, self._compiled)
+        self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
+        self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)
+        if not 1 <= physics.nactuator <= MAX_AXES:
+            raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
+        self._perturbations: tuple[Perturbation, ...] = ()
+        self._use(physics)
+        self.drive_gain: Floats = np.ones(len(self.axes))
+        self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
+        self._kinematics = Kinematics(physics, self.nozzle, self.work, [axis.joint for axis in self.addresses])
+        if not self.turns_work:
+            self._check_work_frame()
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""
@@ -158,6 +163,27 @@ class Machine:
         machine._perturbations = (*self._perturbations, perturbation)
         machine._use(self._perturbed_model(self.physics, perturbation))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
+        return machine
+
+    def edited(self, edit: Callable[[mujoco.MjSpec], None]) -> Machine:
+        """Return a copy whose MJCF is edited before compilation; perturbations, name and source stay the same.
+
+        It may have other joints and states, and then cannot share a batch with this machine.
+
+        Args:
+            edit: changes a copy of `spec`.
+
+        Raises:
+            InputError: the edited MJCF does not compile, or is no machine.
+        """
+        spec, machine = self.spec.copy(), copy.copy(self)
+        edit(spec)
+        try:
+            machine._build(spec)
+        except InputError as error:
+            raise InputError(f"model {self.source}, edited: {error}") from None
+        for perturbation in self._perturbations:
+            machine = machine.perturbed(perturbation)
         return machine
 
     def stepping(self, timestep: float) -> mujoco.MjModel:
@@ -243,54 +269,6 @@ class Machine:
 
 def _vector(values: Floats) -> str:
     return f"({', '.join(f'{value:g}' for value in values.round(6))})"
-
-
-def _compile(source: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset."""
-    try:
-        spec = mujoco.MjSpec.from_file(str(source))
-        spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise InputError(" ".join(str(error).split())) from None
-    if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:
-        raise InputError("disables its actuators; the servo needs them")
-    if compiled.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        raise InputError("integrator RK4 calls the servo four times a step; use Euler, implicit or implicitfast")
-    compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    _no_force_early(compiled)
-    return spec, compiled
-
-
-def _no_force_early(compiled: mujoco.MjModel) -> None:
-    """Make a dcmotor's force that of its current at the beginning of a step.
-
-    MuJoCo compiles it to be that at the end. With semi-implicit Euler the force then leads by half a step, and every
-    loop seems more stable than it is; so it lags by no more than half a step less, and the error falls with the square
-    of the step.
-    """
-    compiled.actuator_actearly[:] = False
-
-
-def _physics(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a compiled model without visual-only elements; its dynamics are the same to the last bit.
-
-    Steps need not place these geoms, cameras and lights, and copies hold no textures. MuJoCo keeps a geom that defines
-    a body's inertia; if a sensor uses a camera, the result is the compiled model itself.
-    """
-    bare = spec.copy()
-    bare.compiler.discardvisual = True
-    bare.visual = mujoco.MjSpec().visual
-    bare.stat.center, bare.stat.extent, bare.stat.meansize = [np.nan] * 3, np.nan, np.nan
-    for element in (*bare.cameras, *bare.lights):
-        bare.delete(element)
-    try:
-        physics = bare.compile()
-    except (ValueError, mujoco.FatalError):
-        return compiled
-    physics.opt.disableflags = compiled.opt.disableflags
-    _no_force_early(physics)
-    return physics
 
 
 def _find(model: str | Path) -> Path:

@@ -18,7 +18,7 @@ from gantrysim.metrics.analysis import (
     tracking_error,
     values,
 )
-from gantrysim.metrics.budget import CAUSES, DESCRIPTIONS, LINKS, Budget, BudgetValues, Part, PartValues, TurnValues
+from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace
 from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.spacing import Spacing, spacing

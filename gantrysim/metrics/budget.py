@@ -1,4 +1,4 @@
-"""The error budget: the part of every link of the chain in the nozzle's error normal to the requested path.
+"""The error budget: where on the chain the nozzle's error normal to the requested path lies.
 
 With e(q) the offset of a point q from its foot on the requested path, in the path's frame there,
 
@@ -8,6 +8,9 @@ With e(q) the offset of a point q from its foot on the requested path, in the pa
               + e(nozzle) - e(motor)                 structure
 
 where encoder and motor positions are those of the nozzle of a rigid machine. The parts add up exactly at every tick.
+Each is the difference of two traces and says where the error lies, not what caused it: structure is the motion of the
+nozzle relative to the motor, and may be shaken by encoder counts that pass through the servo's kd. Causes are found by
+switching them off, see `gantrysim.job.causes`.
 Every point has its own foot, so that a lag along the path is no error normal to it: to first order a part is the
 displacement of its link along the normal n, as for tracking
 
@@ -34,7 +37,7 @@ from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.spacing import one_way
 from gantrysim.run import Run
 
-# the links of the chain in their order; DESCRIPTIONS and CAUSES also have their sum, the contour error
+# the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
 LINKS = ("generation", "tracking", "measurement", "structure")
 DESCRIPTIONS = {
     "generation": "requested path to commanded",
@@ -42,13 +45,6 @@ DESCRIPTIONS = {
     "measurement": "encoder to motor",
     "structure": "motor to nozzle",
     "contour": "requested path to nozzle",
-}
-CAUSES = {
-    "generation": "the controller program",
-    "tracking": "servo, motors and friction",
-    "measurement": "encoder quantisation",
-    "structure": "compliance and backlash",
-    "contour": "all links",
 }
 
 _PERCENTILE = 95.0

@@ -10,7 +10,8 @@ from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import PROGRAMS, described
-from gantrysim.job.job import Job, ServoSettings
+from gantrysim.job.job import Job
+from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.report.saved import SavedRun
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from gantrysim.bead import BeadValues
 from gantrysim.errors import InputError
+from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
@@ -125,11 +126,18 @@ def _alive(process: int) -> bool:
     return True
 
 
-def write_run(folder: Path, job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None) -> None:
+def write_run(
+    folder: Path,
+    job: Job,
+    machine: Machine,
+    budget: Budget,
+    bead: BeadValues | None = None,
+    causes: Causes | None = None,
+) -> None:
     """Write job, record, summary, and the controller's own record into a folder."""
     run = budget.analysis.run
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
     run.save(folder / RUN)
-    content = json.dumps(summary(job, machine, budget, bead), indent=2, allow_nan=False)
+    content = json.dumps(summary(job, machine, budget, bead, causes), indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
     job.controller.write_record(run, folder / RECORD)

@@ -1,8 +1,8 @@
-"""The headline of a run: its contour error, and the link that causes most of it."""
+"""The headline of a run: its contour error, and the link in which most of it lies."""
 
 from __future__ import annotations
 
-from gantrysim.metrics.budget import CAUSES, Budget
+from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
@@ -19,4 +19,4 @@ def headline(budget: Budget) -> str:
     link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
     share = "almost all" if part.share >= _ALMOST_ALL else "mostly" if part.share > _MOST else "the largest share"
     rms = _UM * contour.rms
-    return f"Contour error{until}: {rms:.{0 if rms >= 100 else 1}f} µm rms, {share} from {CAUSES[link]} ({link})."
+    return f"Contour error{until}: {rms:.{0 if rms >= 100 else 1}f} µm rms, {share} in {link} ({DESCRIPTIONS[link]})."

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from gantrysim.bead import Bead
+from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import AnalysisValues
 from gantrysim.metrics.budget import Budget
+from gantrysim.report.causes import causes_section
 from gantrysim.report.document import Section, Table, write_page
 from gantrysim.report.headline import headline
 from gantrysim.report.sections import bead_section, budget_section, errors_section, plan_section, spacing_section
@@ -27,28 +29,34 @@ def write_run_page(
     bead: Bead,
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
+    causes: Causes | None = None,
 ) -> None:
     """Write the report of a run as one HTML file.
 
-    It includes the MP4 file `video` where it exists; `progress` is called with the completed share.
+    It includes the MP4 file `video` where it exists, and the causes of the error where they are given; `progress` is
+    called with the completed share.
     """
     run = bead.run
     write_page(
         file,
         f"{job.name} on {machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(job, machine, bead, None if video is None else Path(video))),
+        list(run_sections(job, machine, bead, None if video is None else Path(video), causes)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
 
 
-def run_sections(job: Job, machine: Machine, bead: Bead, video: Path | None = None) -> Iterator[Section]:
+def run_sections(
+    job: Job, machine: Machine, bead: Bead, video: Path | None = None, causes: Causes | None = None
+) -> Iterator[Section]:
     """Yield the sections of a run's report, see `write_run_page`."""
     analysis = bead.analysis
     budget = Budget(analysis)
     yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, bead.run.requested.turn_spacing)))
     yield budget_section(budget, machine)
+    if causes is not None:
+        yield causes_section(causes)
     yield plan_section(analysis)
     if analysis.spacing.distance.size:
         yield spacing_section(analysis)

@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.bead import Bead, BeadValues
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
-from gantrysim.metrics.budget import CAUSES, DESCRIPTIONS, Budget, PartValues
+from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
@@ -49,10 +49,10 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         return [*labels, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
 
     links = Table(
-        ["link", "span and cause", *numbers],
+        ["link", "span", *numbers],
         [
-            *(row(part, link, f"{DESCRIPTIONS[link]}: {CAUSES[link]}") for link, part in values.parts.items()),
-            row(values.contour, "contour", f"{DESCRIPTIONS['contour']}: total"),
+            *(row(part, link, DESCRIPTIONS[link]) for link, part in values.parts.items()),
+            row(values.contour, "contour", DESCRIPTIONS["contour"]),
         ],
         "Error normal to the requested path, its share of the mean square, and where it is largest",
         COLOURS,
@@ -65,7 +65,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     return Section(
         "Error budget",
         [
-            "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others.",
+            "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
+            "says where on the chain the error lies, as the difference of two traces, not what caused it.",
             f"Lag of the nozzle along the path, not part of the contour error: {_UM * values.lag.rms:.1f} µm rms, "
             f"max {_UM * values.lag.max:.1f} µm.",
         ],
@@ -177,7 +178,7 @@ def _bead_sizes(values: BeadValues) -> Table:
 
 
 def _volumes(values: BeadValues) -> Table:
-    causes = {
+    descriptions = {
         "ramps": "requested by the program beyond the nominal section while the speed ramps",
         "starts": "laid beyond the request until the flow has settled",
         "running": "the same while the flow is settled, from a limit",
@@ -186,8 +187,11 @@ def _volumes(values: BeadValues) -> Table:
     }
     volumes = values.volume_error_parts | {"error": values.volume_error}
     return Table(
-        ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "cause"],
-        [[name, volume, 100 * volume / values.requested_volume, causes[name]] for name, volume in volumes.items()],
+        ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "description"],
+        [
+            [name, volume, 100 * volume / values.requested_volume, descriptions[name]]
+            for name, volume in volumes.items()
+        ],
         "Volume laid beyond the nominal section along the path; the parts sum to the error",
     )
 

@@ -9,23 +9,28 @@ from importlib.metadata import version
 from typing import Any
 
 from gantrysim.bead import BeadValues
+from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
 from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.report.causes import causes_summary
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins
 
 _THOUSANDTHS = 1e3
 
 
-def summary(job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None) -> dict[str, Any]:
+def summary(
+    job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None, causes: Causes | None = None
+) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
     Keys that need an explanation:
 
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
             share of the tracking part; by turn of a spiral the links' errors
+        causes: by cause the errors without it, and what it is worth (`Effect`); null where they were not asked for
         contour_error_um: distance of the nozzle to the path, the size of error_budget's contour
         requested_spacing_mm, bead_spacing_mm: null where the path, or the trace, has no neighbouring turns
         tracking_error_um: by linear axis; path is the tracking error along the path
@@ -46,6 +51,7 @@ def summary(job: Job, machine: Machine, budget: Budget, bead: BeadValues | None 
         "job": job.name,
         "machine": machine.name,
         "error_budget": _budget(budget, machine),
+        "causes": None if causes is None else causes_summary(causes),
         "requested_spacing_mm": run.requested.turn_spacing,
         "bead_spacing_mm": _range(values.spacing),
         "tracking_error_um": {**tracking["mm"], "path": _thousandths(values.tracking_along)},

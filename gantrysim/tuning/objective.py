@@ -18,7 +18,8 @@ from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.errors import GantryError, InputError
-from gantrysim.job.job import Job, ServoSettings
+from gantrysim.job.job import Job
+from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, torque_ripple

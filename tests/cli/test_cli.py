@@ -49,7 +49,7 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert " ".join(summary) == (
-        "job machine error_budget requested_spacing_mm bead_spacing_mm tracking_error_um generation_error_um "
+        "job machine error_budget causes requested_spacing_mm bead_spacing_mm tracking_error_um generation_error_um "
         "contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm servo bead notes fault versions"
     )
     assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
@@ -77,8 +77,32 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     assert summary["bead_spacing_mm"]["std"] == pytest.approx(values.spacing.std)
     assert summary["end_point_mm"] == pytest.approx(run.nozzle[-1].tolist())
     assert summary["duration_s"] == pytest.approx(run.time[run.dispense][-1])
+    assert summary["causes"] is None
     assert summary["fault"] is None
     assert summary["versions"]["gantrysim"] == gantrysim.__version__
+
+
+def test_causes_are_found_on_request(gantrysim_command, tmp_path):
+    status, printed, _ = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK, "--causes")
+    assert status == 0
+    causes = json.loads((tmp_path / "summary.json").read_text())["causes"]
+    assert list(causes) == ["program", "sampling", "counts", "friction", "winding", "compliance"]
+    assert causes["program"]["without"]["generation"]["max_um"] < 1e-6
+    rows = {line.split()[0]: line.split()[1:] for line in printed.splitlines() if line.strip()}
+    for name, effect in causes.items():
+        without, worth = effect["without"], effect["worth"]["contour"]["rms_um"]
+        shown = [without["contour"]["rms_um"], without["contour"]["max_um"], worth]
+        shown += [without[link]["rms_um"] for link in LINKS]
+        assert [float(cell) for cell in rows[name]] == pytest.approx(shown, abs=0.0051)
+    assert "worths do not add up" in " ".join(printed.split())
+
+
+def test_a_run_that_ends_in_a_fault_has_no_causes(gantrysim_command, tmp_path):
+    faulty = ["--set", "following_error_limit=0.01", "--causes"]
+    status, printed, _ = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK, *faulty)
+    assert status == 3
+    assert "note: no causes, they are those of a complete run" in printed
+    assert json.loads((tmp_path / "summary.json").read_text())["causes"] is None
 
 
 def test_the_written_job_repeats_the_run_to_the_last_bit(gantrysim_command, tmp_path):
@@ -129,7 +153,9 @@ def test_another_machine_by_name_and_by_file(gantrysim_command, tmp_path, rigid)
 
 
 def test_a_fault_is_reported_recorded_and_has_its_own_exit_status(gantrysim_command, tmp_path):
-    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK, "--set", "frequency=300")
+    status, _, errors = gantrysim_command(
+        "run", "an225", "--out", tmp_path, *QUICK, "--set", "frequency=300", "--set", "allow_unstable=true"
+    )
     assert status == 3
     fault = json.loads((tmp_path / "summary.json").read_text())["fault"]
     assert fault["axis"] in ("x", "y")
@@ -444,8 +470,8 @@ def test_errors_of_rotary_axes_are_in_thousandths_of_a_degree(tmp_path, capsys):
     written = summary_of(job, machine, budget)
     assert list(written["tracking_error_um"]) == ["x", "path"]
     assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
-    assert list(written)[5:7] == ["tracking_error_um", "tracking_error_mdeg"]
-    Console().print(outcome_table(run, values, None))
+    assert list(written)[6:8] == ["tracking_error_um", "tracking_error_mdeg"]
+    Console().print(outcome_table(run, values, None, None))
     printed = capsys.readouterr().out
     rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()
     assert f"{rms:.1f} mdeg" in printed

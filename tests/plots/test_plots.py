@@ -16,6 +16,7 @@ from gantrysim.engine.simulate import perfect_follower
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.budget import stack_bars
+from gantrysim.plots.causes import draw_causes
 
 from support.runs import turn, turntable
 
@@ -290,3 +291,26 @@ def test_the_colour_bar_of_the_height_marks_the_gap(bead):
     bar = figure.axes[1]
     assert [text.get_text() for text in bar.texts] == ["gap"]
     assert [line.get_ydata()[0] for line in bar.get_lines() if len(set(line.get_ydata())) == 1] == [bead.gap]
+
+
+def test_what_causes_are_worth_is_drawn_for_every_error():
+    errors = ("contour", *LINKS)
+    worth = {
+        "friction": dict(zip(errors, [8e-3, 0.0, 7.5e-3, -1e-4, 2e-5], strict=True)),
+        "winding": dict(zip(errors, [-2e-3, 0.0, -1e-3, 0.0, 0.0], strict=True)),
+        "sampling": dict.fromkeys(errors, np.nan),
+    }
+    figure = Figure(figsize=(10.7, 2.4))
+    draw_causes(figure, worth)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == list(errors)
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == list(worth)
+    for axes, error in zip(figure.axes, errors, strict=True):
+        widths = [bar.get_width() for bar in axes.containers[0]]
+        sizes = [1e3 * one[error] for one in worth.values()]
+        np.testing.assert_allclose(widths, np.nan_to_num(sizes))
+        assert [text.get_text() for text in axes.texts] == [*(f"{size:z.2f}" for size in sizes[:2]), "–"]
+        low, high = axes.get_xlim()
+        assert low <= min(0, *sizes[:2])
+        assert high > max(0, *sizes[:2])
+    bottom, top = figure.axes[0].get_ylim()
+    assert bottom > top  # the first cause is uppermost

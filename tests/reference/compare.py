@@ -15,12 +15,14 @@ Tolerance = tuple[float, float]  # rms, largest
 
 def law_of(servo: Servo, axis: int) -> Law:
     """Return the servo of one axis in plain numbers."""
+    frequency, width, depth = (getattr(servo, f"notch_{name}")[axis] for name in ("frequency", "width", "depth"))
     gains = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
     return Law(
         period=servo.period,
         delay=servo.delay,
         limit=servo.torque_limit[axis],
         count=servo.resolution[axis],
+        notch=(frequency, depth * width, width),
         **{name: getattr(servo, name)[axis] for name in gains},
     )
 

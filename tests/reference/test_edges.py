@@ -20,6 +20,8 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import margins_of
 
+from .compare import law_of
+from .law import notch_coefficients
 from .mjcf import read_drives
 
 AXES = {"xy": "xy", "xyz": "xyz", "xyzr": "xyzr", "stage": ("th", "x", "y")}
@@ -131,11 +133,17 @@ def edge_of_two_masses(drive, servo, axis):
     after = expm(rates * servo.period)
     kp, kd = 1e3 * servo.kp[axis], 1e3 * servo.kd[axis] / servo.period
 
+    law = law_of(servo, axis)
+    b0, b1, b2, a1, a2 = notch_coefficients(*law.notch, servo.period)
+
     def radius(factor):
-        closed = np.zeros((6, 6))  # the last is x one tick before
+        closed = np.zeros((8, 8))  # after the five: x one tick before, and the notch's states
+        asked = factor * np.array([-kp - kd, 0, 0, 0, 0, kd, 0, 0])
+        demand = b0 * asked + np.eye(8)[6]
         closed[:5, :5], closed[5, 0] = after[:5, :5], 1.0
-        closed[:5, 0] -= factor * (kp + kd) * after[:5, 5]
-        closed[:5, 5] = factor * kd * after[:5, 5]
+        closed[:5] += np.outer(after[:5, 5], demand)
+        closed[6] = b1 * asked - a1 * demand + np.eye(8)[7]
+        closed[7] = b2 * asked - a2 * demand
         return np.abs(np.linalg.eigvals(closed)).max()
 
     factors = np.arange(0.05, 20.0, 0.01)

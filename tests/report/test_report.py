@@ -1,6 +1,7 @@
 """The report of a run: its sections, and its numbers against those of the summary."""
 
 import base64
+import html
 import json
 import re
 from dataclasses import replace
@@ -8,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gantrysim import Fault, Job, Run, render
+from gantrysim import Fault, Job, Run, causes_of, render
 from gantrysim.bead import Bead
+from gantrysim.job.causes import CAUSES
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report import page as run_page
 from gantrysim.report import servo as servo_page
-from gantrysim.report import summary as summary_module
 from gantrysim.report.folder import REPORT
 from gantrysim.report.headline import headline
 from gantrysim.report.page import write_run_page
@@ -23,6 +24,7 @@ from gantrysim.stability.margins import Margins
 
 from support.pages import Page
 
+CAUSE_NAMES = tuple(cause.name for cause in CAUSES)
 SMALL = ("diameter=40", "turns=2", "thickness=5")
 ALWAYS = ["summary", "error-budget", "plan-view", "errors-over-time", "servo", "job", "versions"]
 
@@ -136,7 +138,7 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
     assert page.texts("p")[1] == text
     assert parts["generation"].share > 0.9
     rms = 1e3 * budget.values.contour.rms
-    assert text == f"Contour error: {rms:.0f} µm rms, almost all from the controller program (generation)."
+    assert text == f"Contour error: {rms:.0f} µm rms, almost all in generation (requested path to commanded)."
 
 
 @pytest.mark.parametrize(
@@ -147,7 +149,49 @@ def test_the_headline_gives_the_portion_of_the_error(spiral, share, portion):
     values = budget.values
     rest = dict.fromkeys(LINKS, replace(values.parts["tracking"], share=(1 - share) / 3))
     vars(budget)["values"] = replace(values, parts={**rest, "structure": replace(rest["structure"], share=share)})
-    assert headline(budget).endswith(f" µm rms, {portion} from compliance and backlash (structure).")
+    assert headline(budget).endswith(f" µm rms, {portion} in structure (motor to nozzle).")
+
+
+def test_the_words_of_the_links_name_no_cause(spiral):
+    """A link is where the error lies; its cause may be elsewhere, as count noise that shakes the structure."""
+    _, page, bead = spiral
+    text = page.section("error-budget") + page.section("summary") + str(Budget(bead.analysis))
+    assert "not what caused it" in text
+    rest = text.replace("not what caused it", "")
+    for word in ("cause", "friction", "compliance", "backlash", "quantisation", "from the controller"):
+        assert word not in rest
+    assert "causes" not in page.sections
+
+
+def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
+    job = Job.load("an225", (*SMALL, "resolution=0.02"))
+    run = job.run()
+    causes = causes_of(job, run)
+    bead = Bead(run, job.bead, Analysis(run))
+    file = tmp_path / "report.html"
+    write_run_page(file, job, job.built_machine, bead, causes=causes)
+    page = Page(file)
+    page.check()
+    assert page.sections[:3] == ["summary", "error-budget", "causes"]
+    text = page.section("causes")
+    assert "where on the chain the error lies; this section says what caused it" in text
+    rows = {row[0]: row[1:] for row in page.rows() if len(row) == 9 and row[0] in ("nothing", *CAUSE_NAMES)}
+    assert list(rows) == ["nothing", *CAUSE_NAMES]
+    for name, cells in causes.rows:
+        shown = [None if cell == "–" else float(cell.replace("−", "-")) for cell in rows[name][:-1]]
+        assert [cell is None for cell in shown] == [cell is None for cell in cells]
+        assert [cell or 0 for cell in shown] == pytest.approx([cell or 0 for cell in cells], abs=0.0051)
+    assert rows["sampling"][:-1] == ["–"] * 7  # coarse counts at a short period
+    assert [html.unescape(rows[cause.name][-1]) for cause in CAUSES] == [cause.off for cause in CAUSES]
+    assert f"Sampling: {causes.effects[1].failure}." in text
+    numbers = summary(job, job.built_machine, Budget(bead.analysis), causes=causes)["causes"]
+    assert list(numbers) == list(CAUSE_NAMES)
+    assert numbers["sampling"] == {"without": None, "worth": None, "failure": causes.effects[1].failure}
+    for effect in causes.effects:
+        for part, errors in (("without", effect.without), ("worth", effect.worth)):
+            for name, size in errors.items():
+                assert numbers[effect.cause.name][part][name] == {"rms_um": 1e3 * size.rms, "max_um": 1e3 * size.max}
+    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
 
 
 def test_a_follower_without_error_gets_a_report(tmp_path):

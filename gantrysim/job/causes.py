@@ -1,0 +1,252 @@
+"""The causes of a job's error: the job run again with one cause at a time switched off.
+
+The links of the error budget say where on the chain the error lies: each is the difference of two traces. What caused
+it is another question, as one cause acts on several links: the encoder's counts, for one, pass through the servo's kd
+to the motor and shake the structure. Here the job is run again without the cause; what it is worth is the difference.
+
+    worth = error of the job - error without the cause
+
+All else stays, the gains included, which are those for the real machine. Worths do not add up to the error: causes act
+together, and one may offset another, which then has a negative worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.simulate import simulate
+from gantrysim.errors import InputError
+from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
+from gantrysim.job.job import Job
+from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.timing import substeps_of
+from gantrysim.metrics.analysis import ErrorSize
+from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.run import Run
+
+Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
+
+TITLE = "contour error without one cause at a time, and rms by link [µm]"
+HEADS = ("switched off", "rms", "max", "worth", *LINKS)
+
+_UM = 1e3
+_SAME_STEP = 1e-9  # relative
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a job runs.
+
+    Attributes:
+        machine: the machine.
+        servo: the servo.
+        setpoints: the setpoints, at the servo's period.
+        physics_step: as in `simulate` [s].
+        ticks: servo ticks per setpoint of the program.
+    """
+
+    machine: Machine
+    servo: Servo
+    setpoints: Setpoints
+    physics_step: float | None = None
+    ticks: int = 1
+
+    @property
+    def step(self) -> float:
+        """The physics step [s]."""
+        return self.servo.period / substeps_of(self.machine, self.servo.period, self.physics_step)
+
+    def run(self, progress: Callable[[float], None] | None = None) -> Run:
+        """Run it without glue and return the record at the ticks of the program."""
+        record = simulate(self.machine, self.servo, self.setpoints, physics_step=self.physics_step, progress=progress)
+        if self.ticks == 1:
+            return record
+        arrays = {field.name: getattr(record, field.name) for field in fields(record)}
+        kept: dict[str, Any] = {
+            name: value[:: self.ticks] for name, value in arrays.items() if isinstance(value, np.ndarray)
+        }
+        return replace(record, **kept, period=record.period * self.ticks)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause of error that can be switched off.
+
+    Attributes:
+        name: in a word.
+        off: what a run without it is like.
+        without: returns a setup without it, or the setup itself where it is absent.
+    """
+
+    name: str
+    off: str
+    without: Callable[[Setup], Setup]
+
+
+def _without_sampling(setup: Setup) -> Setup:
+    if setup.servo.period <= FINE and not setup.servo.delay:
+        return setup
+    servo, setpoints = finely_sampled(setup.machine, setup.servo, setup.setpoints)
+    return replace(setup, servo=servo, setpoints=setpoints, ticks=round(setup.servo.period / servo.period))
+
+
+def _without_counts(setup: Setup) -> Setup:
+    if not any(setup.servo.resolution):
+        return setup
+    return replace(setup, servo=replace(setup.servo, resolution=(0.0,) * setup.servo.axes))
+
+
+def _on(machine: Callable[[Machine], Machine]) -> Callable[[Setup], Setup]:
+    def without(setup: Setup) -> Setup:
+        ideal = machine(setup.machine)
+        return setup if ideal is setup.machine else replace(setup, machine=ideal)
+
+    return without
+
+
+def _without_program(setup: Setup) -> Setup:
+    exact = on_the_path(setup.machine, setup.setpoints)
+    return setup if exact is setup.setpoints else replace(setup, setpoints=exact)
+
+
+CAUSES = (
+    Cause("program", "the command follows the requested path exactly, at the same progress", _without_program),
+    Cause("sampling", f"the servo's period is at most {1e6 * FINE:g} µs, without delay", _without_sampling),
+    Cause("counts", "the encoders are exact", _without_counts),
+    Cause("friction", "only viscous friction is left", _on(without_friction)),
+    Cause("winding", "the motors' current follows the demand at once", _on(without_winding)),
+    Cause("compliance", "the springs between motors and nozzle are rigid", _on(without_compliance)),
+)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """The effect of switching off a cause.
+
+    Attributes:
+        cause: the cause.
+        before: errors with it: those of the job, at the physics step of the run without it.
+        without: errors without it; empty where that run failed.
+        failure: why it failed.
+    """
+
+    cause: Cause
+    before: Errors
+    without: Errors
+    failure: str = ""
+
+    @property
+    def worth(self) -> Errors:
+        """Errors with the cause minus those without it, negative where it offsets other causes; empty if it failed."""
+        return {
+            name: ErrorSize(self.before[name].rms - left.rms, self.before[name].max - left.max)
+            for name, left in self.without.items()
+        }
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What the causes of a job's error are worth; printed, it is a table.
+
+    Attributes:
+        errors: errors of the job as it is.
+        effects: the effect of switching off each cause, in the order of `CAUSES`.
+    """
+
+    errors: Errors
+    effects: tuple[Effect, ...]
+
+    @property
+    def rows(self) -> list[tuple[str, list[float | None]]]:
+        """The table, by `HEADS`: what is switched off, and numbers of the run without it, None where it failed [µm]."""
+        effects = [(effect.cause.name, _cells(effect.without, effect.worth)) for effect in self.effects]
+        return [("nothing", _cells(self.errors, None)), *effects]
+
+    @property
+    def notes(self) -> list[str]:
+        """Which runs failed and why, and which were compared with a run of the job at their own physics step."""
+        notes = []
+        for effect in self.effects:
+            if effect.failure:
+                notes.append(f"{effect.cause.name}: {effect.failure}")
+            elif effect.before != self.errors:
+                rms = _UM * effect.before["contour"].rms
+                notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms:.2f} µm rms")
+        return notes
+
+    def __str__(self) -> str:
+        texts = [HEADS, *((name, *map(cell_text, cells)) for name, cells in self.rows)]
+        widths = [max(7, len(head)) for head in HEADS[1:]]
+        table = [
+            f"{name:12}" + "".join(f" {cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
+            for name, *cells in texts
+        ]
+        return "\n".join([TITLE, *table, *self.notes])
+
+
+def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None] | None = None) -> Causes:
+    """Run a job again with one cause of `CAUSES` at a time switched off, and return what each is worth.
+
+    Args:
+        job: the job.
+        run: its record, if it has been run.
+        progress: called now and then with the completed share, 0 to 1.
+
+    Raises:
+        InputError: the job ends in a fault, or its dispenser is never on.
+    """
+    setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
+
+    def part(k: int) -> Callable[[float], None] | None:
+        """Return the progress of one of the runs, the job's own first."""
+        return None if progress is None else lambda share: progress((k + share) / (1 + len(CAUSES)))
+
+    record = setup.run(part(0)) if run is None else run
+    if record.fault is not None:
+        raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
+    errors = _errors(record)
+    effects = [_effect(cause, setup, errors, part(k)) for k, cause in enumerate(CAUSES, 1)]
+    return Causes(errors, tuple(effects))
+
+
+def _effect(cause: Cause, setup: Setup, errors: Errors, progress: Callable[[float], None] | None) -> Effect:
+    try:
+        ideal = cause.without(setup)
+        if ideal is setup:
+            return Effect(cause, errors, errors)
+        record = ideal.run(progress)
+        if record.fault is not None:
+            return Effect(cause, errors, {}, str(record.fault))
+        if abs(ideal.step - setup.step) < _SAME_STEP * setup.step:
+            return Effect(cause, errors, _errors(record))
+        before = replace(setup, physics_step=ideal.step).run()
+        if before.fault is not None:
+            return Effect(cause, errors, {}, f"with it, at the same physics step of {ideal.step:g} s: {before.fault}")
+        return Effect(cause, _errors(before), _errors(record))
+    except InputError as error:
+        return Effect(cause, errors, {}, str(error))
+
+
+def _errors(run: Run) -> Errors:
+    budget = Budget(run)
+    return {name: ErrorSize.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}
+
+
+def _cells(errors: Errors, worth: Errors | None) -> list[float | None]:
+    if not errors:
+        return [None] * (len(HEADS) - 1)
+    contour = errors["contour"]
+    change = None if worth is None else _UM * worth["contour"].rms
+    return [_UM * contour.rms, _UM * contour.max, change, *(_UM * errors[link].rms for link in LINKS)]
+
+
+def cell_text(value: float | None) -> str:
+    """Return a number of the table as text."""
+    return "–" if value is None else f"{value:z.2f}"

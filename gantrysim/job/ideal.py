@@ -1,0 +1,97 @@
+"""Setpoints with one imperfection removed: errors of the program's path, or the servo's sampling."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.engine.simulation import axis_positions
+from gantrysim.machine.machine import Machine
+
+FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
+
+_ON_THE_PATH = 1e-9  # largest distance of a command that needs no correction [mm]
+_HASTE = 1.5  # largest speed of a foot, in units of the command's own
+
+
+def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
+    """Return setpoints whose commanded positions are moved onto the requested path while the dispenser is on.
+
+    A position moves to its foot on the path, so that the progress stays that of the command; the slides move it, rotary
+    axes keep their angles. Where the foot jumps, as it does across a corner that the command rounds, the jump is spread
+    over the time around it. While the dispenser is off, the correction is interpolated, so that the command does not
+    jump. Setpoints that are on the path are returned as they are.
+
+    Args:
+        machine: the machine, with the axes of the setpoints.
+        setpoints: commanded positions.
+    """
+    position = axis_positions(machine, setpoints)
+    tip, on = machine.tip(position), np.flatnonzero(setpoints.dispense)
+    foot = setpoints.requested.follow(tip[on], begin=0.0)
+    if foot.distance.max() < _ON_THE_PATH:
+        return setpoints
+    spans = np.split(np.arange(on.size), np.flatnonzero(np.diff(on) > 1) + 1)
+    progress = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
+    correction = setpoints.requested.position(progress) - tip[on]
+    shift = np.stack([np.interp(np.arange(len(tip)), on, component) for component in correction.T], axis=1)
+    slides = [a for a, axis in enumerate(machine.axes) if axis.unit == "mm" and axis.name in setpoints.axes]
+    # at given angles of the rotary axes the nozzle's position in the work frame is linear in the slides
+    moved = [machine.tip(position + unit) - tip for unit in np.eye(len(machine.axes))[slides]]
+    position[:, slides] += np.einsum("nai,ni->na", np.linalg.pinv(np.stack(moved, axis=2)), shift)
+    return replace(setpoints, position=position[:, [machine.axis_names.index(name) for name in setpoints.axes]])
+
+
+def unhurried(s: Floats, tip: Floats) -> Floats:
+    """Return feet that advance at most `_HASTE` times as fast as the command: the mean of the latest and earliest such.
+
+    Args:
+        s: arc lengths of the feet, (n,) [mm].
+        tip: commanded positions of the nozzle, (n, 3) [mm].
+    """
+    furthest = _HASTE * np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
+    ahead = s - furthest
+    latest = np.minimum.accumulate(ahead)
+    earliest = np.maximum.accumulate(ahead[::-1])[::-1]
+    return furthest + 0.5 * (latest + earliest)
+
+
+def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Servo, Setpoints]:
+    """Return servo and setpoints at a period of at most `FINE`, a whole fraction of theirs, without the servo's delay.
+
+    The gains are those of the continuous law. The command is a cubic spline through the setpoints, at rest before the
+    first and after the last: velocity and acceleration, from which the feed-forward comes, are continuous, where those
+    of a staircase or a polyline would be pulses as high as the period is short. It is a straight line where the spline
+    would exceed the machine's speed limit, and keeps within its travel. The dispenser is on between two setpoints at
+    which it is on.
+    """
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    n = ticks(servo.period, FINE)
+    period, knots = servo.period / n, setpoints.position
+    axes = [machine.axes[machine.axis_names.index(name)] for name in setpoints.axes]
+    low, high = np.array([axis.travel for axis in axes]).T
+    limit = np.array([axis.speed_limit for axis in axes])
+    tick = np.arange((len(knots) - 1) * n + 1) / n
+    position = CubicSpline(np.arange(len(knots)), knots, bc_type="clamped")(tick)
+    line = np.stack([np.interp(tick, np.arange(len(knots)), knot) for knot in knots.T], axis=1)
+    speed = np.abs(np.diff(position, axis=0)).reshape(-1, n, len(axes)).max(axis=1) / period
+    position[:-1] = np.where(np.repeat(speed > limit, n, axis=0), line[:-1], position[:-1])
+    position[::n] = knots
+    dispense = np.append(np.repeat(setpoints.dispense[:-1] & setpoints.dispense[1:], n), False)
+    dispense[::n] = setpoints.dispense
+    delay = n * setpoints.supervision.position_error_delay
+    fine = Setpoints(
+        period=period,
+        axes=setpoints.axes,
+        position=np.clip(position, low, high),
+        dispense=dispense,
+        requested=setpoints.requested,
+        supervision=replace(setpoints.supervision, position_error_delay=delay),
+        gates=n * setpoints.gates,
+    )
+    return replace(servo, period=period, delay=0.0), fine

@@ -1,0 +1,88 @@
+"""Machines with one imperfection removed: friction, winding or compliance.
+
+Each is compiled from the machine's MJCF without the elements that make the imperfection, all else equal. A machine that
+has none is returned as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
+
+_TIME_CONSTANT, _CURRENT_RATE = 0, 1  # dynprm of a dcmotor
+
+
+def without_friction(machine: Machine) -> Machine:
+    """Return the machine without the motors' LuGre friction and all frictionloss; viscous friction and cogging stay."""
+
+    def rubbing(spec: mujoco.MjSpec) -> list[Any]:
+        losing = [element for element in (*spec.joints, *spec.tendons) if element.frictionloss]
+        return _motors_with(spec, BRISTLE_STIFFNESS) + losing
+
+    def smooth(_: mujoco.MjSpec, element: Any) -> None:
+        if not isinstance(element, mujoco.MjsActuator):
+            element.frictionloss = 0.0
+            return
+        for parameter in (BRISTLE_STIFFNESS, BRISTLE_DAMPING):
+            element.dynprm[parameter] = 0.0
+        for parameter in (COULOMB, STATIC):
+            element.biasprm[parameter] = 0.0
+        element.actdim -= 1  # the bristle's deflection
+
+    return _without(machine, rubbing, smooth)
+
+
+def without_winding(machine: Machine) -> Machine:
+    """Return the machine whose motors have no inductance: the current follows the demand at once.
+
+    Current and bus voltage keep their limits.
+    """
+
+    def remove(_: mujoco.MjSpec, motor: mujoco.MjsActuator) -> None:
+        for parameter in (_TIME_CONSTANT, _CURRENT_RATE):
+            motor.dynprm[parameter] = 0.0
+        motor.actdim -= 1  # the current
+
+    return _without(machine, lambda spec: _motors_with(spec, _TIME_CONSTANT), remove)
+
+
+def without_compliance(machine: Machine) -> Machine:
+    """Return the machine without the spring joints that no axis drives; the bodies behind them are welded.
+
+    Raises:
+        InputError: another element of the MJCF refers to such a joint.
+    """
+
+    def springs(spec: mujoco.MjSpec) -> list[Any]:
+        return [joint for joint in spec.joints if joint.name not in machine.axis_names and joint.stiffness[0] > 0]
+
+    return _without(machine, springs, lambda spec, joint: spec.delete(joint))
+
+
+def _without(
+    machine: Machine,
+    found: Callable[[mujoco.MjSpec], list[Any]],
+    remove: Callable[[mujoco.MjSpec, Any], None],
+) -> Machine:
+    """Return the machine with every element that is found changed or removed, or itself where there is none."""
+    if not found(machine.spec):
+        return machine
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for element in found(spec):
+            remove(spec, element)
+        for key in spec.keys:  # made for the states that are gone; a run has no use for them
+            spec.delete(key)
+
+    return machine.edited(edit)
+
+
+def _motors_with(spec: mujoco.MjSpec, parameter: int) -> list[Any]:
+    """Return the DC motors of which a parameter of their dynamics is not zero."""
+    motors = [actuator for actuator in spec.actuators if actuator.dyntype == mujoco.mjtDyn.mjDYN_DCMOTOR]
+    return [motor for motor in motors if motor.dynprm[parameter]]

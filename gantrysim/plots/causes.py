@@ -1,0 +1,44 @@
+"""Plot of what the causes of a job's error are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.metrics.budget import LINKS
+from gantrysim.plots.style import COLOURS, INK, UM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ROOM = 0.45  # beyond the bars for their numbers, of the largest
+_LEAST = 0.05  # half of the narrowest scale [µm]
+
+
+def draw_causes(figure: Figure, worth: Mapping[str, Mapping[str, float]]) -> None:
+    """Draw what each cause is worth in the contour error and in each link: a bar per cause, a panel per error.
+
+    Args:
+        figure: figure to draw on.
+        worth: rms with the cause minus rms without it, by cause and by link or "contour"; nan where unknown [mm].
+    """
+    errors = ("contour", *LINKS)
+    at = np.arange(len(worth))
+    panels = figure.subplots(1, len(errors), sharey=True, squeeze=False)[0]
+    for axes, error in zip(panels, errors, strict=True):
+        size = np.array([UM * one[error] for one in worth.values()])
+        bars = axes.barh(at, np.nan_to_num(size), 0.62, color=COLOURS[error])
+        axes.bar_label(bars, ["–" if np.isnan(value) else f"{value:z.2f}" for value in size], padding=3, fontsize=8)
+        low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
+        room = max(_ROOM * (high - low), _LEAST)
+        axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="worth [µm]")
+        axes.set_title(error, loc="left")
+        axes.axvline(0, color=INK, lw=0.8)
+        axes.grid(visible=False, axis="y")
+        axes.locator_params(axis="x", nbins=3)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+    panels[0].set_yticks(at, list(worth))
+    panels[0].invert_yaxis()

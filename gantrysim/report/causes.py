@@ -1,0 +1,54 @@
+"""The causes of a job's error in its report and summary."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from gantrysim.job.causes import HEADS, Causes, Errors
+from gantrysim.plots.causes import draw_causes
+from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.sections import drawn
+
+_UM = 1e3
+_WIDE, _HEIGHT = 10.7, 2.4  # of the plot [inch]
+
+
+def causes_section(causes: Causes) -> Section:
+    """Return the section of the causes."""
+    unknown = dict.fromkeys(causes.errors, math.nan)
+    worth = {
+        effect.cause.name: {name: size.rms for name, size in effect.worth.items()} or unknown
+        for effect in causes.effects
+    }
+    columns: list[str | Column] = [HEADS[0], *(Column(f"{head} [µm]", ".2f") for head in HEADS[1:]), "without it"]
+    without = ["the job as it is", *(effect.cause.off for effect in causes.effects)]
+    rows = [[name, *cells, off] for (name, cells), off in zip(causes.rows, without, strict=True)]
+    return Section(
+        "Causes",
+        [
+            "The links of the error budget say where on the chain the error lies; this section says what caused it. "
+            "The job was run again with one cause at a time switched off, with the same gains and all else equal.",
+            "Worth is the rms contour error of the job minus that without the cause: negative where the cause offsets "
+            "others. Worths do not add up.",
+            *(f"{note[0].upper()}{note[1:]}." for note in causes.notes),
+        ],
+        figure=drawn(draw_causes, worth, _WIDE, _HEIGHT),
+        table=Table(columns, rows, "Contour error, what the cause is worth of its rms, and rms by link"),
+    )
+
+
+def causes_summary(causes: Causes) -> dict[str, Any]:
+    """Return the causes for summary.json: by cause the errors without it and what it is worth; null if it failed."""
+    return {
+        effect.cause.name: {
+            "without": _errors(effect.without),
+            "worth": _errors(effect.worth),
+            "failure": effect.failure or None,
+        }
+        for effect in causes.effects
+    }
+
+
+def _errors(errors: Errors) -> dict[str, dict[str, float]] | None:
+    return {name: {"rms_um": _UM * size.rms, "max_um": _UM * size.max} for name, size in errors.items()} or None
