@@ -1,0 +1,170 @@
+"""Gains that keep their margins whatever the period, notches at the modes, and what bounds the loop in words."""
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from gantrysim import InputError, Machine, Servo
+from gantrysim.controllers import notch
+from gantrysim.controllers.derivation import (
+    LARGEST_PEAK,
+    LEAST_GAIN_MARGIN,
+    NOTCH_DEPTH,
+    NOTCH_WIDTH,
+    loop,
+    natural_frequency,
+)
+from gantrysim.machine.machine import builtin_models
+from gantrysim.stability.margins import Plant, margins_of
+
+EXACT = 1e-9
+MACHINES = builtin_models()
+FASTEST, SLOWEST = 2.5e-4, 4e-3  # servo periods [s]
+
+
+@cache
+def machine(name):
+    return Machine(name)
+
+
+def derived(name, period=1e-3, frequency=None, damping=1.0, integral_time=math.inf, delay=0.0):
+    return loop(machine(name).axes, period, frequency, damping, integral_time, delay)
+
+
+@settings(max_examples=60, deadline=None)
+@given(name=st.sampled_from(MACHINES), period=st.floats(FASTEST, SLOWEST), share=st.sampled_from([0.0, 0.3, 1.0]))
+@example(name="stage", period=SLOWEST, share=0.0)
+@example(name="stage", period=2e-3, share=1.0)
+@example(name="xyzr", period=FASTEST, share=0.0)
+@example(name="xyzr", period=5e-4, share=1.0)
+def test_derived_loops_keep_their_margins_at_every_period(name, period, share):
+    """With the delay a share of the period; coupled axes also with a factor on the gains of all of them."""
+    servo = Servo.derive(machine(name).axes, period, delay=share * period)
+    for one in margins_of(machine(name), servo):
+        assert one.gain >= LEAST_GAIN_MARGIN * (1 - 1e-6)
+        assert one.together >= LEAST_GAIN_MARGIN * (1 - 1e-6)
+        assert one.sensitivity <= LARGEST_PEAK * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_notch_stands_where_the_axis_would_not_keep_its_margins_and_nowhere_else(name):
+    axes = machine(name).axes
+    servo = Servo.derive(axes)
+    assert any(servo.notch_frequency)  # the axis that carries the bridge, or the table
+    for a, frequency in enumerate(servo.notch_frequency):
+        others = tuple(0.0 if b == a else f for b, f in enumerate(servo.notch_frequency))
+        margins = margins_of(machine(name), dataclasses.replace(servo, notch_frequency=others))[a]
+        kept = margins.gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
+        assert (frequency == 0) is kept
+
+
+def test_a_notch_is_at_the_mode_of_two_masses_on_a_spring():
+    """Free motor and load: w^2 = k (1/m + 1/M), with the machine's own damping far below."""
+    model = machine("xy").physics
+    load, motor = 3.6 + 0.15 + 1.0, 0.2  # bridge with all it carries; nut [kg]
+    rotor = model.dof_armature[model.joint("y").dofadr[0]] + model.actuator_armature[1] * model.actuator_gear[1, 0] ** 2
+    stiffness = model.jnt_stiffness[model.joint("y_flex").id]
+    expected = math.sqrt(stiffness * (1 / load + 1 / (motor + rotor))) / (2 * math.pi)
+    assert Servo.derive(machine("xy").axes).notch_frequency == (0.0, pytest.approx(expected, rel=2e-3))
+
+
+@pytest.mark.parametrize("period", [FASTEST, 1e-3, 2e-3])
+def test_where_the_lags_bind_the_frequency_is_the_one_they_leave_room_for(period):
+    found = derived("xyz", period)
+    lag = machine("xyz").axes[0].lag + period
+    assert found.frequency == pytest.approx(natural_frequency(lag, 1.0))
+    assert f"the lags of sampling, output and winding, {1e3 * lag:.3g} ms" in found.reason
+
+
+def test_where_a_mode_binds_more_would_be_too_much():
+    """The stage at 4 ms: its table's mode is at 122 Hz, half the servo's frequency at 125."""
+    found = derived("stage", SLOWEST)
+    assert found.notches == (0.0, 0.0, 0.0)
+    assert found.frequency < 0.6 * natural_frequency(machine("stage").axes[0].lag + SLOWEST, 1.0)
+    assert "at more, th has a peak of |S|" in found.reason
+    assert "its mode of 122 Hz is too near half the servo's, 125 Hz" in found.reason
+    faster = Servo.derive(machine("stage").axes, SLOWEST, frequency=found.frequency / 0.97)
+    plant = Plant.of(machine("stage"), SLOWEST)
+    assert plant.margins(faster)[0].sensitivity > LARGEST_PEAK
+    assert plant.margins(Servo.derive(machine("stage").axes, SLOWEST))[0].sensitivity <= LARGEST_PEAK
+
+
+def test_the_reason_names_notches_and_what_they_are_for():
+    reason = derived("xyzr").reason
+    assert "; notch of y at its mode of 291 Hz, without it y has a gain margin of 0.94" in reason
+    assert reason.count("notch of") == 1
+    assert "even with a notch at its mode of 122 Hz" in derived("stage", 5e-4).reason
+    assert derived("xy", frequency=20.0).reason.startswith("natural frequency 20 Hz, as given")
+
+
+def test_a_notch_lifts_the_margin_and_a_mode_off_by_a_tenth_leaves_it_stable():
+    """The machine's spring a fifth softer or stiffer moves its mode by a tenth."""
+    from gantrysim.machine.perturbation import Perturbation
+
+    servo = Servo.derive(machine("xyzr").axes)
+    plain = dataclasses.replace(servo, notch_frequency=(0.0,) * 4)
+    assert margins_of(machine("xyzr"), plain)[1].gain < 1
+    for factor in (0.8, 1.0, 1.2):
+        off = machine("xyzr").perturbed(Perturbation(stiffness=factor))
+        assert margins_of(off, servo)[1].gain > 1.3
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    period=st.floats(1e-4, 8e-3),
+    share=st.floats(0.01, 0.95),
+    width=st.floats(0.05, 2.0),
+    depth=st.floats(0.01, 1.0),
+)
+def test_a_notch_has_the_depth_at_its_frequency_and_leaves_what_is_slow_and_fast(period, share, width, depth):
+    frequency = share * 0.5 / period
+    b0, b1, b2, a1, a2 = notch.coefficients(frequency, width, depth, period)
+    _, answer = signal.freqz([b0, b1, b2], [1, a1, a2], [0.0, 2 * math.pi * frequency * period, math.pi])
+    assert np.abs(answer) == pytest.approx([1.0, depth, 1.0], rel=1e-6)
+    assert np.abs(np.roots([1, a1, a2])).max() < 1
+
+
+def test_the_notch_filters_as_scipy_does():
+    given_in = np.random.default_rng(3).normal(size=200)
+    found = notch.coefficients(150.0, 0.35, 0.1, 1e-3)
+    first = second = 0.0
+    out = []
+    for value in given_in:
+        one, first, second = notch.filtered(value, found, first, second)
+        out.append(one)
+    expected = signal.lfilter(found[:3], [1.0, *found[3:]], given_in)
+    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
+
+
+def test_no_notch_passes_what_it_gets():
+    assert notch.coefficients(0.0, NOTCH_WIDTH, NOTCH_DEPTH, 1e-3) == (1, 0, 0, 0, 0)
+    assert notch.filtered(3.5, notch.Coefficients(), 0.0, 0.0) == (3.5, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"notch_frequency": 500.0}, "notch_frequency = 500 Hz: must be below half the servo's, 500 Hz, or 0"),
+        ({"notch_frequency": -1.0}, "notch_frequency = -1 Hz: must be below half"),
+        ({"notch_frequency": 100.0, "notch_width": 0.0}, "notch_width = 0: must be greater than 0"),
+        ({"notch_frequency": 100.0, "notch_depth": -1.0}, "notch_depth = -1: must be greater than 0"),
+        ({"notch_frequency": math.nan}, "notch_frequency = nan"),
+    ],
+)
+def test_bad_notches_are_refused(change, text):
+    with pytest.raises(InputError, match=text):
+        Servo.derive(machine("xy").axes, **change)
+
+
+def test_a_servo_without_notch_fields_has_none():
+    servo = Servo.derive(machine("xy").axes, notch_frequency=0.0)
+    values = {field.name: getattr(servo, field.name) for field in dataclasses.fields(servo)}
+    bare = Servo(**{name: value for name, value in values.items() if not name.startswith("notch")})
+    assert bare.filters == (notch.Coefficients(),) * 2
+    assert bare == servo

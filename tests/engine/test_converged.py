@@ -1,0 +1,107 @@
+"""Published figures at the default physics step against those at 12.5 us: 1 % or 0.3 um.
+
+Encoder counts amplify the last bit of a run to micrometres, see tests/reference. So figures are means over runs whose
+kp differ by up to 1e-4, which moves no figure by more than that, and these may differ by three standard deviations of
+the means if that is more. A maximum of counted positions is held to a count, if that is more, the lengths of a bead to
+a tenth of a cell of its map, and the ripple of the torque to 2 %.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gantrysim import Budget, Job, simulate_batch
+from gantrysim.bead import Bead
+from gantrysim.job.job import builtin_jobs
+from gantrysim.report.summary import summary
+
+FINE = 12.5e-6  # [s]
+RELATIVE = 0.01
+MICROMETRES = 0.3
+PER_TICK = 0.3  # the same as a speed, of one tick's way [mm/s]
+TORQUE = 0.02
+BEAD = 0.01  # [mm]
+STEADY = 3.0  # standard deviations
+RUNS = 8
+DIFFER = 1e-4  # of kp, to both sides
+
+# Not sizes of errors: places, shares of a whole, and what belongs to the machine and its servo alone.
+_LEFT_OUT = ("at_max", "share", "margins", "end_point", "versions")
+
+
+def numbers(content: object, key: str = "") -> Iterator[tuple[str, float]]:
+    """All numbers of a summary by their dotted keys."""
+    if isinstance(content, dict):
+        for name, value in content.items():
+            yield from numbers(value, f"{key}.{name}")
+    elif isinstance(content, list):
+        for k, value in enumerate(content):
+            yield from numbers(value, f"{key}.{k}")
+    elif isinstance(content, int | float) and not isinstance(content, bool):
+        yield key, float(content)
+
+
+def figures(job: Job, step: float | None, runs: int = RUNS) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of the mean of each figure."""
+    shares = np.linspace(1 - DIFFER, 1 + DIFFER, runs) if runs > 1 else [1.0]
+    servos = [replace(job.built_servo, kp=tuple(share * kp for kp in job.built_servo.kp)) for share in shares]
+    all_of = {}
+    for run in simulate_batch(job.built_machine, servos, job.setpoints, physics_step=step, dispenser=job.dispenser):
+        assert run.fault is None
+        budget = Budget(run)
+        bead = Bead(run, job.bead, budget.analysis).values if run.flow.any() else None
+        for key, value in numbers(summary(job, job.built_machine, budget, bead)):
+            all_of.setdefault(key, []).append(value)
+    return {
+        key: (float(np.mean(values)), float(np.std(values)) / np.sqrt(max(len(values) - 1, 1)))
+        for key, values in all_of.items()
+        if not any(word in key for word in _LEFT_OUT)
+    }
+
+
+def allowed(key: str, value: float, scatter: float, job: Job) -> float:
+    *_, last = key.split(".")
+    micrometre = {"um": 1.0, "mm": 1e-3}
+    unit = next((size for name, size in micrometre.items() if f"_{name}" in key and f"{name}2" not in key), 0.0)
+    least = PER_TICK if "mm_s" in key else MICROMETRES * unit
+    if last.startswith("max") and "um" in key:
+        least = max(least, 1e3 * max(job.built_servo.resolution))
+    if "mdeg" in key and last.startswith("max"):
+        least = 1e3 * max(job.built_servo.resolution)
+    if ".bead." in key and unit:
+        least = BEAD
+    relative = TORQUE if "ripple" in key else RELATIVE
+    return max(relative * abs(value), least, STEADY * scatter)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", builtin_jobs())
+def test_every_figure_of_a_job_is_that_of_fine_steps(name):
+    job = Job.load(name)
+    coarse, fine = figures(job, None), figures(job, FINE)
+    assert coarse.keys() == fine.keys()
+    off = {
+        key: (value, expected)
+        for (key, (value, one)), (expected, other) in zip(coarse.items(), fine.values(), strict=True)
+        if abs(value - expected) > allowed(key, expected, float(np.hypot(one, other)), job)
+    }
+    assert not off
+    for link in (*job_links(fine), "contour"):  # without any allowance for scatter
+        key = f".error_budget.{link}.rms_um"
+        assert coarse[key][0] == pytest.approx(fine[key][0], rel=RELATIVE, abs=MICROMETRES)
+
+
+def job_links(found: dict[str, tuple[float, float]]) -> list[str]:
+    keys = (key.split(".") for key in found if key.startswith(".error_budget.") and key.endswith(".rms_um"))
+    return [parts[2] for parts in keys if len(parts) == 4]
+
+
+@pytest.mark.parametrize("name", ["softmc-arc", "fanuc-conical"])
+def test_root_mean_squares_of_a_single_run_are_those_of_steps_a_quarter_as_long(name):
+    job = Job.load(name)
+    coarse, fine = figures(job, None, runs=1), figures(job, 6.25e-5, runs=1)
+    for link in job_links(fine):
+        key = f".error_budget.{link}.rms_um"
+        assert coarse[key][0] == pytest.approx(fine[key][0], rel=RELATIVE, abs=MICROMETRES)
