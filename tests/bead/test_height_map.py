@@ -170,7 +170,7 @@ def test_where_beads_cross_the_nozzle_pushes_the_excess_aside_and_without_it_the
 def test_pushing_aside_keeps_the_volume_and_makes_a_round_heap():
     height = np.zeros((121, 121))
     height[60, 60] = 2000.0
-    push_aside(height, np.ones_like(height), 0.01, 1000)
+    push_aside(height, np.ones_like(height), np.zeros_like(height), 0.01, 1000)
     assert height.sum() == pytest.approx(2000.0, rel=1e-12)
     assert -ROUNDING < height.min() <= height.max() <= 1.01
     rows, columns = np.nonzero(height > 0.5)
@@ -187,7 +187,7 @@ def test_excess_finds_room_through_a_film_that_is_full():
     height[20:61, 20:61] = 1.0
     before = height.copy()
     height[40, 30] += 60.0
-    push_aside(height, np.ones_like(height), 0.005, 2000)
+    push_aside(height, np.ones_like(height), np.zeros_like(height), 0.005, 2000)
     assert height.sum() == pytest.approx(41**2 + 60.0, rel=1e-12)
     assert height.max() <= 1.005
     gained = height - before
@@ -198,19 +198,19 @@ def test_excess_finds_room_through_a_film_that_is_full():
 def test_what_finds_no_room_stays_as_a_ridge_and_is_returned():
     height = np.full((9, 9), 1.0)
     height[4, 4] = 5.0
-    ridge = push_aside(height, np.ones_like(height), 0.01, 50)
+    ridge = push_aside(height, np.ones_like(height), np.zeros_like(height), 0.01, 50)
     assert ridge == pytest.approx(height.max() - 1.0)
     assert ridge > 0.01
     assert height.sum() == pytest.approx(85.0, rel=1e-12)
     heap = np.zeros((15, 15))
     heap[7, 7] = 100.0
-    assert push_aside(heap, np.ones_like(heap), 0.01, 3) == pytest.approx(heap.max() - 1.0) != 0
+    assert push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.01, 3) == pytest.approx(heap.max() - 1.0) != 0
     assert heap.sum() == pytest.approx(100.0, rel=1e-12)
     assert heap.max() > 2.0
-    assert push_aside(heap, np.ones_like(heap), 0.01, 1000) <= 0.01
+    assert push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.01, 1000) <= 0.01
     assert heap.max() <= 1.01
     single = np.full((1, 1), 3.0)
-    assert push_aside(single, np.ones_like(single), 0.01, 5) == pytest.approx(2.0)
+    assert push_aside(single, np.ones_like(single), np.zeros_like(single), 0.01, 5) == pytest.approx(2.0)
     assert single[0, 0] == 3.0
 
 
@@ -222,7 +222,7 @@ def test_a_heap_settles_in_few_sweeps_however_wide_it_is(shape):
     distance = np.hypot(rows - shape[0] // 2, columns - shape[1] // 2)
     heap = np.where(distance < 0.2 * rim, 25.0, 0.0)
     volume = heap.sum()
-    assert push_aside(heap, np.ones_like(heap), 0.02, 100) <= 0.02
+    assert push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.02, 100) <= 0.02
     assert heap.sum() == pytest.approx(volume, rel=1e-12)
     assert heap.min() > -ROUNDING
     assert distance[heap > 0.5].max() == pytest.approx(rim, abs=1.5)
@@ -267,7 +267,7 @@ def test_pushing_aside_can_be_interrupted(monkeypatch):
     heap = np.zeros((12, 12))
     heap[6, 6] = 200.0  # more than there is room for
     with pytest.raises(KeyboardInterrupt):
-        push_aside(heap, np.ones_like(heap), 0.02, 5000)
+        push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.02, 5000)
     assert max(calls) <= 20
 
 

@@ -12,7 +12,7 @@ from gantrysim.controllers.trio import MoveSpiral
 
 FLOW = 150.0  # [mm³/s]
 SPEED = 100.0  # [mm/s]
-SIDES = 11  # vertices of a ring
+SIDES = 13  # vertices of a ring
 FACETS = 0.012  # of the volume, that flat facets cut off round sides
 GAP = 0.5  # [mm]
 
