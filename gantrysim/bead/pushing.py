@@ -73,13 +73,15 @@ def lay(
     for k in range(volume.size):
         if volume[k] > 0.0:
             widest = max(widest, half[k], half[k + 1])
-    weight = np.empty(math.ceil(2.0 * widest / cell * samples) + 1)
+    most = math.ceil(2.0 * widest / cell * samples) + 3
+    place, weight = np.empty(most), np.empty(most)
     for k in range(volume.size):
         if volume[k] <= 0.0:
             continue
+        mean = 0.5 * (area[k] + area[k + 1])
+        h = max(top[k], top[k + 1])
         for step in range(steps):
             f = (step + 0.5) / steps
-            mean = 0.5 * (area[k] + area[k + 1])
             part = volume[k] / steps * (((1.0 - f) * area[k] + f * area[k + 1]) / mean)
             w = (1.0 - f) * half[k] + f * half[k + 1]
             b = (1.0 - f) * flat[k] + f * flat[k + 1]
@@ -88,30 +90,35 @@ def lay(
             bend = (1.0 - f) * curvature[k] + f * curvature[k + 1]
             angle = (1.0 - f) * heading[k] + f * heading[k + 1]
             g = (1.0 - f) * gap[k] + f * gap[k + 1]
-            h = max(top[k], top[k + 1])
             px, py = (1.0 - f) * x[k] + f * x[k + 1], (1.0 - f) * y[k] + f * y[k + 1]
             left, up = -math.sin(angle) / cell, math.cos(angle) / cell
-            count = max(math.ceil(2.0 * w / cell * samples), 1)
-            total = 0.0
+            # evenly in the flat and in each of the halves beside it, as a groove has steep walls
+            count, total, edge = 0, 0.0, b if d > 0.0 else 0.0
+            for low, high in ((-w, -edge), (-edge, edge), (edge, w)):
+                among = math.ceil((high - low) / cell * samples)
+                for n in range(among):
+                    u = low + (high - low) * (n + 0.5) / among
+                    beside = max(abs(u) - b, 0.0)
+                    z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine - (d if abs(u) < edge else 0.0)
+                    place[count] = u
+                    weight[count] = max(z, 0.0) * max(1.0 - bend * u, 0.0) * (high - low) / among
+                    total += weight[count]
+                    count += 1
+            if count == 0:
+                place[0], count = 0.0, 1
             for n in range(count):
-                u = w * ((2 * n + 1.0) / count - 1.0)
-                beside = max(abs(u) - b, 0.0)
-                z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine - (d if abs(u) < b else 0.0)
-                weight[n] = max(z, 0.0) * max(1.0 - bend * u, 0.0)
-                total += weight[n]
-            for n in range(count):
-                u = w * ((2 * n + 1.0) / count - 1.0)
+                u = place[n]
                 share = part / count if total <= 0.0 else part * weight[n] / total
                 # beyond the grid, on its rim
                 cx, cy = min(max(px + left * u, 0.0), nx - 1.001), min(max(py + up * u, 0.0), ny - 1.001)
                 i, j = int(cx), int(cy)
                 a, c = cx - i, cy - j
-                for row, high in ((j, (1.0 - c) * share), (j + 1, c * share)):
-                    glue[row, i] += (1.0 - a) * high
-                    glue[row, i + 1] += a * high
+                for row, much in ((j, (1.0 - c) * share), (j + 1, c * share)):
+                    glue[row, i] += (1.0 - a) * much
+                    glue[row, i + 1] += a * much
                     if moment.size:
-                        moment[row, i] += (1.0 - a) * high * g
-                        moment[row, i + 1] += a * high * g
+                        moment[row, i] += (1.0 - a) * much * g
+                        moment[row, i + 1] += a * much * g
                     if crest.size:
                         crest[row, i] = max(crest[row, i], h)
                         crest[row, i + 1] = max(crest[row, i + 1], h)
@@ -197,8 +204,9 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
     cells, listed, count = _to_push(height, ceiling, handed, ripple)
     for first in range(0, sweeps, _CHUNK):  # in chunks, as an interrupt needs Python
         # the coarse start leaves short waves, which need little over-relaxation; the long ones follow
-        # for a square of so many cells, on which excess goes no further than it spreads
-        best = 2.0 / (1.0 + math.hypot(math.pi / max(math.sqrt(count), 4.0), math.sqrt(2.0 * float(rise.mean()))))
+        # for a square of so many cells: Jacobi's spectral radius is cos(pi / side) / (1 + k)
+        radius = math.cos(math.pi / max(math.sqrt(count), 4.0)) / (1.0 + float(rise.mean()))
+        best = 2.0 / (1.0 + math.sqrt(1.0 - radius**2))
         factor = min(best, _ROUGH) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST else best
         settled, count = _sweep(
             height, ceiling, rise, handed, cells, listed, count, ripple, factor, min(_CHUNK, sweeps - first)
