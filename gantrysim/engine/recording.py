@@ -102,4 +102,12 @@ def _sent(
         "flow_demand": dispenser.flow_demand(dispense, speed),
         "dispense": dispense,
         "gap": machine.gap,
+        **_needle(machine, dispenser),
     }
+
+
+def _needle(machine: Machine, dispenser: Dispenser) -> dict[str, float]:
+    """Return the size of the dispenser's needle, or else of the machine's; empty where neither has one."""
+    needle = dispenser.needle
+    size = machine.needle if needle is None else (needle.face, needle.length)
+    return {} if size is None else {"face": size[0], "needle_length": size[1]}

@@ -197,10 +197,12 @@ class Job(BaseModel):
         values = {key: value for key, value in self.program.items() if key != "controller"}
         return build(self.program["controller"], values)
 
-    @property
+    @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the controller on its program."""
-        return self.controller.notes
+        """Notes of the controller on its program, and of the dispenser on its syringe."""
+        if self.dispenser.syringe is None:
+            return self.controller.notes
+        return self.controller.notes + self.dispenser.notes(self.follow().flow, self.setpoints.period)
 
     @cached_property
     def built_machine(self) -> Machine:

@@ -1,8 +1,8 @@
 """Dispenser: from the program's command to the flow out of the nozzle.
 
-    command --leads--> valve --compensation--> request --dead time--> lag --needle--> flow
+    command --leads--> valve --compensation--> request --dead time--> lag --syringe--> needle--> flow
 
-Rising and falling flow, or pressure, have separate time constants.
+Rising and falling flow, or pressure, have separate time constants. Syringe and needle turn pressure into flow.
 """
 
 from __future__ import annotations
@@ -19,11 +19,17 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError, at_least, positive, unknown
 from gantrysim.jit import jit
 from gantrysim.machine.needle import Needle
+from gantrysim.machine.syringe import ATMOSPHERE, Syringe, exchanged
 
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 
 _MOST_PIECES = 40  # time constants after which a lag has settled
 _MOST = 1e9  # largest flow, area and pressure
+_SHORT = 0.05  # step in a syringe, of its time constant
+_BRIEF = 0.1  # the same of a lag
+_MOST_STEPS = 100  # in a syringe between two changes of the request
+_SETTLED = 1e-9  # deviation of a pressure that has settled, of the pressure
+_EMPTY = 1e-9  # rest in an empty syringe, of what it held
 _EDGE = 1e-9  # distance from a tick within which an edge is at the tick [servo periods]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # Gauss quadrature from -1 to 1
 
@@ -39,7 +45,8 @@ class Dispenser:
 
         dy/dt = (r(t - dead_time) - y) / T,  T = opening where y rises, closing where it falls,
 
-    solved exactly between the edges of r, which need not lie at servo ticks.
+    solved exactly between the edges of r, which need not lie at servo ticks. With a syringe y is the pressure at the
+    valve, from which air flows into the syringe; see `Syringe`.
 
     The leads shift the valve against the program's on and off, not the speed that `area` multiplies. `advance`
     compensates the lag: with r(k) the mean request of servo period k, the controller requests
@@ -54,7 +61,9 @@ class Dispenser:
         area: cross-section of the bead, an alternative to `flow`: the flow is area * path speed [mm²].
         pressure: pressure while the dispenser is on, an alternative to `flow` with time-pressure metering [kPa].
         metering: "volumetric" (a pump or screw meters the flow) or "time-pressure" (a pressure drives the needle).
-        needle: needle of a time-pressure dispenser.
+        needle: the needle, also that of the bead's section and of pictures; None for the one that the machine's model
+            draws. A time-pressure dispenser must have one.
+        syringe: air volume and fill of a time-pressure dispenser; None for pressure that acts on the glue at once.
         dead_time: time from the command to the first change [s].
         opening: time constant T of rising flow or pressure [s].
         closing: time constant T of falling flow or pressure [s].
@@ -81,6 +90,7 @@ class Dispenser:
     advance: float = 0.0
     limit: float = math.inf
     needle: Needle | None = None
+    syringe: Syringe | None = None
 
     def __post_init__(self) -> None:
         demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
@@ -96,23 +106,31 @@ class Dispenser:
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which turns pressure into flow")
-        if self.metering == VOLUMETRIC and self.needle is not None:
-            raise InputError("metering volumetric: takes no needle; a needle needs time-pressure")
+        if self.metering == VOLUMETRIC and self.syringe is not None:
+            raise InputError("metering volumetric: takes no syringe; a syringe needs time-pressure")
         if self.pressure:
-            if self.needle is None:
+            if self._driven is None:
                 raise InputError(f"{given[0]}: metering volumetric takes flow or area; pressure needs time-pressure")
             with np.errstate(over="ignore"):
-                flow = float(self.needle.flow(self.pressure))
+                flow = float(self._driven.flow(self.pressure))
             if not flow <= _MOST:
                 raise InputError(
                     f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_MOST:g} mm³/s"
                 )
+            if not flow:
+                least = self._driven.yield_pressure
+                raise InputError(f"{given[0]}: must be greater than the needle's yield pressure, {least:.4g} kPa")
         if self.limit != math.inf:
             unit = "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
             limit = positive("limit", self.limit, unit)
             request = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure
             if request > limit:
                 raise InputError(f"limit = {limit:g} {unit}: must be at least the request, {request:g} {unit}")
+
+    @property
+    def _driven(self) -> Needle | None:
+        """The needle through which a pressure drives the flow, None for a volumetric dispenser."""
+        return self.needle if self.metering == TIME_PRESSURE else None
 
     def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
         """Return the flow demanded by the program, without leads and lags, over each servo period, (n,) [mm³/s].
@@ -162,6 +180,15 @@ class Dispenser:
         value = np.clip(value, 0.0, self.limit)
         return self._lagged(breaks, value, on.size, period)
 
+    def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
+        """Return what to tell of a run with the flow of each period [mm³/s]: whether the syringe runs empty."""
+        if self.syringe is None:
+            return ()
+        empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
+        if not empty.size:
+            return ()
+        return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
+
     def check(self, setpoints: Setpoints) -> None:
         """Raise InputError where the start lead is longer than the time before the first dispensing."""
         self._valve(setpoints.dispense, setpoints.period)
@@ -177,12 +204,12 @@ class Dispenser:
         """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
         if self.area:
             return self.area * speed
-        flow = self.flow if self.needle is None or not self.pressure else float(self.needle.flow(self.pressure))
+        flow = self.flow if self._driven is None or not self.pressure else float(self._driven.flow(self.pressure))
         return np.full(speed.shape, flow)
 
     def _request(self, flow: Floats) -> Floats:
         """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
-        return flow if self.needle is None else self.needle.pressure(flow)
+        return flow if self._driven is None else self._driven.pressure(flow)
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
         """Return when the valve opens and closes, with the leads, (k,) each, ascending [periods]."""
@@ -209,12 +236,16 @@ class Dispenser:
         which = np.minimum(np.searchsorted(later, edges[:-1], "right") - 1, value.size - 1)
         duration = period * np.diff(edges)
         lag = (duration, value[which], self.opening, self.closing)
-        if self.needle is None:
+        needle, syringe = self._driven, self.syringe
+        if needle is None:
             volume = _volumes(*lag)
         else:
-            volume = self.needle.conductance * _power_volumes(
-                *lag, 1 / self.needle.index, 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
-            )
+            law = (needle.yield_pressure, 1 / needle.index, *needle.shape)
+            if syringe is None:
+                volume = needle.conductance * _power_volumes(*lag, law, 0.5 * (_NODES + 1), 0.5 * _WEIGHTS)
+            else:
+                air = (syringe.glue, syringe.air, syringe.rate, syringe.critical_ratio)
+                volume = _syringe_volumes(*lag, needle.conductance, law, air)
         return np.bincount(edges[:-1].astype(np.intp), volume, minlength=ticks) / period
 
 
@@ -243,37 +274,119 @@ def _volumes(duration: Floats, request: Floats, opening: float, closing: float) 
 
 
 @jit
+def _flow(pressure: float, law: tuple[float, float, float, float]) -> float:
+    """Return the flow over the needle's conductance at a pressure of at least 0; see `Needle`.
+
+    Args:
+        pressure: p [kPa].
+        law: p_y [kPa], 1/n, a and b.
+    """
+    least, power, a, b = law
+    if least == 0.0:
+        return pressure**power
+    x = pressure - least
+    if x <= 0.0:
+        return 0.0
+    return x ** (power + 1.0) * (x * x + 2.0 * a * x * least + b * least * least) / pressure**3
+
+
+@jit
 def _power_volumes(
     duration: Floats,
     request: Floats,
     opening: float,
     closing: float,
-    power: float,
+    law: tuple[float, float, float, float],
     nodes: Floats,
     weights: Floats,
 ) -> Floats:
-    """Return the integrals of the lagged state to a power over pieces of constant request, (k,).
+    """Return the integrals of `_flow` of the lagged state over pieces of constant request, (k,).
 
     Nodes and weights are those of Gauss quadrature over 0 to 1.
     """
     volume = np.empty(duration.size)
-    y = 0.0
+    least, y = law[0], 0.0
     for k in range(duration.size):
         r, h = request[k], duration[k]
         constant = opening if r > y else closing
         if constant <= 0.0 or y == r:
-            volume[k] = h * r**power
+            volume[k] = h * _flow(r, law)
             y = r
             continue
+        begin, end = 0.0, h  # of the flow, which the yield stress stops
+        if max(y, r) <= least:
+            begin = h
+        elif y < least:
+            begin = min(constant * math.log((r - y) / (r - least)), h)
+        elif r < least:
+            end = min(constant * math.log((y - r) / (least - r)), h)
         # one quadrature per time constant; after many the state is at the request
-        moving = min(h, _MOST_PIECES * constant)
+        moving = max(min(end, _MOST_PIECES * constant) - begin, 0.0)
+        total = (end - begin - moving) * _flow(r, law)
         pieces = math.ceil(moving / constant)
-        step = moving / pieces
-        total = (h - moving) * r**power
+        step = moving / max(pieces, 1)
         for piece in range(pieces):
             for i in range(nodes.size):
-                state = r + (y - r) * math.exp(-(piece + nodes[i]) * step / constant)
-                total += step * weights[i] * max(state, 0.0) ** power
+                state = r + (y - r) * math.exp(-(begin + (piece + nodes[i]) * step) / constant)
+                total += step * weights[i] * _flow(max(state, 0.0), law)
         volume[k] = total
         y += (r - y) * -math.expm1(-h / constant)
+    return volume
+
+
+@jit
+def _syringe_volumes(
+    duration: Floats,
+    request: Floats,
+    opening: float,
+    closing: float,
+    conductance: float,
+    law: tuple[float, float, float, float],
+    syringe: tuple[float, float, float, float],
+) -> Floats:
+    """Return the volumes of glue over pieces of constant request, (k,) [mm³].
+
+    In a step the air first follows the valve for half of it, then makes room for the glue, then follows for the other
+    half; the glue's volume is Simpson's over the three pressures.
+
+    Args:
+        duration: of the pieces, (k,) [s].
+        request: pressure, (k,) [kPa].
+        opening: time constant of the valve [s].
+        closing: likewise.
+        conductance: of the needle [mm³/s].
+        law: of the needle, as for `_flow`.
+        syringe: volumes of glue and air at the start [mm³], C p0 [mm³/s] and critical pressure ratio b.
+    """
+    left, air, rate, ratio = syringe
+    volume = np.zeros(duration.size)
+    y, pressure = 0.0, ATMOSPHERE
+    for k in range(duration.size):
+        r, h = request[k], duration[k]
+        lag = opening if r > y else closing
+        if lag <= 0.0 or abs(y - r) <= _SETTLED * pressure:
+            y = r
+        least = 1.0
+        if y != r:
+            least = max(h / (_SHORT * air / rate), h / (_BRIEF * lag))
+        elif abs(pressure - y - ATMOSPHERE) > _SETTLED * pressure:
+            least = h / (_SHORT * air / rate)
+        steps = math.ceil(max(min(least, _MOST_STEPS), 1.0))
+        for step in range(steps):
+            d = h / steps
+            fraction = math.exp(-0.25 * d / lag) if y != r else 0.0
+            constant = air / rate
+            before = conductance * _flow(max(pressure - ATMOSPHERE, 0.0), law)
+            early = r + (y - r) * fraction
+            pressure = exchanged(pressure, early + ATMOSPHERE, 0.5 * d, constant, ratio)
+            middle = conductance * _flow(max(pressure - ATMOSPHERE, 0.0), law)
+            late = r + (y - r) * fraction**3
+            after = exchanged(pressure, late + ATMOSPHERE, 0.5 * d, constant, ratio)
+            used = (before + 4.0 * middle + conductance * _flow(max(after - ATMOSPHERE, 0.0), law)) * d / 6.0
+            used = min(used, left)
+            left -= used
+            volume[k] += used
+            pressure = after * air / (air + used)
+            air += used
+            y = r + (y - r) * fraction**4
     return volume
