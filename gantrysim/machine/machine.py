@@ -30,7 +30,7 @@ WORK = "work"  # body in whose frame the bead lies
 _MM = 1e3
 _FRAME_TOLERANCE = 1e-3  # [mm], also of unit vectors
 _DEFAULT_GAP = 0.5  # without a work piece [mm]
-_ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+_ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
 _PROBE = 100.0  # displacement of each slide in the test of the rotary axes [mm]
 
 
