@@ -75,7 +75,7 @@ class Scene:
             self._errors = errors_along(sweep.bead_trace)
 
     def show(self, run: Run) -> None:
-        """Show another run of the machine from now on, with the same number of bead rings.
+        """Show another run of the machine from now on, with the same needle and number of bead rings.
 
         Raises:
             TooFewRingsError: too few rings for the ends of its stretches.
