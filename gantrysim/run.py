@@ -142,7 +142,7 @@ class Run:
                 raise InputError(f"run {file}: written in another format; run its job.toml again")
             for old, new in _RENAMED.get(written, {}).items():
                 content[new] = content.pop(old)
-            numbers = {name: float(content.pop(name)) for name in _NUMBERS if name in content}
+            numbers: dict[str, Any] = {name: float(content.pop(name)) for name in _NUMBERS if name in content}
             path = json.loads(str(content.pop("requested")))
             fault = json.loads(str(content.pop("fault")))
             return cls(

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.bead.pushing import cover, drop, lay, push_aside
+from gantrysim.bead.laying import cover, drop, lay
+from gantrysim.bead.pushing import push_aside
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError
@@ -254,7 +255,12 @@ def _round(bead: BeadTrace, station: int, section: Section, volume: float, towar
     weight *= volume / weight.sum()
     points = bead.point[station, :2] + r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     gap = float(_upright(bead)[station])
-    return points.reshape(-1, 2), weight.ravel(), gap, float(section.height[0]) * gap / float(bead.nozzle_height[station])
+    return (
+        points.reshape(-1, 2),
+        weight.ravel(),
+        gap,
+        float(section.height[0]) * gap / float(bead.nozzle_height[station]),
+    )
 
 
 def _upright(bead: BeadTrace) -> Floats:

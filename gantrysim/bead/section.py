@@ -23,13 +23,14 @@ class Section:
 
         A = A_s + b g,  w = w_s + b,
 
-    where A_s and w_s are area and width of the segment. The flat is as wide as the segment needs to stand no higher than
-    the gap, but no wider than the needle's face, f:
+    where A_s and w_s are area and width of the segment. The flat is as wide as the segment needs to stand no higher
+    than the gap, but no wider than the needle's face, f:
 
         b = min((A - A_g) / g, f),  A_g = area of the segment of height g.
 
-    Where it is the face, the halves rise freely beside it, h > g: the flat is a groove between two shoulders, which meet
-    the needle's wall at a right angle. A thin needle leaves the sessile section, a wide one presses all of it to g.
+    Where it is as wide as the face, the halves rise freely beside it, h > g: the flat is a groove between two
+    shoulders, which meet the needle's wall at a right angle. A thin needle leaves the sessile section, a wide one
+    presses all of it to g.
 
     Args:
         area: A, (m,) [mm²].

@@ -48,8 +48,8 @@ class Machine:
     speed limit [m/s or rad/s], 0 for none. An `actuatorpos` sensor of the same name is the encoder; its first user
     value is the counts per motor revolution. The MJCF's timestep is the longest physics step of a run.
 
-    A cylinder or capsule `needle` on the nozzle's body, from the tip upwards, is the needle of runs whose dispenser names
-    none, and is drawn in the size of the needle of the run.
+    A cylinder or capsule `needle` on the nozzle's body, from the tip upwards, is the needle of runs whose dispenser
+    names none. It is drawn in the size of the run's needle.
 
     The model needs a site `nozzle` and a body `work`. If no driven hinge turns the work, the work frame's origin is the
     nozzle with all axes at zero, x, y and z move the nozzle along the frame's x, y and z, and every hinge turns the

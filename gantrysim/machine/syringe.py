@@ -27,10 +27,9 @@ class Syringe:
 
         q = C p1 psi(p2 / p1),  psi(r) = 1 for r <= b, else sqrt(1 - ((r - b) / (1 - b))^2),
 
-    and the pressure of the air changes by dp/dt = (p0 q - p dV/dt) / V with p0 = 100 kPa: isothermal, as the air of a
-    syringe is thin and its walls are not. A pulse of pressure so rises and falls with T = V / (C p0), later and later as
-    the syringe empties. The glue moves no air but what it leaves room for, and the piston has no friction. Once the
-    glue is used up nothing more flows.
+    and the pressure of the air changes by dp/dt = (p0 q - p dV/dt) / V with p0 = 100 kPa. That is isothermal, as the
+    barrel's wall keeps the temperature of so little air. A pulse of pressure rises and falls with T = V / (C p0), more
+    slowly as the syringe empties. The piston has no friction. Once the glue is used up nothing more flows.
 
     Attributes:
         volume: glue of a full syringe [ml].
@@ -55,7 +54,9 @@ class Syringe:
     def __post_init__(self) -> None:
         for name, unit in (("volume", "ml"), ("dead_volume", "ml"), ("conductance", "dm³/(s·bar)")):
             if positive(f"{name} of the syringe", getattr(self, name), unit) > _LARGEST:
-                raise InputError(f"{name} of the syringe = {getattr(self, name):g} {unit}: must be at most {_LARGEST:g}")
+                raise InputError(
+                    f"{name} of the syringe = {getattr(self, name):g} {unit}: must be at most {_LARGEST:g}"
+                )
         if positive("fill of the syringe", self.fill) > 1:
             raise InputError(f"fill of the syringe = {self.fill:g}: must be at most 1")
         if at_least("critical_ratio of the syringe", self.critical_ratio, 0) >= 1:
@@ -85,8 +86,8 @@ class Syringe:
 def exchanged(pressure: float, supply: float, duration: float, constant: float, ratio: float) -> float:
     """Return the pressure of a constant volume of air after a time under a constant supply, all absolute.
 
-    While it rises with the pressure ratio above b, r = b + (1 - b) sin u with du/dt = 1 / ((1 - b) T). While it falls, r
-    is the inverse ratio, and du/dt = r / ((1 - b) T). Choked, it rises linearly and falls exponentially.
+    Choked, it rises linearly and falls exponentially. Above b the pressure ratio is r = b + (1 - b) sin u, with
+    du/dt = 1 / ((1 - b) T) where it rises. Where it falls r is the inverse ratio, and du/dt = r / ((1 - b) T).
 
     Args:
         pressure: at the beginning.

@@ -189,7 +189,9 @@ def _fit_needle(spec: mujoco.MjSpec, run: Run) -> None:
         points = geom.fromto.reshape(2, 3) - tip
         along = points @ axis
         aside = np.linalg.norm(points - along[:, None] * axis, axis=1)
-        moved = points + (1e-3 * run.needle_length - length) * axis * ((aside < _ON_AXIS) & (along > 0.5 * length))[:, None]
+        moved = (
+            points + (1e-3 * run.needle_length - length) * axis * ((aside < _ON_AXIS) & (along > 0.5 * length))[:, None]
+        )
         if not np.isnan(moved).any():
             geom.fromto = (moved + tip).ravel()
 

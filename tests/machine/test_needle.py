@@ -25,7 +25,7 @@ indices, stresses, ratios = st.floats(0.2, 1.5), st.floats(1.0, 5000.0), st.floa
 
 
 def integrated(needle, pressure):
-    """The flow by integrals over the velocity's profile in SI: no slip at the wall, a plug where tau < tau_y [mm³/s]."""
+    """The flow by integrals over the velocity's profile, with a plug where tau < tau_y [mm³/s]."""
     radius, slope = 0.5e-3 * needle.inner, pressure * 1e3 / (2e-3 * needle.length)
     plug = min(needle.yield_stress / slope, radius)
 
@@ -120,7 +120,12 @@ def test_a_demanded_flow_is_laid_through_a_yield_stress():
 
 def test_gauges_have_their_inches_and_a_bore_the_wall_of_the_gauge():
     """Regular walls, nominal, to a hundredth of a millimetre: 18 gauge 0.033 in 0.050, 21 gauge 0.0203 in 0.0323."""
-    for gauge, bore, outer in (("14G", 0.063, 0.083), ("18G", 0.033, 0.050), ("21G", 0.02025, 0.03225), ("30G", 0.00625, 0.01225)):
+    for gauge, bore, outer in (
+        ("14G", 0.063, 0.083),
+        ("18G", 0.033, 0.050),
+        ("21G", 0.02025, 0.03225),
+        ("30G", 0.00625, 0.01225),
+    ):
         needle = Needle(gauge)
         assert needle.inner == pytest.approx(bore * INCH, abs=0.01)
         assert needle.face == pytest.approx(outer * INCH, abs=0.01)
@@ -154,5 +159,7 @@ def test_an_impossible_needle_is_refused(values, text):
 
 
 def test_a_pressure_below_the_yield_pressure_is_refused():
-    with pytest.raises(InputError, match=r"pressure = 10 kPa: must be greater than the needle's yield pressure, 32 kPa"):
+    with pytest.raises(
+        InputError, match=r"pressure = 10 kPa: must be greater than the needle's yield pressure, 32 kPa"
+    ):
         Dispenser(pressure=10.0, metering="time-pressure", needle=BINGHAM)
