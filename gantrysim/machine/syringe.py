@@ -14,7 +14,7 @@ ATMOSPHERE = 101.325  # [kPa]
 _ML = 1e3  # mm³ per ml
 _PER_BAR = 1e6  # mm³/s at p0 per dm³/(s·bar)
 _LARGEST = 1e6  # of its values
-_STEP = 0.1  # of an integration, of the time constant
+_STEP = 0.05  # of an integration, of the time constant
 
 
 @dataclass(frozen=True)
