@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -39,6 +39,7 @@ def pulse(syringe, needle=NEEDLE, pressure=PRESSURE, on=ON, **dispenser):
 @given(pressures, pressures, ratios, st.floats(0.0, 1.0))
 def test_air_flows_by_iso_6358(pressure, supply, ratio, share):
     """The time to a pressure, by the integral of dp / p' up to 0.999 of the supply."""
+    assume(abs(pressure / supply - 1) > 1e-3)
 
     def per_pressure(p):
         return 1 / (supply * psi(p / supply, ratio) if supply > p else -p * psi(supply / p, ratio))
