@@ -18,6 +18,7 @@ from .machine.axis import Axis as Axis
 from .machine.dispenser import Dispenser as Dispenser
 from .machine.machine import Machine as Machine
 from .machine.needle import Needle as Needle
+from .machine.syringe import Syringe as Syringe
 from .metrics.budget import Budget as Budget
 from .run import Fault as Fault
 from .run import Run as Run

@@ -16,8 +16,10 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 
-_FORMAT = 5
-_RENAMED = {4: {"asked": "flow_demand"}}  # arrays of older formats that are still read
+_FORMAT = 6
+# arrays of older formats that are still read, by their names today; what they lack has its default
+_RENAMED: dict[int, dict[str, str]] = {4: {"asked": "flow_demand"}, 5: {}}
+_NUMBERS = ("period", "gap", "face", "needle_length")
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class Run:
         flow_demand: flow demanded by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
         gap: height of the nozzle above the work where its z is 0 [mm].
+        face: outer diameter of the needle, that of its face [mm].
+        needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
     """
 
@@ -101,6 +105,8 @@ class Run:
     flow_demand: Floats
     dispense: NDArray[np.bool_]
     gap: float
+    face: float = 0.82  # of the 21 gauge needle of the built-in machines
+    needle_length: float = 25.4
     fault: Fault | None = None
 
     def __post_init__(self) -> None:
@@ -136,12 +142,12 @@ class Run:
                 raise InputError(f"run {file}: written in another format; run its job.toml again")
             for old, new in _RENAMED.get(written, {}).items():
                 content[new] = content.pop(old)
+            numbers: dict[str, Any] = {name: float(content.pop(name)) for name in _NUMBERS if name in content}
             path = json.loads(str(content.pop("requested")))
             fault = json.loads(str(content.pop("fault")))
             return cls(
                 machine=str(content.pop("machine")),
-                period=float(content.pop("period")),
-                gap=float(content.pop("gap")),
+                **numbers,
                 axes=tuple(str(name) for name in content.pop("axes")),
                 units=tuple(str(unit) for unit in content.pop("units")),
                 requested=Path.build(path["kind"], path["parameters"]),

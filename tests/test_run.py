@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gantrysim import Dispenser, InputError, Run, Servo, simulate
+from gantrysim import Dispenser, InputError, Needle, Run, Servo, perfect_follower, simulate
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
@@ -133,3 +133,24 @@ def test_a_record_of_the_format_before_is_still_read(run, tmp_path):
     content["asked"] = content.pop("flow_demand")
     np.savez(tmp_path / "old.npz", **content)
     np.testing.assert_array_equal(Run.load(tmp_path / "old.npz").flow_demand, run.flow_demand)
+
+
+def test_a_record_holds_its_needle_and_one_of_format_5_had_that_of_the_built_in_machines(run, tmp_path):
+    wide = dataclasses.replace(run, face=1.65, needle_length=12.7)
+    wide.save(tmp_path / "run.npz")
+    loaded = Run.load(tmp_path / "run.npz")
+    assert (loaded.face, loaded.needle_length) == (1.65, 12.7)
+    with np.load(tmp_path / "run.npz") as arrays:
+        content = {**arrays, "format": 5}
+    del content["face"], content["needle_length"]
+    np.savez(tmp_path / "old.npz", **content)
+    loaded = Run.load(tmp_path / "old.npz")
+    assert (loaded.face, loaded.needle_length) == (run.face, run.needle_length) == (0.82, 25.4)
+
+
+@pytest.mark.parametrize("needle", [Needle("14G", length=12.7), Needle(1.2, outer=1.9), None])
+def test_a_run_has_the_needle_of_its_dispenser_or_that_of_its_machine(xy, needle):
+    setpoints = MoveSpiral(60, 1, 10, 100).setpoints(1e-3)
+    run = perfect_follower(xy, setpoints, dispenser=Dispenser(flow=100.0, needle=needle))
+    expected = (0.82, 25.4) if needle is None else (needle.face, needle.length)
+    assert (run.face, run.needle_length) == pytest.approx(expected)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.bead.pushing import drop, lay, push_aside
+from gantrysim.bead.laying import cover, drop, lay
+from gantrysim.bead.pushing import push_aside
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError
@@ -23,10 +24,11 @@ _WIDEST = 1 / 3  # cell, of the nominal width
 _BLOCK = 8  # cells in a row that make one of the coarse map
 _EVEN = 1e-3  # of the gap; smaller changes of the nozzle's height are ignored
 _RIPPLE = 0.02  # unevenness of a flat, of the nozzle's height
+_SPREAD = 0.5  # distance over which excess beside the face spreads, of the nominal width
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
 _TRIAL = 300  # the same on the coarse map
 
-_End = tuple[Floats, Floats, float]
+_End = tuple[Floats, Floats, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +37,12 @@ class HeightMap:
 
     The bead is laid along the trace, three samples to a cell, and across it as the section's profile times
     1 - kappa u, with the trace's curvature kappa and the distance u to its left, as the inner side of a bend is
-    shorter. Its ends are round, half the body of revolution of the section. Where beads overlap their heights add. The
-    nozzle's face pushes what is higher than it aside into the nearest cells with room, for the whole map at once,
-    whatever the order of the turns; what it cannot push aside is the `ridge`. A bead that is not squashed is not
-    pushed. All steps conserve volume.
+    shorter. Its ends are round, half the body of revolution of the section. Where beads overlap their heights add.
+
+    The needle's face pushes what is higher than it aside, for the whole map at once, whatever the order of the turns.
+    Beside the face, glue has room up to the height of the beads laid there; what exceeds that rises, spread over about
+    half a bead's width. What the face cannot push aside is the `ridge`. A bead that is not squashed is not pushed. Only
+    a nozzle that lays glue pushes. All steps conserve volume.
 
     Attributes:
         x, y: middles of the cells, (nx,) and (ny,) [mm].
@@ -70,27 +74,38 @@ class HeightMap:
         # before any array as long as the bead is wide
         _check_cells(bead, (np.ptp(bead.point[:, :2], axis=0) + width) / cell)
         volume = 0.5 * (bead.area[1:] + bead.area[:-1]) * bead.ds
+        wet = volume.copy()
         ends = list(_round_ends(bead, volume))
         x, y = _grid(bead, volume, ends)
         glue = np.zeros((y.size, x.size))
         upright = _upright(bead)
         uneven = bead.settings.squashed and bool(np.ptp(upright) > _EVEN * bead.gap)
-        moment = np.zeros_like(glue) if uneven else np.zeros((0, 0))
-        for points, shares, gap in ends:
-            drop(glue, moment, (points[:, 0] - x[0]) / cell, (points[:, 1] - y[0]) / cell, shares, gap)
+        none = np.zeros((0, 0))
+        moment = np.zeros_like(glue) if uneven else none
+        crest = np.zeros_like(glue) if bead.settings.squashed else none
+        for points, shares, gap, top in ends:
+            place = ((points[:, 0] - x[0]) / cell, (points[:, 1] - y[0]) / cell)
+            drop(glue, moment, crest, *place, shares, gap, top)
         at = ((bead.point[:, 0] - x[0]) / cell, (bead.point[:, 1] - y[0]) / cell)
         trace = (bead.heading, np.gradient(bead.heading, bead.ds))
-        sections = (bead.area, 0.5 * bead.width, 0.5 * bead.section.flat, bead.section.radius)
+        shape = bead.section
+        sections = (bead.area, 0.5 * shape.width, 0.5 * shape.flat, shape.groove, shape.radius)
+        heights = (upright, shape.height * upright / bead.nozzle_height)
         cosine = math.cos(math.radians(bead.settings.contact_angle))
         steps = max(math.ceil(bead.ds * _SAMPLES / cell), 1)
-        lay(glue, moment, (*at, *trace, *sections, upright), volume, cosine, cell, steps, _SAMPLES)
+        lay(glue, moment, crest, (*at, *trace, *sections, *heights), volume, cosine, cell, steps, _SAMPLES)
         height, excess = glue / cell**2, 0.0
         if bead.settings.squashed:
-            ceiling = np.full_like(glue, bead.gap)
+            face = np.full_like(glue, bead.gap)
             if uneven:  # the nozzle's height over a cell is the mean over the glue laid there
-                np.divide(moment, glue, out=ceiling, where=glue > 0)
-            x, y, height, ceiling = _with_room(bead, x, y, height, ceiling)
-            excess = push_aside(height, ceiling, _RIPPLE, _SWEEPS)
+                np.divide(moment, glue, out=face, where=glue > 0)
+            under = np.full_like(glue, float(math.isinf(bead.run.face)))
+            if not under.all():
+                cover(under, *at, wet, 0.5 * bead.run.face / cell)
+            ceiling = under * face + (1 - under) * np.maximum(crest, face)
+            rise = (1 - under) * _rise(bead)
+            x, y, height, ceiling, rise = _with_room(bead, x, y, height, ceiling, rise)
+            excess = push_aside(height, ceiling, rise, _RIPPLE, _SWEEPS)
         return cls(x, y, height, _contact(bead, cell), excess if excess > 2 * _RIPPLE else 0.0)
 
     @property
@@ -129,7 +144,7 @@ def _grid(bead: BeadTrace, volume: Floats, ends: list[_End]) -> tuple[Floats, Fl
     """Middles of the cells of the bead and its margin, (nx,) and (ny,) [mm]."""
     cell = bead.settings.cell
     laid = np.flatnonzero(volume > 0)
-    places = [bead.point[:1, :2], *(points for points, _, _ in ends)]
+    places = [bead.point[:1, :2], *(points for points, *_ in ends)]
     for stations in (laid, laid + 1):
         half = 0.5 * bead.width[stations, None]
         places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
@@ -152,23 +167,31 @@ def _check_cells(bead: BeadTrace, count: ArrayLike) -> None:
         )
 
 
+def _rise(bead: BeadTrace) -> float:
+    """Rise of a free surface that spreads excess over a share of the nominal width; see `push_aside`."""
+    spread = _SPREAD * float(bead.nominal_section.width[0])
+    return (0.5 * bead.settings.cell / spread) ** 2 if spread > 0 and math.isfinite(bead.run.face) else 0.0
+
+
 def _with_room(
-    bead: BeadTrace, x: Floats, y: Floats, height: Floats, ceiling: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
+    bead: BeadTrace, x: Floats, y: Floats, height: Floats, ceiling: Floats, rise: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Return a map with the dry cells around it that the excess will need, as tried on a map of coarse cells."""
     if not (height > ceiling * (1 + _RIPPLE)).any():
-        return x, y, height, ceiling
-    coarse, over = _blocks(height, 0.0), _blocks(ceiling, bead.gap)
+        return x, y, height, ceiling, rise
+    dry, free = bead.gap, _rise(bead)
+    coarse, over, soft = _blocks(height, 0.0), _blocks(ceiling, dry), _BLOCK**2 * _blocks(rise, free)
     room = 0  # coarse cells
     while True:
         tried = np.pad(coarse, room)
-        push_aside(tried, np.pad(over, room, constant_values=bead.gap), _RIPPLE, _TRIAL)
+        beyond = np.pad(over, room, constant_values=dry)
+        push_aside(tried, beyond, np.pad(soft, room, constant_values=_BLOCK**2 * free), _RIPPLE, _TRIAL)
         if not max(tried[0].max(), tried[-1].max(), tried[:, 0].max(), tried[:, -1].max()) > 0:
             break
         room = max(2 * room, 1)
         _check_cells(bead, (np.array(coarse.shape) + 2 * room) * float(_BLOCK))
     if not room:
-        return x, y, height, ceiling
+        return x, y, height, ceiling, rise
     # the wet part with a coarse cell around it; the grid moves by whole cells
     wet = np.argwhere(tried)
     before = _BLOCK * np.maximum(room - wet.min(axis=0) + 1, 0)
@@ -177,7 +200,8 @@ def _with_room(
     _check_cells(bead, (ny, nx))
     around, cell = np.stack([before, after], axis=1), bead.settings.cell
     x, y = x[0] + cell * (np.arange(nx) - before[1]), y[0] + cell * (np.arange(ny) - before[0])
-    return x, y, np.pad(height, around), np.pad(ceiling, around, constant_values=bead.gap)
+    padded = np.pad(ceiling, around, constant_values=dry), np.pad(rise, around, constant_values=free)
+    return x, y, np.pad(height, around), *padded
 
 
 def _blocks(values: Floats, beyond: float) -> Floats:
@@ -189,7 +213,7 @@ def _blocks(values: Floats, beyond: float) -> Floats:
 
 
 def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
-    """Yield points, (k, 2), volumes there, (k,), and the nozzle's height for each end of a stretch of bead.
+    """Yield points, (k, 2), volumes there, (k,), and heights of nozzle and crest for each end of a stretch of bead.
 
     An end takes the volume of its half body of revolution from the intervals of the last stations, whose `volume` is
     set to 0; a stretch shorter than its two ends is one round drop.
@@ -205,7 +229,7 @@ def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
             volume[whole] = 0.0
             middle = (first + after - 1) // 2
             gap = bead.section.gap[middle : middle + 1]
-            yield _round(bead, middle, Section.drop(total, gap, bead.settings.contact_angle), total, None)
+            yield _round(bead, middle, bead.drop(total, gap), total, None)
             continue
         for station, taken, away in (
             (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
@@ -215,7 +239,7 @@ def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
             volume[taken] = 0.0
             if total > 0:
                 area, gap = bead.area[station : station + 1], bead.section.gap[station : station + 1]
-                section = Section(area, gap, bead.settings.contact_angle)
+                section = Section(area, gap, bead.settings.contact_angle, bead.run.face)
                 yield _round(bead, station, section, total, bead.heading[station] + away)
 
 
@@ -230,7 +254,13 @@ def _round(bead: BeadTrace, station: int, section: Section, volume: float, towar
     weight = np.repeat((section.profile(r)[0] * r)[:, None], around, axis=1)
     weight *= volume / weight.sum()
     points = bead.point[station, :2] + r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return points.reshape(-1, 2), weight.ravel(), float(_upright(bead)[station])
+    gap = float(_upright(bead)[station])
+    return (
+        points.reshape(-1, 2),
+        weight.ravel(),
+        gap,
+        float(section.height[0]) * gap / float(bead.nozzle_height[station]),
+    )
 
 
 def _upright(bead: BeadTrace) -> Floats:

@@ -1,7 +1,4 @@
-"""Compiled functions that lay glue on a grid and push it aside under the nozzle's face.
-
-Heights are volumes per cell, places are in cells.
-"""
+"""Compiled functions that push glue on a grid aside under the needle's face."""
 
 from __future__ import annotations
 
@@ -21,130 +18,51 @@ _ROUGH = 1.7
 _ROUGH_SWEEPS = 200
 
 
-@jit
-def drop(glue: Floats, moment: Floats, x: Floats, y: Floats, volume: Floats, gap: float) -> None:
-    """Share volumes at points among the four cells around each; `moment`, unless empty, adds up volume * gap."""
-    ny, nx = glue.shape
-    for k in range(x.size):
-        px, py = min(max(x[k], 0.0), nx - 1.001), min(max(y[k], 0.0), ny - 1.001)
-        i, j = int(px), int(py)
-        a, b = px - i, py - j
-        for row, high in ((j, 1.0 - b), (j + 1, b)):
-            for column, share in ((i, (1.0 - a) * high), (i + 1, a * high)):
-                glue[row, column] += share * volume[k]
-                if moment.size:
-                    moment[row, column] += share * volume[k] * gap
-
-
-@jit
-def lay(
-    glue: Floats,
-    moment: Floats,
-    stations: tuple[Floats, ...],
-    volume: Floats,
-    cosine: float,
-    cell: float,
-    steps: int,
-    samples: float,
-) -> None:
-    """Lay the volumes between stations in steps across the trace.
-
-    Args:
-        glue: volume of each cell, (ny, nx), added to.
-        moment: the same times the gap, (ny, nx), added to, or empty.
-        stations: x and y in cells, heading [rad] and curvature to the left [1/mm] of the trace, area [mm²], half the
-            width, half the flat and radius of the sections, height of the nozzle [mm], (r,) each.
-        volume: between the stations, (r - 1,) [mm³].
-        cosine: of the contact angle.
-        cell: size of a cell [mm].
-        steps: between two stations.
-        samples: per cell, across.
-    """
-    x, y, heading, curvature, area, half, flat, radius, gap = stations
-    ny, nx = glue.shape
-    widest = 0.0
-    for k in range(volume.size):
-        if volume[k] > 0.0:
-            widest = max(widest, half[k], half[k + 1])
-    weight = np.empty(math.ceil(2.0 * widest / cell * samples) + 1)
-    for k in range(volume.size):
-        if volume[k] <= 0.0:
-            continue
-        for step in range(steps):
-            f = (step + 0.5) / steps
-            mean = 0.5 * (area[k] + area[k + 1])
-            part = volume[k] / steps * (((1.0 - f) * area[k] + f * area[k + 1]) / mean)
-            w = (1.0 - f) * half[k] + f * half[k + 1]
-            b = (1.0 - f) * flat[k] + f * flat[k + 1]
-            rho = (1.0 - f) * radius[k] + f * radius[k + 1]
-            bend = (1.0 - f) * curvature[k] + f * curvature[k + 1]
-            angle = (1.0 - f) * heading[k] + f * heading[k + 1]
-            g = (1.0 - f) * gap[k] + f * gap[k + 1]
-            px, py = (1.0 - f) * x[k] + f * x[k + 1], (1.0 - f) * y[k] + f * y[k + 1]
-            left, up = -math.sin(angle) / cell, math.cos(angle) / cell
-            count = max(math.ceil(2.0 * w / cell * samples), 1)
-            total = 0.0
-            for n in range(count):
-                u = w * ((2 * n + 1.0) / count - 1.0)
-                beside = max(abs(u) - b, 0.0)
-                z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine
-                weight[n] = max(z, 0.0) * max(1.0 - bend * u, 0.0)
-                total += weight[n]
-            for n in range(count):
-                u = w * ((2 * n + 1.0) / count - 1.0)
-                share = part / count if total <= 0.0 else part * weight[n] / total
-                # beyond the grid, on its rim
-                cx, cy = min(max(px + left * u, 0.0), nx - 1.001), min(max(py + up * u, 0.0), ny - 1.001)
-                i, j = int(cx), int(cy)
-                a, c = cx - i, cy - j
-                for row, high in ((j, (1.0 - c) * share), (j + 1, c * share)):
-                    glue[row, i] += (1.0 - a) * high
-                    glue[row, i + 1] += a * high
-                    if moment.size:
-                        moment[row, i] += (1.0 - a) * high * g
-                        moment[row, i + 1] += a * high * g
-
-
-def push_aside(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> float:
+def push_aside(height: Floats, ceiling: Floats, rise: Floats, ripple: float, sweeps: int) -> float:
     """Push glue above the ceiling aside, and return the largest height that remains above it, over the ceiling.
 
     A cell above its ceiling c hands its excess in equal parts to its neighbours, which do likewise: the divisible
     sandpile, whose heap about a point is a disc (Levine and Peres, Potential Analysis 30, 2009). Excess so flows
     through full cells, as a liquid between two plates does. With u the total that a cell hands on,
 
-        h = h0 - u + sum(u / 4 of the neighbours),  u >= 0,  h <= c,  and h = c where u > 0,
+        h = h0 - u + sum(u / 4 of the neighbours),  u >= 0,  h <= c + k u,  and h = c + k u where u > 0,
 
-    an obstacle problem, solved by successive over-relaxation with projection. It starts from four times the u of a grid
-    with cells twice as large, found in the same way, so that the number of sweeps does not grow with the distance that
-    glue has to move.
+    an obstacle problem, solved by successive over-relaxation with projection. A hard ceiling has k = 0. With k > 0 it
+    is a free surface that rises as glue is pushed through below it: the excess spreads over about a / (2 sqrt(k)) cells
+    of size a = 1 instead of to the nearest room. The solution starts from four times the u of a grid with cells twice
+    as large, and k four times as large, found in the same way, so that the number of sweeps does not grow with the
+    distance that glue has to move.
 
     Args:
         height: h, (ny, nx), changed; its sum is conserved.
         ceiling: c, (ny, nx).
+        rise: k, (ny, nx).
         ripple: permitted deviation from the ceiling, over the ceiling.
         sweeps: largest number of sweeps.
     """
-    _handed_on(height, ceiling, ripple, sweeps)
-    return max(float((height / ceiling).max()) - 1.0, 0.0)
+    handed = _handed_on(height, ceiling, rise, ripple, sweeps)
+    return max(float((height / (ceiling + rise * handed)).max()) - 1.0, 0.0)
 
 
-def _handed_on(height: Floats, ceiling: Floats, ripple: float, sweeps: int) -> Floats:
+def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, sweeps: int) -> Floats:
     """Push aside, and return the total u that every cell has handed on, (ny, nx)."""
     handed = np.zeros(height.shape)
     if not (height > ceiling * (1.0 + ripple)).any():
         return handed
     if min(height.shape) > _COARSEST:
         finer = _FINER * ripple if ripple > _LEAST_RIPPLE else ripple
-        coarse = _handed_on(_coarser(height, False), _coarser(ceiling, True), finer, sweeps)
+        coarse = _handed_on(_coarser(height, False), _coarser(ceiling, True), 4.0 * _coarser(rise, True), finer, sweeps)
         handed = 4.0 * _finer(coarse, *height.shape)
         _hand_on(height, handed)
     cells, listed, count = _to_push(height, ceiling, handed, ripple)
     for first in range(0, sweeps, _CHUNK):  # in chunks, as an interrupt needs Python
         # the coarse start leaves short waves, which need little over-relaxation; the long ones follow
-        best = 2.0 / (1.0 + math.pi / max(math.sqrt(count), 4.0))  # for a square of so many cells
+        # for a square of so many cells: Jacobi's spectral radius is cos(pi / side) / (1 + k)
+        radius = math.cos(math.pi / max(math.sqrt(count), 4.0)) / (1.0 + float(rise.mean()))
+        best = 2.0 / (1.0 + math.sqrt(1.0 - radius**2))
         factor = min(best, _ROUGH) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST else best
         settled, count = _sweep(
-            height, ceiling, handed, cells, listed, count, ripple, factor, min(_CHUNK, sweeps - first)
+            height, ceiling, rise, handed, cells, listed, count, ripple, factor, min(_CHUNK, sweeps - first)
         )
         if settled:
             break
@@ -213,6 +131,7 @@ def _to_push(height: Floats, ceiling: Floats, handed: Floats, ripple: float) -> 
 def _sweep(
     height: Floats,
     ceiling: Floats,
+    rise: Floats,
     handed: Floats,
     cells: Any,
     listed: Any,
@@ -227,10 +146,10 @@ def _sweep(
         settled = True
         for k in range(count):  # cells added meanwhile wait for the next sweep
             j, i = cells[k] // nx, cells[k] % nx
-            off = height[j, i] - ceiling[j, i]
+            off = height[j, i] - ceiling[j, i] - rise[j, i] * handed[j, i]
             if abs(off) > ripple * ceiling[j, i] and (off > 0.0 or handed[j, i] > 0.0):
                 settled = False
-            change = max(factor * off, -handed[j, i])
+            change = max(factor * off / (1.0 + rise[j, i]), -handed[j, i])
             around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
             if change == 0.0 or around == 0:
                 continue

@@ -11,9 +11,11 @@ from gantrysim.arrays import Floats
 
 Singles = NDArray[np.float32]
 
-SIDES = 10  # facets of a section
-_ANGLES = np.array([-4, -3, -2, -1, 0, 0, 0, 1, 2, 3, 4]) / 4  # of a section's vertices, over the contact angle
-_FLAT = np.array([-1, -1, -1, -1, -1, 0, 1, 1, 1, 1, 1])  # side of the flat they are on
+SIDES = 12  # facets of a section
+_ANGLES = np.array([4, 3, 2, 1, 0, 0, 0, 0, 0, 1, 2, 3, 4]) / 4  # of a section's vertices, over the contact angle
+_SIDE = np.array([-1, -1, -1, -1, -1, -1, 0, 1, 1, 1, 1, 1, 1])  # of the flat that they are on
+_FLOOR = np.array([0, 0, 0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0])  # whether they are on the flat
+_RIM = np.array([0, 0, 0, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0])  # whether they are on a groove's walls
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,12 @@ _ARRAYS = [field.name for field in fields(Mesh)]
 
 
 def rings(
-    point: Floats, heading: Floats, radius: Floats, flat: Floats, turned: Floats, place: Floats, contact: float
+    point: Floats,
+    heading: Floats,
+    shape: tuple[Floats, Floats, Floats],
+    turned: Floats,
+    place: Floats,
+    contact: float,
 ) -> Mesh:
     """Return sections about points on the surface, whose halves are both turned ahead from across the trace.
 
@@ -61,32 +68,30 @@ def rings(
     Args:
         point: points on the surface, (k, 3) [mm].
         heading: heading of the trace, (k,) [rad].
-        radius: radius of the sections, (k,) [mm].
-        flat: flat of the sections, (k,) [mm].
+        shape: radius, flat and groove of the sections, (k,) each [mm].
         turned: angle ahead, (k,) [rad].
         place: place along the trace, (k,) [mm].
         contact: contact angle [rad].
     """
+    radius, flat, groove = (values[:, None] for values in shape)
     nothing = np.zeros_like(heading)
     ahead = np.stack([np.cos(heading), np.sin(heading), nothing], axis=1)
     right = np.stack([ahead[:, 1], -ahead[:, 0], nothing], axis=1) * np.cos(turned)[:, None]
     ahead *= np.sin(turned)[:, None]
-    angle = contact * _ANGLES
-    across = radius[:, None] * np.sin(angle) + 0.5 * flat[:, None] * _FLAT
-    height = radius[:, None] * (np.cos(angle) - np.cos(contact))
+    outwards = _SIDE[:, None] * right[:, None] + ahead[:, None]
     up = np.array([0.0, 0.0, 1.0])
-
-    def placed(sideways: Floats, upwards: Floats) -> Floats:
-        level = sideways[..., None] * right[:, None] + np.abs(sideways)[..., None] * ahead[:, None]
-        return level + upwards[..., None] * up
-
-    vertices = point[:, None] + placed(across, height)
-    normals = placed(*np.broadcast_arrays(np.sin(angle), np.cos(angle) + 0 * across))
+    angle = contact * _ANGLES
+    beside = (radius * np.sin(angle) + 0.5 * flat) * np.abs(_SIDE)
+    height = radius * (np.cos(angle) - np.cos(contact)) - groove * _FLOOR
+    # the shading rounds a groove, as a mesh has one normal at an edge
+    lean = angle - np.arctan2(groove, flat) * _RIM
+    vertices = point[:, None] + beside[..., None] * outwards + height[..., None] * up
+    normals = np.sin(lean)[..., None] * outwards + np.cos(lean)[..., None] * up
     return Mesh(
         (1e-3 * vertices.reshape(-1, 3)).astype(np.float32),
         normals.reshape(-1, 3).astype(np.float32),
         place,
-        2 * radius * np.sin(contact) + flat,
+        (2 * radius * np.sin(contact) + flat)[:, 0],
     )
 
 

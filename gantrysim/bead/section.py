@@ -1,4 +1,4 @@
-"""The cross-section of a bead: a drop on the surface, or squashed under the nozzle."""
+"""The cross-section of a bead: a drop on the surface, pressed down where the needle's face passes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_BISECTIONS = 60
-
 
 @dataclass(frozen=True, eq=False)
 class Section:
@@ -22,84 +19,107 @@ class Section:
 
         A = w^2 / (8 sin^2 theta) (2 theta - sin 2 theta),  h = w/2 tan(theta/2)
 
-    One that would stand higher than the gap g is squashed: a segment of height g, cut in halves, with a flat of width b
-    in between,
+    One that would stand higher than the gap g is cut in halves, with a flat of height g and width b in between,
 
-        A = A_g + b g,  w = w_g + b,  h = g.
+        A = A_s + b g,  w = w_s + b,
+
+    where A_s and w_s are area and width of the segment. The flat is as wide as the segment needs to stand no higher
+    than the gap, but no wider than the needle's face, f:
+
+        b = min((A - A_g) / g, f),  A_g = area of the segment of height g.
+
+    Where it is as wide as the face, the halves rise freely beside it, h > g: the flat is a groove between two
+    shoulders, which meet the needle's wall at a right angle. A thin needle leaves the sessile section, a wide one
+    presses all of it to g.
 
     Args:
         area: A, (m,) [mm²].
         gap: g, (m,), inf for a sessile bead [mm].
         contact_angle: theta, above 0 and at most 90 [deg].
+        face: f, outer diameter of the needle, inf for a plate [mm].
     """
 
     area: Floats
     gap: Floats
     contact_angle: float
+    face: float = np.inf
 
     @classmethod
-    def drop(cls, volume: float, gap: Floats, contact_angle: float) -> Section:
+    def drop(cls, volume: float, gap: Floats, contact_angle: float, face: float = np.inf) -> Section:
         """Return the section of a round drop of a volume [mm³] under one gap, (1,) [mm]."""
-        low, high = 0.0, 1.0
-
-        def held(area: float) -> float:
-            return 2 * float(cls(np.array([area]), gap, contact_angle).half_body()[0])
-
-        while held(high) < volume:
-            high *= 2
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if held(middle) < volume else (low, middle)
-        return cls(np.array([high]), gap, contact_angle)
+        unit = cls(np.ones(1), gap, contact_angle, face)
+        segment, body, g = unit._segment_of_unit_radius, unit._body_of_unit_radius, float(gap[0])
+        share = volume / (2 * np.pi)  # = body r^3 + b/4 segment r^2 + b^2/8 g
+        radius, flat = (share / body) ** (1 / 3), 0.0
+        highest = g / (1 - np.cos(unit._angle))
+        if radius > highest:
+            a, b = g / 8, 0.25 * segment * highest**2
+            rest = share - body * highest**3
+            radius, flat = highest, 2 * rest / (b + np.sqrt(b**2 + 4 * a * rest))
+        if flat > face:
+            roots = np.roots([body, 0.25 * face * segment, 0.0, face**2 / 8 * g - share])
+            radius, flat = float(roots.real.max()), face  # the others are negative
+        pressed = flat * g if flat else 0.0
+        return cls(np.array([segment * radius**2 + pressed]), gap, contact_angle, face)
 
     @cached_property
     def _angle(self) -> float:
         return float(np.radians(self.contact_angle))
 
-    @cached_property
-    def _shape(self) -> float:
-        """A / w^2 of the segment."""
+    @property
+    def _segment_of_unit_radius(self) -> float:
+        """Area of a segment over the square of its radius."""
         theta = self._angle
-        return float((2 * theta - np.sin(2 * theta)) / (8 * np.sin(theta) ** 2))
-
-    @cached_property
-    def _segment(self) -> tuple[Floats, Floats]:
-        """Widths w of the segments and b of the flats between their halves, (m,) each [mm]."""
-        slope = np.tan(0.5 * self._angle)
-        width = np.minimum(np.sqrt(self.area / self._shape), 2 * self.gap / slope)
-        rest = self.area - self._shape * width**2
-        flat = np.divide(rest, self.gap, out=np.zeros_like(width), where=np.isfinite(self.gap) & (rest > 0))
-        return width, flat
+        return float(theta - 0.5 * np.sin(2 * theta))
 
     @property
+    def _body_of_unit_radius(self) -> float:
+        """Integral of height times offset over half a segment, over the cube of its radius."""
+        cosine = np.cos(self._angle)
+        return float((1 - cosine) ** 2 * (2 + cosine) / 6)
+
+    @cached_property
     def flat(self) -> Floats:
         """Width b of the flat, (m,) [mm]."""
-        return self._segment[1]
+        free = np.sqrt(self.area / self._segment_of_unit_radius)
+        radius = np.minimum(free, self.gap / (1 - np.cos(self._angle)))
+        excess = np.maximum(self.area - self._segment_of_unit_radius * radius**2, 0.0)
+        needed = np.divide(excess, self.gap, out=np.zeros(self.area.shape), where=radius < free)
+        return np.minimum(needed, self.face)
 
-    @property
+    @cached_property
+    def _segment_area(self) -> Floats:
+        """Area beside the flat, (m,) [mm²]."""
+        return self.area - np.multiply(self.flat, self.gap, out=np.zeros(self.area.shape), where=self.flat > 0)
+
+    @cached_property
     def radius(self) -> Floats:
         """Radius of the segments, (m,) [mm]."""
-        return 0.5 * self._segment[0] / float(np.sin(self._angle))
+        return np.sqrt(self._segment_area / self._segment_of_unit_radius)
+
+    @property
+    def groove(self) -> Floats:
+        """Depth of the flat below the shoulders beside it, (m,) [mm]."""
+        return np.where(self.flat >= self.face, np.maximum(self.height - self.gap, 0.0), 0.0)
 
     @property
     def width(self) -> Floats:
         """Width where the bead meets the surface, (m,) [mm]."""
-        width, flat = self._segment
-        return width + flat
+        return 2 * self.radius * np.sin(self._angle) + self.flat
 
     @property
     def height(self) -> Floats:
         """Largest height, (m,) [mm]."""
-        return 0.5 * self._segment[0] * np.tan(0.5 * self._angle)
+        return self.radius * (1 - np.cos(self._angle))
 
     def profile(self, offset: ArrayLike) -> Floats:
         """Height over the surface at offsets (k,) or (m, k) from the middle of the bead, (m, k) [mm]."""
         radius = self.radius[:, None]
-        beside = np.maximum(np.abs(np.asarray(offset, float)) - 0.5 * self.flat[:, None], 0.0)
+        beside = np.abs(np.asarray(offset, float)) - 0.5 * self.flat[:, None]
         height = np.sqrt(np.maximum(radius**2 - beside**2, 0.0)) - radius * np.cos(self._angle)
-        return np.maximum(height, 0.0)
+        return np.where(beside < 0, self.gap[:, None], np.maximum(height, 0.0))
 
     def half_body(self) -> Floats:
         """Volume of half the body of revolution of each section, a round end of a bead, (m,) [mm³]."""
-        r = 0.25 * self.width[:, None] * (_NODES + 1)
-        return np.pi * 0.25 * self.width * ((self.profile(r) * r) @ _WEIGHTS)
+        beside = self._body_of_unit_radius * self.radius**3 + 0.25 * self.flat * self._segment_area
+        return np.pi * (beside + 0.125 * self.flat * (self.area - self._segment_area))

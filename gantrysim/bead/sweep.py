@@ -117,16 +117,17 @@ class Sweep:
         trace = self.bead_trace
         point = np.stack([np.interp(where, trace.place, self._base[:, i]) for i in range(3)], axis=1)
         if section is None:
-            radius, flat = (np.interp(where, trace.place, values) for values in self._shape)
+            radius, flat, groove = (np.interp(where, trace.place, values) for values in self._shape)
         else:
-            radius, flat = (np.full(where.size, values[0]) for values in (section.radius, section.flat))
+            radius, flat, groove = (np.full(where.size, values[0]) for values in _shape_of(section))
         heading = np.interp(where, trace.place, trace.heading)
-        return rings(point, heading, radius, flat, turned, where, float(np.radians(trace.settings.contact_angle)))
+        contact = float(np.radians(trace.settings.contact_angle))
+        return rings(point, heading, (radius, flat, groove), turned, where, contact)
 
     @cached_property
-    def _shape(self) -> tuple[Floats, Floats]:
-        """Radius and flat of the sections at the stations, (r,) each [mm]."""
-        return self.bead_trace.section.radius, self.bead_trace.section.flat
+    def _shape(self) -> tuple[Floats, Floats, Floats]:
+        """Radius, flat and groove of the sections at the stations, (r,) each [mm]."""
+        return _shape_of(self.bead_trace.section)
 
     @cached_property
     def _starts(self) -> list[float]:
@@ -147,7 +148,7 @@ class Sweep:
             middle = 0.5 * (float(self._edges[first]) + stop)
             held = min(volume, float(self._held[after])) - float(self._held[first])
             under = np.array([np.interp(middle, place, gap)])
-            drop = Section.drop(held, under, self.bead_trace.settings.contact_angle)
+            drop = self.bead_trace.drop(held, under)
             return joined([self._end(middle, -1.0, drop), self._end(middle, 1.0, drop)])
         between = self._between[number]
         part = slice(*np.searchsorted(between.place, [begin, end], side="right").tolist())
@@ -160,6 +161,10 @@ class Sweep:
         vertices[0] = vertices[0, 0]
         order = slice(None, None, -1 if sign > 0 else 1)
         return Mesh(vertices[order].reshape(-1, 3), normals[order].reshape(-1, 3), mesh.place, mesh.width)
+
+
+def _shape_of(section: Section) -> tuple[Floats, Floats, Floats]:
+    return section.radius, section.flat, section.groove
 
 
 def _crossing(place: Floats, values: Floats) -> float:

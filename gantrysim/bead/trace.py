@@ -36,7 +36,7 @@ class BeadSettings:
     Attributes:
         gap: height of the nozzle above the surface on the requested path; None for the machine's [mm].
         contact_angle: contact angle of a drop on the surface, from 1 to 90 [deg].
-        squashed: whether a bead stays squashed to the nozzle's height; else it relaxes to a sessile one behind it.
+        squashed: whether a bead keeps the section that the needle's face presses; else it relaxes to a sessile one.
         cell: size of the height map's cells [mm].
     """
 
@@ -202,7 +202,11 @@ class BeadTrace:
 
     def _sections(self, area: Floats, gap: Floats) -> Section:
         gap = gap if self.settings.squashed else np.full_like(gap, np.inf)
-        return Section(area, gap, self.settings.contact_angle)
+        return Section(area, gap, self.settings.contact_angle, self.run.face)
+
+    def drop(self, volume: float, gap: Floats) -> Section:
+        """Return the section of a round drop of a volume [mm³] under one gap of `section`, (1,) [mm]."""
+        return Section.drop(volume, gap, self.settings.contact_angle, self.run.face)
 
     @cached_property
     def section(self) -> Section:

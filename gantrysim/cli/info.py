@@ -17,6 +17,7 @@ from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.machine.needle import Needle
+from gantrysim.machine.syringe import Syringe
 from gantrysim.stability.margins import Plant
 
 
@@ -76,11 +77,17 @@ def settings_table() -> Table:
 
 
 def glue_table() -> Table:
-    """Return the settings of dispenser, needle and bead with their defaults."""
+    """Return the settings of dispenser, needle, syringe and bead with their defaults."""
     table = _table(
         "dispenser and bead settings, as in --set dispenser.dead_time=0.01", ("setting", "default", "description")
     )
-    for prefix, kind in (("dispenser", Dispenser), ("dispenser.needle", Needle), ("bead", BeadSettings)):
+    kinds = (
+        ("dispenser", Dispenser),
+        ("dispenser.needle", Needle),
+        ("dispenser.syringe", Syringe),
+        ("bead", BeadSettings),
+    )
+    for prefix, kind in kinds:
         descriptions = described(kind)
         for field in fields(kind):
             default = field.default

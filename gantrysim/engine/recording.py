@@ -128,4 +128,12 @@ def _sent(
         "period": period,
         **{name: read_only(array) for name, array in columns.items()},
         "gap": machine.gap,
+        **_needle(machine, dispenser),
     }
+
+
+def _needle(machine: Machine, dispenser: Dispenser) -> dict[str, float]:
+    """Return the size of the dispenser's needle, or else of the machine's; empty where neither has one."""
+    needle = dispenser.needle
+    size = machine.needle if needle is None else (needle.face, needle.length)
+    return {} if size is None else {"face": size[0], "needle_length": size[1]}

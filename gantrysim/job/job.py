@@ -160,10 +160,13 @@ class Job(BaseModel):
         values = {key: value for key, value in self.program.items() if key != "controller"}
         return build(self.program["controller"], values)
 
-    @property
+    @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the controller on its program, and on a servo with too small a margin."""
-        return (*self.controller.notes, *self.margin_notes)
+        """Notes of the controller on its program, of the dispenser on its syringe, and on a servo of small margin."""
+        notes = (*self.controller.notes, *self.margin_notes)
+        if self.dispenser.syringe is None:
+            return notes
+        return notes + self.dispenser.notes(self.follow().flow, self.setpoints.period)
 
     @cached_property
     def built_machine(self) -> Machine:

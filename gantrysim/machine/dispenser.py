@@ -1,8 +1,8 @@
 """Dispenser: from the program's command to the flow out of the nozzle.
 
-    command --leads--> valve --compensation--> request --dead time--> lag --needle--> flow
+    command --leads--> valve --compensation--> request --dead time--> lag --syringe--> needle--> flow
 
-Rising and falling flow, or pressure, have separate time constants.
+Rising and falling flow, or pressure, have separate time constants. Syringe and needle turn pressure into flow.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError, at_least, positive, unknown
-from gantrysim.jit import jit
+from gantrysim.machine.lag import driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.machine.needle import Needle
+from gantrysim.machine.syringe import Syringe
 
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 
-_MOST_PIECES = 40  # time constants after which a lag has settled
 _MOST = 1e9  # largest flow, area and pressure
+_EMPTY = 1e-9  # rest in an empty syringe, of what it held
 _EDGE = 1e-9  # distance from a tick within which an edge is at the tick [servo periods]
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # Gauss quadrature from -1 to 1
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Dispenser:
 
         dy/dt = (r(t - dead_time) - y) / T,  T = opening where y rises, closing where it falls,
 
-    solved exactly between the edges of r, which need not lie at servo ticks.
+    solved exactly between the edges of r, which need not lie at servo ticks. With a syringe y is the pressure at the
+    valve, from which air flows into the syringe; see `Syringe`.
 
     The leads shift the valve against the program's on and off, not the speed that `area` multiplies. `advance`
     compensates the lag: with r(k) the mean request of servo period k, the controller requests
@@ -54,7 +55,9 @@ class Dispenser:
         area: cross-section of the bead, an alternative to `flow`: the flow is area * path speed [mm²].
         pressure: pressure while the dispenser is on, an alternative to `flow` with time-pressure metering [kPa].
         metering: "volumetric" (a pump or screw meters the flow) or "time-pressure" (a pressure drives the needle).
-        needle: needle of a time-pressure dispenser.
+        needle: the needle, also that of the bead's section and of pictures; None for the one that the machine's model
+            draws. A time-pressure dispenser must have one.
+        syringe: air volume and fill of a time-pressure dispenser; None for pressure that acts on the glue at once.
         dead_time: time from the command to the first change [s].
         opening: time constant T of rising flow or pressure [s].
         closing: time constant T of falling flow or pressure [s].
@@ -81,6 +84,7 @@ class Dispenser:
     advance: float = 0.0
     limit: float = math.inf
     needle: Needle | None = None
+    syringe: Syringe | None = None
 
     def __post_init__(self) -> None:
         demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
@@ -96,23 +100,31 @@ class Dispenser:
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which turns pressure into flow")
-        if self.metering == VOLUMETRIC and self.needle is not None:
-            raise InputError("metering volumetric: takes no needle; a needle needs time-pressure")
+        if self.metering == VOLUMETRIC and self.syringe is not None:
+            raise InputError("metering volumetric: takes no syringe; a syringe needs time-pressure")
         if self.pressure:
-            if self.needle is None:
+            if self._driven is None:
                 raise InputError(f"{given[0]}: metering volumetric takes flow or area; pressure needs time-pressure")
             with np.errstate(over="ignore"):
-                flow = float(self.needle.flow(self.pressure))
+                flow = float(self._driven.flow(self.pressure))
             if not flow <= _MOST:
                 raise InputError(
                     f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_MOST:g} mm³/s"
                 )
+            if not flow:
+                least = self._driven.yield_pressure
+                raise InputError(f"{given[0]}: must be greater than the needle's yield pressure, {least:.4g} kPa")
         if self.limit != math.inf:
             unit = "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
             limit = positive("limit", self.limit, unit)
             request = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure
             if request > limit:
                 raise InputError(f"limit = {limit:g} {unit}: must be at least the request, {request:g} {unit}")
+
+    @property
+    def _driven(self) -> Needle | None:
+        """The needle through which a pressure drives the flow, None for a volumetric dispenser."""
+        return self.needle if self.metering == TIME_PRESSURE else None
 
     def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
         """Return the flow demanded by the program, without leads and lags, over each servo period, (n,) [mm³/s].
@@ -162,6 +174,15 @@ class Dispenser:
         value = np.clip(value, 0.0, self.limit)
         return self._lagged(breaks, value, on.size, period)
 
+    def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
+        """Return what to tell of a run with the flow of each period [mm³/s]: whether the syringe runs empty."""
+        if self.syringe is None:
+            return ()
+        empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
+        if not empty.size:
+            return ()
+        return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
+
     def check(self, setpoints: Setpoints) -> None:
         """Raise InputError where the start lead is longer than the time before the first dispensing."""
         self._valve(setpoints.dispense, setpoints.period)
@@ -177,12 +198,12 @@ class Dispenser:
         """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
         if self.area:
             return self.area * speed
-        flow = self.flow if self.needle is None or not self.pressure else float(self.needle.flow(self.pressure))
+        flow = self.flow if self._driven is None or not self.pressure else float(self._driven.flow(self.pressure))
         return np.full(speed.shape, flow)
 
     def _request(self, flow: Floats) -> Floats:
         """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
-        return flow if self.needle is None else self.needle.pressure(flow)
+        return flow if self._driven is None else self._driven.pressure(flow)
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
         """Return when the valve opens and closes, with the leads, (k,) each, ascending [periods]."""
@@ -209,12 +230,16 @@ class Dispenser:
         which = np.minimum(np.searchsorted(later, edges[:-1], "right") - 1, value.size - 1)
         duration = period * np.diff(edges)
         lag = (duration, value[which], self.opening, self.closing)
-        if self.needle is None:
-            volume = _volumes(*lag)
+        needle, syringe = self._driven, self.syringe
+        if needle is None:
+            volume = lagged_volumes(*lag)
         else:
-            volume = self.needle.conductance * _power_volumes(
-                *lag, 1 / self.needle.index, 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
-            )
+            law = (needle.yield_pressure, 1 / needle.index, *needle.shape)
+            if syringe is None:
+                volume = needle.conductance * driven_volumes(*lag, law)
+            else:
+                air = (syringe.glue, syringe.air, syringe.rate, syringe.critical_ratio)
+                volume = syringe_volumes(*lag, needle.conductance, law, air)
         return np.bincount(edges[:-1].astype(np.intp), volume, minlength=ticks) / period
 
 
@@ -222,58 +247,3 @@ def _on_ticks(time: Floats) -> Floats:
     """Return times in periods, snapped to a tick where they are off it by rounding alone."""
     near = np.round(time)
     return np.where(np.abs(time - near) < _EDGE * np.maximum(1.0, np.abs(near) * 1e-3), near, time)
-
-
-@jit
-def _volumes(duration: Floats, request: Floats, opening: float, closing: float) -> Floats:
-    """Return the integrals of the first-order lag over pieces of constant request, (k,)."""
-    volume = np.empty(duration.size)
-    y = 0.0
-    for k in range(duration.size):
-        r, h = request[k], duration[k]
-        constant = opening if r > y else closing
-        if constant > 0.0:
-            share = -math.expm1(-h / constant)  # of the step towards r
-            volume[k] = r * h + (y - r) * constant * share
-            y += (r - y) * share
-        else:
-            volume[k] = r * h
-            y = r
-    return volume
-
-
-@jit
-def _power_volumes(
-    duration: Floats,
-    request: Floats,
-    opening: float,
-    closing: float,
-    power: float,
-    nodes: Floats,
-    weights: Floats,
-) -> Floats:
-    """Return the integrals of the lagged state to a power over pieces of constant request, (k,).
-
-    Nodes and weights are those of Gauss quadrature over 0 to 1.
-    """
-    volume = np.empty(duration.size)
-    y = 0.0
-    for k in range(duration.size):
-        r, h = request[k], duration[k]
-        constant = opening if r > y else closing
-        if constant <= 0.0 or y == r:
-            volume[k] = h * r**power
-            y = r
-            continue
-        # one quadrature per time constant; after many the state is at the request
-        moving = min(h, _MOST_PIECES * constant)
-        pieces = math.ceil(moving / constant)
-        step = moving / pieces
-        total = (h - moving) * r**power
-        for piece in range(pieces):
-            for i in range(nodes.size):
-                state = r + (y - r) * math.exp(-(piece + nodes[i]) * step / constant)
-                total += step * weights[i] * max(state, 0.0) ** power
-        volume[k] = total
-        y += (r - y) * -math.expm1(-h / constant)
-    return volume

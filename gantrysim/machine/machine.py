@@ -28,11 +28,13 @@ from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
 
 NOZZLE = "nozzle"  # site at the tip
+NEEDLE = "needle"  # geom that draws the needle
 WORK = "work"  # body in whose frame the bead lies
 
 _MM = 1e3
 _FRAME_TOLERANCE = 1e-3  # [mm], also of unit vectors
 _DEFAULT_GAP = 0.5  # without a work piece [mm]
+_ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
 _PROBE = 100.0  # displacement of each slide in the test of the rotary axes [mm]
 
 
@@ -49,6 +51,9 @@ class Machine:
     gear = 2 pi / lead for a slide [rad/m], motor turns per axis turn for a hinge. The joint's first user value is the
     speed limit [m/s or rad/s], 0 for none. An `actuatorpos` sensor of the same name is the encoder; its first user
     value is the counts per motor revolution. The MJCF's timestep is the longest physics step of a run.
+
+    A cylinder or capsule `needle` on the nozzle's body, from the tip upwards, is the needle of runs whose dispenser
+    names none. It is drawn in the size of the run's needle.
 
     The model needs a site `nozzle` and a body `work`. If no driven hinge turns the work, the work frame's origin is the
     nozzle with all axes at zero, x, y and z move the nozzle along the frame's x, y and z, and every hinge turns the
@@ -137,6 +142,16 @@ class Machine:
         distance = mujoco.mj_ray(model, data, data.xpos[self.work], down, None, 1, nozzle_body, geom, None)
         on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == self.work
         return _MM * float(distance) if on_work else _DEFAULT_GAP
+
+    @property
+    def needle(self) -> tuple[float, float] | None:
+        """Outer diameter and length of the needle that the model draws, None without a round geom `needle` [mm]."""
+        model = self._compiled
+        geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, NEEDLE)
+        if geom < 0 or model.geom_bodyid[geom] != model.site_bodyid[self.nozzle] or model.geom_type[geom] not in _ROUND:
+            return None
+        radius, half_length, _ = model.geom_size[geom]
+        return 2 * _MM * float(radius), 2 * _MM * float(half_length)
 
     @property
     def springs_have_axes(self) -> bool:

@@ -11,7 +11,7 @@ from gantrysim.bead import BeadSettings
 from gantrysim.bead.sweep import Sweep
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import unknown
-from gantrysim.machine.machine import WORK, Machine
+from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.render.colours import Scale, errors_along, scale_for
 from gantrysim.render.workpiece import workpiece
 from gantrysim.run import Run
@@ -25,6 +25,7 @@ _TURNED = (0.45, 0.47, 0.50, 1.0)
 _LIT = 0.3
 _GLOW = (1 - 1.1 * _LIT) / _LIT
 _WETTED = 1.0  # height that a drop climbs up the needle, in radii of the free thread
+_ON_AXIS = 1e-4  # distance of parts in line with the needle [m]
 _HANGS = 3.0  # height that a drop hangs down above the surface, likewise
 
 
@@ -74,7 +75,7 @@ class Scene:
             self._errors = errors_along(sweep.bead_trace)
 
     def show(self, run: Run) -> None:
-        """Show another run of the machine from now on, with the same number of bead rings.
+        """Show another run of the machine from now on, with the same needle and number of bead rings.
 
         Raises:
             TooFewRingsError: too few rings for the ends of its stretches.
@@ -148,6 +149,8 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
         material.rgba, material.emission, material.specular = (_LIT, _LIT, _LIT, 1), _GLOW, 0.0
     _add_to_work(spec, _BEAD, group=0)
+    if machine.needle is not None:
+        _fit_needle(spec, run)
     piece = workpiece(run, sweep.bead_trace.settings)
     if piece is not None:
         mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
@@ -167,6 +170,32 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
     return model
 
 
+def _fit_needle(spec: mujoco.MjSpec, run: Run) -> None:
+    """Draw the needle in the size of the run's, with the parts in line with it moved along.
+
+    A needle that leans keeps its length, as its tip has to lie on the axis of rotation.
+    """
+    needle, tip = spec.geom(NEEDLE), spec.site(NOZZLE).pos
+    needle.size[0] = 0.5e-3 * run.face
+    ends = needle.fromto.reshape(2, 3)
+    if np.isnan(ends).any():
+        return
+    end = ends[np.linalg.norm(ends - tip, axis=1).argmax()]
+    length = float(np.linalg.norm(end - tip))
+    axis = (end - tip) / length
+    if np.hypot(axis[0], axis[1]) * length > _ON_AXIS:
+        return
+    for geom in needle.parent.geoms:
+        points = geom.fromto.reshape(2, 3) - tip
+        along = points @ axis
+        aside = np.linalg.norm(points - along[:, None] * axis, axis=1)
+        moved = (
+            points + (1e-3 * run.needle_length - length) * axis * ((aside < _ON_AXIS) & (along > 0.5 * length))[:, None]
+        )
+        if not np.isnan(moved).any():
+            geom.fromto = (moved + tip).ravel()
+
+
 def _add_to_work(spec: mujoco.MjSpec, name: str, group: int) -> None:
     """Add a mesh with its material to the work, without mass or contacts."""
     looks = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": name, "material": name, "group": group}
@@ -182,10 +211,10 @@ def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float3
 def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | None:
     """Return the glue between the needle's tip and the bead at a tick, an ellipsoid, or None while none flows.
 
-    It is centre in the work frame, (3,) [m], radius and half height [m]. The radius is that of the free thread of glue:
-    of the nominal section A,
+    It is centre in the work frame, (3,) [m], radius and half height [m]. The radius is that of the free thread of glue,
+    of the nominal section A, or of the needle's face where that is larger:
 
-        r = sqrt(A / pi) sqrt(Q / Q0),
+        r = max(sqrt(A / pi), f / 2) sqrt(Q / Q0),
 
     with the flow Q and the largest flow of the run, Q0. It wets the needle and reaches down to the surface, or hangs
     freely where the nozzle is high above it.
@@ -195,7 +224,7 @@ def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | 
     section = bead_trace.nominal if bead_trace.nominal > 0 else float(bead_trace.area.max())
     if flow <= 0 or section <= 0:
         return None
-    radius = float(np.sqrt(section / np.pi * flow / most))
+    radius = max(float(np.sqrt(section / np.pi)), 0.5 * run.face) * float(np.sqrt(flow / most))
     tip = run.nozzle[tick]
     height = float(tip[2] - bead_trace.surface[tick])
     top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)

@@ -23,7 +23,7 @@ from gantrysim.run import Run
 Triangles = NDArray[np.int32]
 
 _STEP = 1.5  # distance of the samples along the path [mm]
-_NEEDLE = 0.5  # clearance of the needle: its radius and a margin [mm]
+_CLEARANCE = 0.09  # beside the needle [mm]
 _FLAT = 0.05  # climb below which a path lies on the work itself [mm]
 _FILM = 0.02  # thickness below which the body is not drawn [mm]
 _LEVEL = 0.05  # cosine of the climb, below which the path has no direction in plan view
@@ -60,7 +60,7 @@ def workpiece(run: Run, bead: BeadSettings | None = None) -> WorkPiece | None:
     if width <= 0 or track is None or track.point[:, 2].max() < _FLAT - bead_trace.gap:
         return None
     floor = -run.gap
-    clear = 0.5 * width + _NEEDLE
+    clear = 0.5 * (width + run.face) + _CLEARANCE
     above, below = _stacked(track, clear, width)
     parts = [_solid(track, _reach(track, width), clear, floor)]
     if above.mean() > _MOSTLY:

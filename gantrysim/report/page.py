@@ -67,7 +67,7 @@ def run_sections(
     if video is not None and video.exists():
         yield Section("Video", video=video.read_bytes())
     if job.notes:
-        yield Section("Notes of the controller", job.notes)
+        yield Section("Notes", job.notes)
     yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())
     yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(machine).items()]))
 

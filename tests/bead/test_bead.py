@@ -21,7 +21,7 @@ from gantrysim.job.job import builtin_jobs
 from gantrysim.report.sections import bead_section
 from gantrysim.run import Fault
 
-from support.beads import AREA, GAP, PERIOD, SPEED, away_from_ends, laid, line, spiral, volume_of
+from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, away_from_ends, laid, line, spiral, volume_of
 
 CONSTANT = 1e-3  # relative, the width under constant flow and speed
 EXACT = 1e-9  # relative, of volumes and closed forms
@@ -30,23 +30,103 @@ COVERED = 0.01  # of the annulus
 XY = Machine("xy")
 
 
-def section(area, gap=math.inf, contact_angle=60.0):
+def section(area, gap=math.inf, contact_angle=60.0, face=PLATE):
     area = np.atleast_1d(np.asarray(area, float))
-    return Section(area, np.broadcast_to(np.asarray(gap, float), area.shape), contact_angle)
+    return Section(area, np.broadcast_to(np.asarray(gap, float), area.shape), contact_angle, face)
+
+
+areas, gaps, angles = st.floats(0.01, 50.0), st.floats(0.05, 5.0) | st.just(math.inf), st.floats(5.0, 90.0)
+faces = st.floats(0.1, 5.0) | st.just(PLATE)
+
+
+def across(shape):
+    """Offsets on one side of a section, apart on and beside its flat and dense where it is steep, with weights."""
+    flat, half = 0.5 * float(shape.flat[0]), 0.5 * float(shape.width[0])
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    turn = 0.25 * np.pi * (nodes + 1)
+    beside = flat + (half - flat) * np.sin(turn)
+    return (
+        np.concatenate([0.5 * flat * (nodes + 1), beside]),
+        np.concatenate([0.5 * flat * weights, 0.25 * np.pi * (half - flat) * np.cos(turn) * weights]),
+    )
 
 
 @settings(deadline=None)
-@given(st.floats(0.01, 50.0), st.floats(0.05, 5.0) | st.just(math.inf), st.floats(5.0, 90.0))
-def test_a_section_holds_its_area_between_its_height_and_its_width(area, gap, angle):
-    shape = section(area, gap, angle)
-    width, height = float(shape.width[0]), float(shape.height[0])
-    u = 0.5 * width * np.sin(np.linspace(-0.5, 0.5, 20001) * np.pi)  # dense where the sides are steep
+@given(areas, gaps, angles, faces)
+def test_a_section_holds_its_area_between_its_height_and_its_width(area, gap, angle, face):
+    shape = section(area, gap, angle, face)
+    width, height, flat = float(shape.width[0]), float(shape.height[0]), float(shape.flat[0])
+    u, weight = across(shape)
     profile = shape.profile(u)[0]
-    assert np.trapezoid(profile, u) == pytest.approx(area, rel=1e-5)
-    assert profile.max() == pytest.approx(height, rel=1e-6)
-    assert height <= gap * (1 + EXACT)
+    assert 2 * profile @ weight == pytest.approx(area, rel=EXACT)
+    assert shape.half_body()[0] == pytest.approx(np.pi * (profile * u) @ weight, rel=EXACT)
+    assert profile.max() == pytest.approx(height, rel=1e-3)
+    assert 0 <= flat <= face
+    assert height <= gap * (1 + EXACT) or flat == face
+    assert shape.profile([0.0])[0, 0] == pytest.approx(min(gap, height))
+    assert shape.groove[0] == pytest.approx(max(height - gap, 0.0), abs=1e-9 * height)
     assert shape.profile([0.5001 * width, -0.6 * width]) == pytest.approx(np.zeros((1, 2)))
-    assert shape.profile([0.0])[0, 0] == pytest.approx(height)
+
+
+@settings(deadline=None)
+@given(areas, st.floats(0.05, 5.0), angles, faces)
+def test_a_section_has_no_jump_where_the_gap_or_the_glue_changes(area, gap, angle, face):
+    """Relative steps of 1e-7, at the point itself and where the flat begins and where it is as wide as the face."""
+    theta = math.radians(angle)
+    low = (gap / (1 - math.cos(theta))) ** 2 * (theta - 0.5 * math.sin(2 * theta))
+    for at in (area, low, low + min(face, 10.0) * gap):
+        one, more, higher = (section(at * f, gap * g, angle, face) for f, g in ((1, 1), (1 + 1e-7, 1), (1, 1 + 1e-7)))
+        for other in (more, higher):
+            assert other.height[0] == pytest.approx(one.height[0], rel=1e-5)
+            assert other.width[0] == pytest.approx(one.width[0], rel=1e-5)
+        assert more.width[0] >= one.width[0] * (1 - 1e-12)  # more glue is never narrower
+
+
+@settings(deadline=None)
+@given(areas, gaps, angles, faces, st.floats(0.1, 10.0))
+def test_a_section_is_similar_to_one_of_another_size(area, gap, angle, face, scale):
+    one, other = section(area, gap, angle, face), section(area * scale**2, gap * scale, angle, face * scale)
+    for name, power in (("width", 1), ("height", 1), ("flat", 1), ("radius", 1)):
+        assert getattr(other, name)[0] == pytest.approx(getattr(one, name)[0] * scale**power, rel=1e-6, abs=1e-9)
+    assert other.half_body()[0] == pytest.approx(one.half_body()[0] * scale**3, rel=1e-6)
+
+
+@settings(deadline=None)
+@given(areas, st.floats(0.05, 5.0), angles)
+def test_a_thin_needle_leaves_the_sessile_section_and_a_wide_one_presses_all_of_it(area, gap, angle):
+    free, thin = section(area, math.inf, angle), section(area, gap, angle, 1e-9)
+    assert thin.width[0] == pytest.approx(free.width[0], rel=1e-6)
+    assert thin.height[0] == pytest.approx(min(free.height[0], max(gap, thin.height[0])), rel=1e-6)
+    wide, plate = section(area, gap, angle, 1e4), section(area, gap, angle)
+    assert wide.width[0] == plate.width[0]
+    assert wide.height[0] == pytest.approx(min(free.height[0], gap))
+    # between the two the bead is neither narrower nor higher than either
+    some = section(area, gap, angle, 0.5)
+    assert free.width[0] * (1 - EXACT) <= some.width[0] <= plate.width[0] * (1 + EXACT)
+    assert plate.height[0] * (1 - EXACT) <= some.height[0] <= free.height[0] * (1 + EXACT)
+
+
+def test_a_low_needle_leaves_a_groove_as_wide_as_its_face_between_halves_of_a_drop():
+    """2 mm² under 0.82 mm at 0.5 mm: 0.41 mm² in the groove, and a drop of 1.59 mm² beside it."""
+    shape = section(2.0, 0.5, 60.0, 0.82)
+    drop = section(2.0 - 0.41)
+    assert shape.flat[0] == 0.82
+    assert shape.width[0] == pytest.approx(drop.width[0] + 0.82, rel=EXACT)
+    assert shape.height[0] == pytest.approx(drop.height[0], rel=EXACT)
+    u = np.linspace(0.0, 1.7, 18)
+    expected = np.where(u < 0.41, 0.5, drop.profile(u - 0.41)[0])
+    assert shape.profile(u)[0] == pytest.approx(expected)
+    assert shape.profile(-u)[0] == pytest.approx(expected)
+    # without the limit it would be a film of 0.5 mm, 2.77 mm wide between its sides
+    assert section(2.0, 0.5).flat[0] == pytest.approx(2.772, abs=1e-3)
+
+
+@settings(deadline=None)
+@given(st.floats(0.01, 100.0), gaps, angles, faces)
+def test_a_round_drop_has_its_volume(volume, gap, angle, face):
+    shape = Section.drop(volume, np.array([gap]), angle, face)
+    assert 2 * shape.half_body()[0] == pytest.approx(volume, rel=EXACT)
+    assert shape.flat[0] <= face
 
 
 @settings(deadline=None)
@@ -89,12 +169,13 @@ def test_half_a_body_of_a_half_disc_is_a_quarter_of_a_ball():
 
 @pytest.mark.parametrize("path", [line(), spiral(8.0)], ids=["line", "spiral"])
 @pytest.mark.parametrize("squashed", [True, False])
-def test_constant_flow_and_speed_lay_a_bead_of_constant_width(path, squashed):
+@pytest.mark.parametrize("face", [0.82, PLATE])
+def test_constant_flow_and_speed_lay_a_bead_of_constant_width(path, squashed, face):
     """Its area is Q / v, but for the last, incomplete period."""
-    bead = laid(XY, path, squashed=squashed)
+    bead = laid(XY, path, squashed=squashed, face=face)
     inner = away_from_ends(bead)
     assert bead.area[inner] == pytest.approx(np.full(inner.sum(), AREA), rel=CONSTANT)
-    expected = float(section(AREA, GAP if squashed else math.inf).width[0])
+    expected = float(section(AREA, GAP if squashed else math.inf, face=face).width[0])
     assert bead.width[inner] == pytest.approx(np.full(inner.sum(), expected), rel=CONSTANT)
     assert bead.values.width.mean == pytest.approx(expected, rel=CONSTANT)
     assert bead.values.nominal == pytest.approx(AREA, rel=1e-6)

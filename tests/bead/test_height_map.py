@@ -13,18 +13,19 @@ from gantrysim.bead.pushing import push_aside
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 
-from support.beads import AREA, GAP, PERIOD, SPEED, laid, line, spiral
+from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, laid, line, spiral
 
 VOLUME = 1e-6  # relative, on the map against what flowed
 WIDTH = 1e-3  # relative, of the wet width along a bead
 SHAPE = 0.01  # of the gap, a section on the map against the section's formula
 ROUNDING = 1e-12  # [mm]
 FILM = 0.021  # of the gap, within which a film is even
+FACE = 0.82  # [mm], of the needle of xy
 XY = Machine("xy")
 
 
-def nominal(area=AREA, gap=GAP):
-    return Section(np.array([area]), np.array([gap]), 60.0)
+def nominal(area=AREA, gap=GAP, face=PLATE):
+    return Section(np.array([area]), np.array([gap]), 60.0, face)
 
 
 def wet_widths(bead, place, direction, reach):
@@ -46,17 +47,19 @@ def wet_widths(bead, place, direction, reach):
     st.floats(10.0, 90.0),
     st.booleans(),
     st.floats(0.25, 2.0),
+    st.sampled_from([0.3, FACE, 2.0, PLATE]),
 )
-def test_the_map_holds_what_flowed(seed, gap, angle, squashed, cell):
+def test_the_map_holds_what_flowed(seed, gap, angle, squashed, cell, face):
     """Of any trace, with rests, corners and loops, and any flow."""
-    cell = min(cell, 0.333 * float(Section(np.array([AREA]), np.array([gap if squashed else np.inf]), angle).width[0]))
+    thinnest = Section(np.array([AREA]), np.array([gap if squashed else np.inf]), angle, face)
+    cell = min(cell, 0.333 * float(thinnest.width[0]))
     random = np.random.default_rng(seed)
     n = 400
     heading = np.cumsum(random.normal(0.0, 0.3, n) + (random.random(n) < 0.02) * random.uniform(-3, 3, n))
     step = random.uniform(0.0, 0.3, n) * (random.random(n) < 0.9)
     nozzle = np.cumsum(step[:, None] * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1), axis=0)
     flow = np.repeat(random.uniform(0.0, 400.0, 8) * (random.random(8) < 0.8), 50)
-    run = laid(XY, line(39.9)).run
+    run = laid(XY, line(39.9), face=face).run
     bead = Bead(replace(run, nozzle=nozzle, flow=flow), BeadSettings(gap, angle, squashed, cell))
     assert bead.map.volume == pytest.approx(flow[:-1].sum() * PERIOD, rel=VOLUME, abs=1e-12)
     assert bead.map.height.min() > -ROUNDING
@@ -73,6 +76,49 @@ def test_the_section_on_the_map_is_that_of_the_bead(angle, squashed):
     # at the contact line the cells blur a kink of tan 60 deg
     inner = np.abs(np.abs(u) - 0.5 * float(bead.nominal_section.width[0])) > 0.25
     assert heights[inner] == pytest.approx(expected[inner], abs=SHAPE * GAP)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 0.785])
+@pytest.mark.parametrize("cell", [0.05, 0.25])
+def test_a_groove_on_the_map_is_as_wide_as_the_face_and_as_low_as_the_needle(angle, cell):
+    """But for the cells at its walls, which are blurred; what is pushed aside there is less than the ripple."""
+    bead = laid(XY, line(60.0, angle, (-20.0, -20.0)), cell=cell, face=FACE)
+    middle = np.array([-20.0, -20.0]) + 30.0 * np.array([np.cos(angle), np.sin(angle)])
+    u = np.linspace(-2.5, 2.5, 201)
+    heights = bead.map.at(middle + u[:, None] * np.array([-np.sin(angle), np.cos(angle)]))
+    shape = nominal(face=FACE)
+    assert bead.nominal_section.flat[0] == FACE
+    rims = np.array([0.5 * FACE, 0.5 * float(shape.width[0])])
+    inner = np.abs(np.abs(u)[:, None] - rims).min(axis=1) > 4 * cell if cell < 0.1 else np.abs(np.abs(u) - 1.1) < 0.1
+    assert heights[inner] == pytest.approx(shape.profile(u)[0][inner], abs=0.02 if cell > 0.1 else 0.012)
+    assert heights[100] == pytest.approx(GAP, rel=FILM)
+    assert bead.map.height.max() == pytest.approx(float(shape.height[0]), rel=0.05)
+    area = np.trapezoid(heights, u)
+    assert area == pytest.approx(AREA, rel=2e-3)
+
+
+def test_overlapping_turns_rise_between_the_tracks_of_the_needle():
+    """The glue of a turn stays between it and its neighbours, A / pitch high; a plate presses it over the rim."""
+    pitch = 2.6
+    assert pitch < float(nominal(face=FACE).width[0])
+    mean, beyond = {}, {}
+    for face in (FACE, PLATE):
+        bead = laid(XY, spiral(pitch, radius=25.0, turns=4.5), cell=0.1, face=face)
+        assert bead.map.volume == pytest.approx(bead.total_volume, rel=VOLUME)
+        assert bead.map.ridge == 0
+        link, s = bead.analysis.spacing.link, bead.analysis.spacing.s
+        inner = (s > 15) & (bead.analysis.spacing.next_s < bead.place[-1] - 15)
+        step = (link[inner, 1] - link[inner, 0])[:, :2]
+        share = ((np.arange(40) + 0.5) / 40)[:, None, None]
+        mean[face] = bead.map.at(link[inner, 0, :2] + share * step).mean()
+        under = bead.map.at(link[inner, 0, :2] + np.linspace(-0.08, 0.08, 5)[:, None, None] * step)
+        assert under.max() <= GAP * (1 + FILM)
+        x, y = np.meshgrid(bead.map.x, bead.map.y)
+        radius = np.hypot(x - bead.point[:, 0].mean(), y - bead.point[:, 1].mean())
+        beyond[face] = bead.map.height[radius > 25.0 + 0.75 * float(bead.nominal_section.width[0])].sum()
+    assert mean[FACE] == pytest.approx(AREA / pitch, rel=0.03)
+    assert mean[PLATE] == pytest.approx(GAP, rel=FILM)
+    assert beyond[FACE] < 0.01 * beyond[PLATE]
 
 
 def test_in_a_bend_the_section_is_the_same_on_its_inner_and_its_outer_side(circle):
@@ -143,7 +189,7 @@ def test_turns_a_pitch_of_area_over_gap_apart_fill_a_film_without_voids():
         )
 
 
-def cross(**bead):
+def cross(face=PLATE, **bead):
     """Two lines that cross at the origin, one after the other, with a dry motion between them."""
     along = np.concatenate([np.arange(400) * 0.1 - 20.0, np.full(400, 20.0), np.zeros(400)])
     other = np.concatenate([np.zeros(400), np.linspace(0, 20, 400), 20.0 - np.arange(400) * 0.1])
@@ -151,7 +197,8 @@ def cross(**bead):
     setpoints = laid(XY, line()).run
     dispense = np.repeat([True, False, True], 400)
     points = Setpoints(PERIOD, ("x", "y"), np.stack([along, other], axis=1), dispense, setpoints.requested)
-    return Bead(perfect_follower(XY, points, dispenser=Dispenser(flow=AREA * SPEED)), BeadSettings(**bead))
+    run = perfect_follower(XY, points, dispenser=Dispenser(flow=AREA * SPEED))
+    return Bead(replace(run, face=face), BeadSettings(**bead))
 
 
 def test_where_beads_cross_the_nozzle_pushes_the_excess_aside_and_without_it_they_add_up():
@@ -167,10 +214,43 @@ def test_where_beads_cross_the_nozzle_pushes_the_excess_aside_and_without_it_the
     assert not free.map.wet([[0.55 * width, 0.55 * width]]).any()
 
 
+def test_where_beads_cross_under_a_needle_both_grooves_stay_open_and_the_excess_stays_near():
+    pushed, plate = cross(face=FACE, cell=0.1), cross(cell=0.1)
+    s = np.linspace(-3.0, 3.0, 61)
+    for track in (np.stack([s, 0 * s], axis=1), np.stack([0 * s, s], axis=1)):
+        assert pushed.map.at(track).max() <= GAP * (1 + FILM)
+    height = float(pushed.nominal_section.height[0])
+    assert height < pushed.map.height.max() < 1.6 * height
+    assert pushed.map.ridge == 0
+    # within a width of the crossing lies what both beads have laid there
+    x, y = np.meshgrid(pushed.map.x, pushed.map.y)
+    reach = 1.5 * float(pushed.nominal_section.width[0])
+    near = np.maximum(np.abs(x), np.abs(y)) < reach
+    assert pushed.map.height[near].sum() * pushed.map.cell**2 == pytest.approx(4 * reach * AREA, rel=0.03)
+    assert pushed.map.volume == pytest.approx(plate.map.volume, rel=VOLUME)
+
+
+def test_excess_below_a_free_surface_spreads_as_far_as_its_rise_permits():
+    """One row against the difference equation (u[i-1] - 2 u[i] + u[i+1]) / 4 = k u[i] - s[i]: u = U q^abs(i)."""
+    rise, excess = 0.02, 0.3
+    height, ceiling = np.ones((121, 121)), np.ones((121, 121))
+    height[:, 60] += excess
+    before = height.sum()
+    assert push_aside(height, ceiling, np.full_like(height, rise), 1e-9, 5000) < 1e-8
+    assert height.sum() == pytest.approx(before, rel=1e-12)
+    q = 1 + 2 * rise - 2 * np.sqrt(rise * (1 + rise))
+    u = excess / (0.5 * (1 - q) + rise) * q ** np.abs(np.arange(121) - 60)
+    assert height[60] == pytest.approx(1 + rise * u, abs=1e-6)
+    # a hard ceiling hands all of it on over the rim of the full cells; here there is none
+    hard = np.ones((121, 121))
+    hard[:, 60] += excess
+    assert push_aside(hard, ceiling, np.zeros_like(hard), 1e-3, 200) > 1e-3
+
+
 def test_pushing_aside_keeps_the_volume_and_makes_a_round_heap():
     height = np.zeros((121, 121))
     height[60, 60] = 2000.0
-    push_aside(height, np.ones_like(height), 0.01, 1000)
+    push_aside(height, np.ones_like(height), np.zeros_like(height), 0.01, 1000)
     assert height.sum() == pytest.approx(2000.0, rel=1e-12)
     assert -ROUNDING < height.min() <= height.max() <= 1.01
     rows, columns = np.nonzero(height > 0.5)
@@ -187,7 +267,7 @@ def test_excess_finds_room_through_a_film_that_is_full():
     height[20:61, 20:61] = 1.0
     before = height.copy()
     height[40, 30] += 60.0
-    push_aside(height, np.ones_like(height), 0.005, 2000)
+    push_aside(height, np.ones_like(height), np.zeros_like(height), 0.005, 2000)
     assert height.sum() == pytest.approx(41**2 + 60.0, rel=1e-12)
     assert height.max() <= 1.005
     gained = height - before
@@ -198,19 +278,19 @@ def test_excess_finds_room_through_a_film_that_is_full():
 def test_what_finds_no_room_stays_as_a_ridge_and_is_returned():
     height = np.full((9, 9), 1.0)
     height[4, 4] = 5.0
-    ridge = push_aside(height, np.ones_like(height), 0.01, 50)
+    ridge = push_aside(height, np.ones_like(height), np.zeros_like(height), 0.01, 50)
     assert ridge == pytest.approx(height.max() - 1.0)
     assert ridge > 0.01
     assert height.sum() == pytest.approx(85.0, rel=1e-12)
     heap = np.zeros((15, 15))
     heap[7, 7] = 100.0
-    assert push_aside(heap, np.ones_like(heap), 0.01, 3) == pytest.approx(heap.max() - 1.0) != 0
+    assert push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.01, 3) == pytest.approx(heap.max() - 1.0) != 0
     assert heap.sum() == pytest.approx(100.0, rel=1e-12)
     assert heap.max() > 2.0
-    assert push_aside(heap, np.ones_like(heap), 0.01, 1000) <= 0.01
+    assert push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.01, 1000) <= 0.01
     assert heap.max() <= 1.01
     single = np.full((1, 1), 3.0)
-    assert push_aside(single, np.ones_like(single), 0.01, 5) == pytest.approx(2.0)
+    assert push_aside(single, np.ones_like(single), np.zeros_like(single), 0.01, 5) == pytest.approx(2.0)
     assert single[0, 0] == 3.0
 
 
@@ -222,7 +302,7 @@ def test_a_heap_settles_in_few_sweeps_however_wide_it_is(shape):
     distance = np.hypot(rows - shape[0] // 2, columns - shape[1] // 2)
     heap = np.where(distance < 0.2 * rim, 25.0, 0.0)
     volume = heap.sum()
-    assert push_aside(heap, np.ones_like(heap), 0.02, 100) <= 0.02
+    assert push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.02, 100) <= 0.02
     assert heap.sum() == pytest.approx(volume, rel=1e-12)
     assert heap.min() > -ROUNDING
     assert distance[heap > 0.5].max() == pytest.approx(rim, abs=1.5)
@@ -267,7 +347,7 @@ def test_pushing_aside_can_be_interrupted(monkeypatch):
     heap = np.zeros((12, 12))
     heap[6, 6] = 200.0  # more than there is room for
     with pytest.raises(KeyboardInterrupt):
-        push_aside(heap, np.ones_like(heap), 0.02, 5000)
+        push_aside(heap, np.ones_like(heap), np.zeros_like(heap), 0.02, 5000)
     assert max(calls) <= 20
 
 

@@ -100,7 +100,10 @@ def test_the_bead_is_what_the_job_gives(an225):
     assert numbers[6] == pytest.approx(an225.flow_demand[slow].sum() * an225.period - laid, abs=1)
     even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
     assert Bead(even.follow(), even.bead).values.ramp_error == pytest.approx(0, abs=1e-6)
-    assert values.overlap_share > 0  # the blob touches the turn beside it
+    usual = bead.nominal_section  # the blob is twice as wide and high
+    assert bead.width.max() / usual.width[0] == pytest.approx(2, abs=0.25)
+    assert bead.height.max() / usual.height[0] == pytest.approx(2, abs=0.25)
+    assert values.overlap_share == 0
 
 
 @pytest.mark.parametrize(

@@ -284,3 +284,12 @@ def test_a_hinge_that_turns_the_work_frees_the_work_frame(rigid):
     source.write_text(content.replace("</actuator>", '<motor name="th" joint="th" gear="10"/></actuator>'))
     tip = Machine(source).tip([[0.0, 0.0, 90.0], [100.0, 50.0, 180.0]])
     np.testing.assert_allclose(tip, [[0.0, 100.0, 50.0], [0.0, -50.0, 50.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", builtin_models())
+def test_a_machine_knows_the_needle_that_it_draws(name):
+    assert Machine(name).needle == pytest.approx((0.82, 25.4), abs=3e-3)
+
+
+def test_a_machine_without_a_drawn_needle_has_none(rigid):
+    assert rigid().needle is None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from gantrysim import Dispenser, InputError, Servo, simulate
+from gantrysim import Dispenser, InputError, Machine, Servo, simulate
 from gantrysim.bead import Bead, BeadSettings
 from gantrysim.bead.height_map import HeightMap
 from gantrysim.bead.trace import BeadTrace
@@ -208,6 +208,43 @@ def test_the_drop_has_the_size_of_the_flow(xy, run):
     flowing = np.sqrt(run.flow[stop : stop + 60 : 10] / FLOW)
     assert np.array(radii) == pytest.approx(free * flowing, rel=1e-3)
     assert not drops(xy, scene, len(run.time) - 1) or drops(xy, scene, len(run.time) - 1)[0][1][0] < 0.05 * free
+
+
+def test_a_drop_is_at_least_as_wide_as_the_face_that_it_wets(xy, run):
+    wide = dataclasses.replace(run, face=2.4)
+    ((_, size),) = drops(xy, Scene(xy, wide), len(run.time) // 2)
+    assert size[0] == pytest.approx(1.2e-3, rel=1e-2)
+
+
+@pytest.mark.parametrize(("face", "length"), [(0.82, 25.4), (2.1, 12.7), (0.31, 38.1)])
+@pytest.mark.parametrize("name", ["xy", "xyz", "stage"])
+def test_the_needle_is_drawn_in_its_size_from_the_tip_to_its_hub(run, name, face, length):
+    machine = Machine(name)
+    sized = dataclasses.replace(run, axes=machine.axis_names, face=face, needle_length=length)
+    sized = dataclasses.replace(sized, encoder=np.zeros((len(run.time), len(machine.axes))))
+    scene = Scene(machine, sized)
+    model, data = scene.model, scene.data
+    needle, site = model.geom("needle").id, data.site("nozzle")
+    assert 2e3 * model.geom_size[needle, :2] == pytest.approx([face, length])
+    axis = data.geom_xmat[needle].reshape(3, 3)[:, 2]
+    ends = data.geom_xpos[needle] + np.outer([-1, 1], axis * model.geom_size[needle, 1])
+    np.testing.assert_allclose(ends[np.linalg.norm(ends - site.xpos, axis=1).argmin()], site.xpos, atol=1e-9)
+
+    def bottom(part):
+        """Height of a part's lower end over the tip [mm]."""
+        geom = scene.model.geom(part).id
+        return 1e3 * (data.geom_xpos[geom, 2] - site.xpos[2] - model.geom_size[geom, 1])
+
+    # hub and barrel follow
+    assert bottom("hub") == pytest.approx(36.0 + length - 25.4)
+    assert bottom("syringe") == pytest.approx(45.5 + length - 25.4)
+
+
+def test_a_leaning_needle_keeps_its_length(run):
+    machine = Machine("xyzr")
+    sized = dataclasses.replace(run, encoder=np.zeros((len(run.time), 4)), face=1.27, needle_length=12.7)
+    model = Scene(machine, sized).model
+    assert 2e3 * model.geom("needle").size[:2] == pytest.approx([1.27, 25.4], rel=1e-3)
 
 
 def test_high_above_the_surface_the_drop_hangs(xy, run):

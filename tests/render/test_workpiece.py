@@ -1,6 +1,7 @@
 """The body under a bead that climbs: against closed forms, and clear of bead and needle."""
 
 import dataclasses
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -21,8 +22,8 @@ LEVEL = 0.06  # that a ledge may lie below the bead's base beside the path [mm]
 VOLUME = 0.02  # relative
 CLIMBING = ("an225-3d", "fanuc-conical", "softmc-helical")
 NEEDLE = 0.41  # radius [mm]
-# Of a bead of 1.5 mm² squashed to 0.5 mm at 60 deg: w = w_g + (A - A_g) / g, w_g = 2 g / tan 30, A_g = 0.2047 w_g².
-WIDTH = 1.7321 + (1.5 - 0.2047 * 3.0) / 0.5  # [mm]
+# Of a bead of 1.5 mm² at 60 deg with a groove of the needle's width down to 0.5 mm: the halves hold 0.2047 w_s².
+WIDTH = 2 * NEEDLE + math.sqrt((1.5 - 2 * NEEDLE * 0.5) / 0.2047)  # [mm]
 
 
 def carried(machine, path, dispense=None, flow=FLOW):

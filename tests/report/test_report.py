@@ -232,9 +232,9 @@ def test_paths_in_space_rotary_axes_and_the_stage_get_a_report(tmp_path, name):
     units = {row[0]: row[1] for row in page.rows() if len(row) == 4}
     for axis, unit in zip(bead.run.axes, bead.run.units, strict=True):
         assert units[axis] == {"mm": "µm", "deg": "mdeg"}[unit]
-    assert ("notes-of-the-controller" in page.sections) == bool(job.notes)
+    assert ("notes" in page.sections) == bool(job.notes)
     for note in job.notes:
-        assert " ".join(note.split()) in page.section("notes-of-the-controller")
+        assert " ".join(note.split()) in page.section("notes")
 
 
 def test_a_program_cannot_write_markup_into_the_page(tmp_path):

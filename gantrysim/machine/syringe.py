@@ -1,0 +1,128 @@
+"""The air in a syringe that drives its glue: its volume grows as the glue is used up, and so does the lag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from gantrysim.errors import InputError, at_least, finite, positive
+from gantrysim.jit import jit
+
+ATMOSPHERE = 101.325  # [kPa]
+
+_ML = 1e3  # mm³ per ml
+_PER_BAR = 1e6  # mm³/s at p0 per dm³/(s·bar)
+_LARGEST = 1e6  # of its values
+_STEP = 0.05  # of an integration, of the time constant
+
+
+@dataclass(frozen=True)
+class Syringe:
+    """A syringe under air from a valve through a hose.
+
+    The air above the glue and in the hose has the volume V = dead_volume + what the glue has left. Air flows in and out
+    through the sonic conductance C by ISO 6358: with upstream pressure p1, downstream pressure p2, both absolute, and
+    the critical pressure ratio b,
+
+        q = C p1 psi(p2 / p1),  psi(r) = 1 for r <= b, else sqrt(1 - ((r - b) / (1 - b))^2),
+
+    and the pressure of the air changes by dp/dt = (p0 q - p dV/dt) / V with p0 = 100 kPa. That is isothermal, as the
+    barrel's wall keeps the temperature of so little air. A pulse of pressure rises and falls with T = V / (C p0), more
+    slowly as the syringe empties. The piston has no friction. Once the glue is used up nothing more flows.
+
+    Attributes:
+        volume: glue of a full syringe [ml].
+        fill: share of it at the start of the program, above 0 and at most 1.
+        dead_volume: volume of the hose and above the glue of a full syringe [ml].
+        conductance: sonic conductance C of valve and hose; by default that of a hose of 2.5 mm by 1 m, in adiabatic
+            flow with a friction factor of 0.03 [dm³/(s·bar)].
+        critical_ratio: critical pressure ratio b of valve and hose, at least 0 and below 1; by default likewise.
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    volume: float = 10.0
+    fill: float = 1.0
+    dead_volume: float = 6.0
+    conductance: float = 0.35
+    critical_ratio: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name, unit in (("volume", "ml"), ("dead_volume", "ml"), ("conductance", "dm³/(s·bar)")):
+            if positive(f"{name} of the syringe", getattr(self, name), unit) > _LARGEST:
+                raise InputError(
+                    f"{name} of the syringe = {getattr(self, name):g} {unit}: must be at most {_LARGEST:g}"
+                )
+        if positive("fill of the syringe", self.fill) > 1:
+            raise InputError(f"fill of the syringe = {self.fill:g}: must be at most 1")
+        if at_least("critical_ratio of the syringe", self.critical_ratio, 0) >= 1:
+            raise InputError(f"critical_ratio of the syringe = {finite('', self.critical_ratio):g}: must be below 1")
+
+    @property
+    def glue(self) -> float:
+        """Volume of the glue at the start [mm³]."""
+        return _ML * self.volume * self.fill
+
+    @property
+    def air(self) -> float:
+        """Volume of the air at the start [mm³]."""
+        return _ML * (self.dead_volume + self.volume * (1 - self.fill))
+
+    @property
+    def rate(self) -> float:
+        """C p0 [mm³/s]."""
+        return _PER_BAR * self.conductance
+
+    def time_constant(self, used: float = 0.0) -> float:
+        """Return T = V / (C p0) once so much glue is used [mm³], [s]."""
+        return (self.air + used) / self.rate
+
+
+@jit
+def exchanged(pressure: float, supply: float, duration: float, constant: float, ratio: float) -> float:
+    """Return the pressure of a constant volume of air after a time under a constant supply, all absolute.
+
+    Choked, it rises linearly and falls exponentially. Above b the pressure ratio is r = b + (1 - b) sin u, with
+    du/dt = 1 / ((1 - b) T) where it rises. Where it falls r is the inverse ratio, and du/dt = r / ((1 - b) T).
+
+    Args:
+        pressure: at the beginning.
+        supply: pressure of the supply, or of what it is vented to.
+        duration: the time [s].
+        constant: T [s].
+        ratio: critical pressure ratio b.
+    """
+    left = duration / constant
+    if supply > pressure:
+        r = pressure / supply
+        if r < ratio:
+            if r + left <= ratio:
+                return pressure + supply * left
+            left -= ratio - r
+            r = ratio
+        angle = math.asin((r - ratio) / (1.0 - ratio)) + left / (1.0 - ratio)
+        return supply if angle >= 0.5 * math.pi else supply * (ratio + (1.0 - ratio) * math.sin(angle))
+    if supply < pressure:
+        r = supply / pressure
+        if r < ratio:
+            choked = math.log(ratio / r)
+            if left <= choked:
+                return pressure * math.exp(-left)
+            left -= choked
+            r = ratio
+        free = 1.0 - ratio
+        angle = math.asin((r - ratio) / free)
+        while left > 0.0 and angle < 0.5 * math.pi:  # by Runge and Kutta, of fourth order
+            step = min(left, _STEP) / free
+            a = step * (ratio + free * math.sin(angle))
+            b = step * (ratio + free * math.sin(angle + 0.5 * a))
+            c = step * (ratio + free * math.sin(angle + 0.5 * b))
+            d = step * (ratio + free * math.sin(angle + c))
+            angle += (a + 2.0 * (b + c) + d) / 6.0
+            left -= _STEP
+        return supply if angle >= 0.5 * math.pi else supply / (ratio + free * math.sin(angle))
+    return pressure
