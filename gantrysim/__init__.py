@@ -1,4 +1,4 @@
-"""Simulate a glue-dispensing gantry, and attribute the bead's error to controller, servo, encoder or structure."""
+"""Simulate a glue-dispensing gantry; locate the bead's error on the chain from program to nozzle, and find its causes."""
 
 import lazy_loader
 import wrapt

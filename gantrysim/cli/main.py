@@ -33,7 +33,7 @@ app = typer.Typer(
     cls=_Commands,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Simulate a glue-dispensing gantry and attribute the bead's error to controller, servo, encoder or structure.",
+    help="Simulate a glue-dispensing gantry; locate the bead's error from program to nozzle, and find its causes.",
 )
 app.add_typer(study_app, name="study")
 app.command()(run)

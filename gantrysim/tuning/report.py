@@ -91,7 +91,7 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
                 "budget",
                 "Error budget",
                 "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
-                "Tuning changes the tracking part; it cannot fix errors of the program, the encoder or the structure.",
+                "Tuning changes the tracking part; it cannot mend the program, the encoder or a soft structure.",
                 drawing.draw_links({phase: budget.values for phase, budget in budgets.items()}),
                 tables=[_links_table(budgets)],
             ),

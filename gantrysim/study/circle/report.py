@@ -42,7 +42,7 @@ def report(study: CircleStudy, rows: list[Row]) -> Report:
         "of ISO 230-4:2005 and 2022: F from the nominal circle about the axes' zero, G and G(b) from minimum-zone "
         "circles, D, the error of the mean radius, from the least-squares circle of both paths.",
         "Steps and spikes at reversals are not part of the standard (see gantrysim.metrics). The motors' G is that of "
-        "the motor positions; the difference to the nozzle's is the structure's.",
+        "the motor positions; the difference to the nozzle's lies between motor and nozzle.",
     ]
     if study.decay > study.reach:
         notes.append(
@@ -142,7 +142,7 @@ def _draw_chart(test: CircularTest) -> Figure:
 
 
 def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
-    """Draw the radial deviation over the angle, a panel per direction, and the structure's part, (n,) [mm], below."""
+    """Draw the radial deviation over the angle, a panel per direction, and nozzle minus motors, (n,) [mm], below."""
     with sheet(9.0, 7.2) as figure:
         *panels, last = figure.subplots(len(traces) + 1, sharex=True, height_ratios=(3,) * len(traces) + (2,))
         for panel, (name, trace) in zip(panels, traces.items(), strict=True):
@@ -169,7 +169,7 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
             panel.set_title(f"nozzle, run {name}", loc="right")
             panel.set_ylabel("outward [µm]")
         panels[-1].sharey(panels[0])
-        last.set_title("nozzle minus motors: the structure's part", loc="right")
+        last.set_title("nozzle minus motors", loc="right")
         last.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
         last.set(xlabel="angle, counter-clockwise from +x [deg]", xlim=(0, 360), ylabel="outward [µm]")
         last.set_xticks(range(0, 361, 45))
