@@ -1,4 +1,4 @@
-"""Simulate a glue-dispensing gantry; locate the bead's error on the chain from program to nozzle, and find its causes."""
+"""Simulate a glue-dispensing gantry; locate the bead's error on the chain from program to nozzle, find its causes."""
 
 import lazy_loader
 import wrapt

@@ -40,9 +40,11 @@ class Controller(ABC):
 
     Attributes:
         speed_scaling: what `arguments_at` changes, in words.
+        suffixes: of the program files that the controller reads; their content is its argument `text`.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
+    suffixes: ClassVar[tuple[str, ...]] = ()
 
     @property
     @abstractmethod

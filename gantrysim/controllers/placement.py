@@ -1,0 +1,49 @@
+"""Where a program lies on the work: shifted, turned and scaled before anything is planned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import finite, positive
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Position of a program's origin on the work, its turn about z, and a scale of its lengths; speeds stay.
+
+    Attributes:
+        x: of the program's origin in the work frame [mm].
+        y: of the program's origin in the work frame [mm].
+        rotate: counter-clockwise turn about the origin [deg].
+        scale: factor on all lengths of the program.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    rotate: float = 0.0
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("x", "mm"), ("y", "mm"), ("rotate", "deg")):
+            finite(f"placement.{name}", getattr(self, name), unit)
+        positive("placement.scale", self.scale)
+
+    def direction(self, vectors: ArrayLike) -> Floats:
+        """Return directions or displacements of the program on the work, scaled, (..., 3) [mm]."""
+        turned: Floats = self.scale * np.asarray(vectors, float) @ self._turn.T
+        return turned
+
+    def point(self, points: ArrayLike) -> Floats:
+        """Return points of the program on the work, (..., 3) [mm]."""
+        return self.direction(points) + [self.x, self.y, 0.0]
+
+    @property
+    def _turn(self) -> Floats:
+        angle = math.radians(self.rotate)
+        c, s = (round(f(angle), 15) for f in (math.cos, math.sin))  # quarter turns are exact
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
