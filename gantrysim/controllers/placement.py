@@ -40,7 +40,8 @@ class Placement:
 
     def point(self, points: ArrayLike) -> Floats:
         """Return points of the program on the work, (..., 3) [mm]."""
-        return self.direction(points) + [self.x, self.y, 0.0]
+        shift = np.array([self.x, self.y, 0.0])
+        return self.direction(points) + shift
 
     @property
     def _turn(self) -> Floats:
