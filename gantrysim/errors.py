@@ -17,6 +17,18 @@ class InputError(GantryError, ValueError):
     """A value that the user gave lies outside its bounds."""
 
 
+class TimedError(InputError):
+    """An InputError about a moment of a program.
+
+    Attributes:
+        time: of the setpoint [s].
+    """
+
+    def __init__(self, text: str, time: float = 0.0) -> None:
+        super().__init__(text)
+        self.time = time
+
+
 def finite(name: str, value: float, unit: str = "") -> float:
     """Return `value` as a float, or raise InputError where it is no finite number."""
     try:

@@ -31,7 +31,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.render import Film, Take

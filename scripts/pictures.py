@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from gantrysim import Bead, Job
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots import save_plots
 from gantrysim.render import Film, Renderer, Take

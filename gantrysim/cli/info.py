@@ -12,7 +12,8 @@ from rich.table import Table
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import described
 from gantrysim.controllers.servo import DERIVED, Servo
-from gantrysim.job.job import Job, builtin_jobs, job_text
+from gantrysim.job.job import Job
+from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine, builtin_models

@@ -78,6 +78,10 @@ class Controller(ABC):
         """Remarks on the program before it runs."""
         return ()
 
+    def line_at(self, time: float) -> int | None:
+        """Return the line of the program's text that is active at a time [s], None if it is not known."""
+        return None
+
     @property
     def free_running(self) -> bool:
         """Whether the program may start between two servo ticks."""

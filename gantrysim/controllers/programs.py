@@ -41,6 +41,35 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
     return _validated[name](**values)
 
 
+def suffixes() -> tuple[str, ...]:
+    """Return the suffixes of the program files that controllers read."""
+    return tuple(sorted({suffix for program in PROGRAMS.values() for suffix in program.suffixes}))
+
+
+def reader(suffix: str, controller: str | None = None) -> str:
+    """Return the name of the controller that reads a program file.
+
+    Args:
+        suffix: of the file, with its dot.
+        controller: its name or the part before the dot, in any case; by default that of the suffix.
+
+    Raises:
+        InputError: a suffix that no controller has, or an unknown controller.
+    """
+    reading = {name: program for name, program in PROGRAMS.items() if program.suffixes}
+    if controller is None:
+        fitting = [name for name, program in reading.items() if suffix.lower() in program.suffixes]
+        if not fitting:
+            raise unknown("kind of program file", suffix, suffixes())
+        return fitting[0]
+    wanted = controller.lower()
+    fitting = [name for name in reading if wanted in (name.lower(), name.lower().split(".")[0])]
+    fitting.sort(key=lambda name: suffix.lower() not in reading[name].suffixes)
+    if not fitting:
+        raise unknown("controller of a program file", controller, reading)
+    return fitting[0]
+
+
 def keys(name: str) -> list[str]:
     """Return the dotted names of a program's arguments, including nested ones; none of an unknown program."""
     return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []

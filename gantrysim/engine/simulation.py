@@ -12,7 +12,7 @@ from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
 from gantrysim.engine.recording import record
-from gantrysim.errors import GantryError, InputError
+from gantrysim.errors import GantryError, InputError, TimedError
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
@@ -234,15 +234,17 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         low, high = axis.travel
         for k in (int(position[:, a].argmin()), int(position[:, a].argmax())):
             if not low <= position[k, a] <= high:
-                raise InputError(
+                raise TimedError(
                     f"{axis.name} = {position[k, a]:.4g} {axis.unit} at t = {k * setpoints.period:.4g} s: "
-                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}"
+                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}",
+                    k * setpoints.period,
                 )
         k = int(speed[:, a].argmax())
         if speed[k, a] > axis.speed_limit * (1 + 1e-9):
-            raise InputError(
+            raise TimedError(
                 f"speed of {axis.name} = {speed[k, a]:.6g} {axis.unit}/s at t = {k * setpoints.period:.4g} s: "
-                f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}"
+                f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}",
+                k * setpoints.period,
             )
     return position
 

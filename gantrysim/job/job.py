@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,10 +19,11 @@ from gantrysim.controllers.programs import build, dotted, keys
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
-from gantrysim.errors import InputError, at_least, unknown
+from gantrysim.errors import InputError, TimedError, at_least
+from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.overrides import absolute_machine, change, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
-from gantrysim.job.toml_files import read_toml, validated
+from gantrysim.job.toml_files import validated
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
@@ -45,6 +45,7 @@ class Job(BaseModel):
         dispenser: arguments of `Dispenser`.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
+        source: file of the program's text, which messages name; None for a program of the job's own.
     """
 
     model_config = STRICT
@@ -56,6 +57,7 @@ class Job(BaseModel):
     dispenser: Dispenser = Dispenser()
     bead: BeadSettings = BeadSettings()
     simulation: SimulationSettings = SimulationSettings()
+    source: str | None = None
 
     @field_validator("program")
     @classmethod
@@ -71,8 +73,12 @@ class Job(BaseModel):
         overrides: Iterable[str] = (),
         machine: str | None = None,
         servo: str | os.PathLike[str] | None = None,
+        *,
+        controller: str | None = None,
+        placement: Mapping[str, float] | None = None,
+        speed: float | None = None,
     ) -> Job:
-        """Return a built-in job, or the job in a TOML file.
+        """Return a built-in job, the job in a TOML file, or one that runs a program file.
 
         Args:
             job: name or path.
@@ -80,26 +86,59 @@ class Job(BaseModel):
                 last parts where they are unique.
             machine: machine to use instead of the job's.
             servo: TOML file whose table [servo] replaces the job's, before the overrides.
+            controller: that reads a program file, as in "fanuc"; by default the one of the file's suffix.
+            placement: of the program on the work, attributes of `Placement` by name.
+            speed: of the program's fastest motion, see `at_speed` [mm/s].
 
         Raises:
             InputError: an unknown job, or an invalid key or value.
         """
-        content, folder = _read_job(str(job))
+        content, folder, label = read_job(str(job), controller)
         for section in ("program", "servo", "dispenser", "bead", "simulation"):
             if not isinstance(content.get(section, {}), dict):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
         if servo is not None:
-            content["servo"] = _servo_table(Path(servo))
+            content["servo"] = servo_table(Path(servo))
+        for key, value in (placement or {}).items():
+            change(content, f"program.placement.{key}", value, _known_keys(content))
         for setting in overrides:
             override(content, setting, _known_keys(content))
         if machine is not None:
             content["machine"] = absolute_machine(machine, Path())
         elif isinstance(content.get("machine"), str):
             content["machine"] = absolute_machine(content["machine"], folder)
-        loaded = validated(Job, content, f"job {job}")
+        loaded = validated(Job, content, label)
         if servo is not None:
             loaded._check_axes(Path(servo))
-        return loaded
+        return loaded if speed is None else loaded.at_speed(speed)
+
+    def at_speed(self, speed: float) -> Job:
+        """Return the job with its program at another speed.
+
+        Args:
+            speed: of the fastest motion; slower ones change in proportion [mm/s].
+
+        Raises:
+            InputError: the program states no speed, or the speed is not positive.
+        """
+        with self._located():
+            arguments = self.controller.arguments_at(speed)
+        return self.changed({f"program.{key}": value for key, value in arguments.items()})
+
+    @contextmanager
+    def _located(self) -> Iterator[None]:
+        """Name the program's file, and the line where it is known, in errors that the program causes."""
+        try:
+            yield
+        except InputError as error:
+            line = self.controller.line_at(error.time - self._wait) if isinstance(error, TimedError) else None
+            where = f"line {line}: " if line is not None else ""
+            if self.source is None and not where:
+                raise
+            text = str(error)
+            if self.source is not None and not text.startswith(f"{self.source}: "):
+                where = f"{self.source}: {where}"
+            raise type(error)(where + text, **vars(error)) from None
 
     def _check_axes(self, servo: Path) -> None:
         """Check that the lists of a servo file have as many values as the machine has axes."""
@@ -226,7 +265,19 @@ class Job(BaseModel):
     def setpoints(self) -> Setpoints:
         """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
-        return self.dispenser.held_back(self.controller.setpoints(self.built_servo.period)).hold(settle)
+        with self._located():
+            return self.dispenser.held_back(self._sent).hold(settle)
+
+    @cached_property
+    def _sent(self) -> Setpoints:
+        """The program's own setpoints."""
+        return self.controller.setpoints(self.built_servo.period)
+
+    @property
+    def _wait(self) -> float:
+        """Time for which the dispenser holds the program back [s]."""
+        held = self.dispenser.held_back(self._sent)
+        return (len(held.position) - len(self._sent.position)) * self._sent.period
 
     def run(self, progress: Callable[[float], None] | None = None, machine: Machine | None = None) -> Run:
         """Run the job and return the record.
@@ -241,49 +292,20 @@ class Job(BaseModel):
                 `simulate`.
         """
         self._check_stability()
-        return simulate(
-            self.built_machine if machine is None else machine,
-            self.built_servo,
-            self.setpoints,
-            physics_step=self.simulation.physics_step,
-            dispenser=self.dispenser,
-            progress=progress,
-        )
+        with self._located():
+            return simulate(
+                self.built_machine if machine is None else machine,
+                self.built_servo,
+                self.setpoints,
+                physics_step=self.simulation.physics_step,
+                dispenser=self.dispenser,
+                progress=progress,
+            )
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
-        return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
-
-
-def builtin_jobs() -> list[str]:
-    """Return the names of the built-in jobs."""
-    return sorted(Path(item.name).stem for item in files("gantrysim.jobs").iterdir() if item.name.endswith(".toml"))
-
-
-def job_text(name: str) -> str:
-    """Return the TOML of a built-in job."""
-    return (files("gantrysim.jobs") / f"{name}.toml").read_text(encoding="utf-8")
-
-
-def _read_job(job: str) -> tuple[dict[str, Any], Path]:
-    """Return the content of a job, and the folder that its relative paths start from."""
-    if job in builtin_jobs():
-        return tomllib.loads(job_text(job)), Path()
-    path = Path(job).expanduser()
-    if not path.exists():
-        raise unknown("job", job, builtin_jobs())
-    return read_toml(path, f"job {job}"), path.parent
-
-
-def _servo_table(file: Path) -> dict[str, Any]:
-    """Return the table [servo] of a TOML file, with keys and types checked."""
-    label = f"servo {file}"
-    content = read_toml(file.expanduser(), label)
-    table = content.get("servo")
-    if not isinstance(table, dict):
-        raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
-    validated(ServoSettings, table, label)
-    return table
+        with self._located():
+            return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
 
 
 def _known_keys(content: dict[str, Any]) -> list[str]:

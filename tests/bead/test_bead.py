@@ -17,7 +17,7 @@ from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.cli.tables import outcome_table
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.sections import bead_section
 from gantrysim.run import Fault
 

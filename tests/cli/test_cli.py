@@ -20,7 +20,7 @@ from gantrysim import Fault, Job, Run, metrics
 from gantrysim.cli.start import last_words
 from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report.summary import summary as summary_of
 

@@ -16,7 +16,7 @@ import gantrysim
 from gantrysim import Budget, Job, metrics
 from gantrysim.bead import Bead
 from gantrysim.cli.main import app
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}

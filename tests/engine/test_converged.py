@@ -14,7 +14,7 @@ import pytest
 
 from gantrysim import Budget, Job, simulate_batch
 from gantrysim.bead import Bead
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.summary import summary
 
 FINE = 12.5e-6  # [s]

@@ -13,7 +13,7 @@ from gantrysim.errors import InputError
 from gantrysim.job import causes as module
 from gantrysim.job.causes import CAUSES, HEADS, Cause, Setup
 from gantrysim.job.ideal import FINE
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS
 
 from support.runs import PERIOD, plain

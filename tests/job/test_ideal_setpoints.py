@@ -12,7 +12,7 @@ from gantrysim import Job, Machine, Servo, perfect_follower
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path, unhurried
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 
 from support.runs import PERIOD, ramp

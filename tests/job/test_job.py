@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job
-from gantrysim.job.job import builtin_jobs, job_text
+from gantrysim.job.loading import builtin_jobs, job_text
 
 SHORT = ["diameter=40", "turns=1", "settle=0.05"]
 

@@ -16,7 +16,7 @@ from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.job.job import builtin_jobs
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.run import Fault, Run

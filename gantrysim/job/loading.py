@@ -1,0 +1,79 @@
+"""Where a job comes from: a built-in one, a TOML file, or a program file of a motion controller."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from gantrysim.controllers.programs import reader, suffixes
+from gantrysim.errors import InputError, unknown
+from gantrysim.job.settings import ServoSettings
+from gantrysim.job.toml_files import read_toml, validated
+
+
+def builtin_jobs() -> list[str]:
+    """Return the names of the built-in jobs."""
+    return sorted(Path(item.name).stem for item in files("gantrysim.jobs").iterdir() if item.name.endswith(".toml"))
+
+
+def job_text(name: str) -> str:
+    """Return the TOML of a built-in job."""
+    return (files("gantrysim.jobs") / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], Path, str]:
+    """Return the content of a job, the folder that its relative paths start from, and how messages name it.
+
+    Args:
+        job: name of a built-in job, path of a TOML file, or path of a program file.
+        controller: that reads the program file, by default the one of the file's suffix.
+
+    Raises:
+        InputError: an unknown job, a file that cannot be read, or one that no controller reads.
+    """
+    if job in builtin_jobs():
+        content, folder = tomllib.loads(job_text(job)), Path()
+    else:
+        path = Path(job).expanduser()
+        if not path.exists():
+            raise unknown("job", job, builtin_jobs())
+        if path.suffix.lower() in suffixes() or (controller is not None and path.suffix.lower() != ".toml"):
+            name = re.sub(r"[^\w .+-]", "_", path.stem) or "program"
+            return {"name": name, **_program({"file": path.name}, path.parent, controller)}, path.parent, job
+        content, folder = read_toml(path, f"job {job}"), path.parent
+    program = content.get("program")
+    if isinstance(program, dict) and "file" in program:
+        content |= _program(program, folder, controller)
+    elif controller is not None:
+        raise InputError(f"--controller {controller}: job {job} has a program of its own; it is for program files")
+    return content, folder, f"job {job}"
+
+
+def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> dict[str, Any]:
+    """Return the program's table with the text of its file, and the file's name for messages."""
+    file = table["file"]
+    if not isinstance(file, str):
+        raise InputError(f"program.file = {file!r}: must be the path of a program file")
+    path = folder / Path(file).expanduser()
+    named = controller if controller is not None else table.get("controller")
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    rest = {key: value for key, value in table.items() if key != "file"}
+    return {"program": {**rest, "controller": reader(path.suffix, named), "text": text}, "source": file}
+
+
+def servo_table(file: Path) -> dict[str, Any]:
+    """Return the table [servo] of a TOML file, with keys and types checked."""
+    label = f"servo {file}"
+    content = read_toml(file.expanduser(), label)
+    table = content.get("servo")
+    if not isinstance(table, dict):
+        raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
+    validated(ServoSettings, table, label)
+    return table
