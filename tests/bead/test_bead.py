@@ -501,7 +501,7 @@ def test_extreme_settings_cause_no_warning():
 
 def printed(bead):
     console = Console(width=200, file=StringIO())
-    console.print(outcome_table(bead.run, bead.analysis.values, bead.values))
+    console.print(outcome_table(bead.run, bead.analysis.values, bead.values, None))
     return console.file.getvalue()
 
 

@@ -162,7 +162,7 @@ def test_the_row_of_the_start_equals_a_run_of_the_job(outcome):
     study, done, _ = outcome
     row = done.rows[0]
     assert (row["stage"], row["machine"]) == ("start", 0)
-    contour = Budget(study.job.run()).analysis.nozzle.distance
+    contour = Budget(study.run(study.job.built_servo)).analysis.nozzle.distance
     assert row["contour_rms_um"] == pytest.approx(1e3 * np.sqrt(np.mean(contour**2)), rel=EXACT)
 
 

@@ -1,0 +1,59 @@
+"""A job with a servo of small margin says so, and one with an unstable servo is refused unless it is allowed."""
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.cli.tables import outcome_table
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.stability.margins import margins_of
+
+SHORT = ("diameter=40", "turns=1")
+
+
+def with_gains(factor, *more):
+    """The spiral of one turn with kp and kd of y times a factor."""
+    servo = Job.load("an225", SHORT).built_servo
+    gains = [f"servo.{name}={np.multiply(getattr(servo, name), (1, factor)).tolist()}" for name in ("kp", "kd")]
+    return Job.load("an225", (*SHORT, *gains, *more))
+
+
+def edge():
+    job = Job.load("an225", SHORT)
+    return margins_of(job.built_machine, job.built_servo)[1].gain
+
+
+def text_of(table):
+    return " ".join(cell for column in table.columns for cell in column.cells)
+
+
+@pytest.mark.parametrize(("margin", "noted"), [(1.6, False), (1.4, True), (1.05, True)])
+def test_a_margin_below_one_and_a_half_is_a_note_in_table_and_summary(margin, noted):
+    job = with_gains(edge() / margin)
+    run = job.run()
+    notes = [note for note in job.notes if note.startswith("servo: y is gain 1.")]
+    assert bool(notes) is noted
+    shown = text_of(outcome_table(run, Analysis(run).values, None, job.margins))
+    assert f"{margin:.2f}" in shown
+    assert ("low, below 1.5" in shown) is noted
+
+
+def test_an_unstable_servo_is_refused_unless_it_is_allowed():
+    job = with_gains(1.1 * edge())
+    line = "^servo on machine xy: y is unstable, stable with its gains times 0.91: lower the gains or leave them out"
+    with pytest.raises(InputError, match=line):
+        job.run()
+    assert with_gains(1.1 * edge(), "allow_unstable=true").run().time.size > 0
+
+
+def test_the_command_refuses_an_unstable_servo_with_status_2(gantrysim_command, tmp_path):
+    gains = ["--set", "kp=5.0", "--set", "kd=0.02"]
+    status, _, errors = gantrysim_command("run", "an225", *gains, "--out", tmp_path / "out")
+    assert status == 2
+    assert "unstable" in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_gains_of_ones_own_are_said_to_be_given():
+    assert with_gains(1.0).servo_reason == "kp, kd as given"
+    assert Job.load("an225").servo_reason.startswith("natural frequency 26.9 Hz: the lags of sampling")
