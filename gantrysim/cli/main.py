@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from gantrysim.cli.check import check
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
@@ -37,6 +38,7 @@ app = typer.Typer(
 )
 app.add_typer(study_app, name="study")
 app.command()(run)
+app.command()(check)
 app.command()(tune)
 app.command("render")(render_command)
 app.command()(view)

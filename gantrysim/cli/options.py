@@ -2,13 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-Model = Annotated[str | None, typer.Option(help="Machine to use instead of the job's: built-in or an MJCF file.")]
+from gantrysim.errors import point
+
+Model = Annotated[
+    str | None,
+    typer.Option("--machine", "--model", help="Machine to use instead of the job's: built-in or an MJCF file."),
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the job, as in --set loop_period=0.01."),
 ]
+Reader = Annotated[
+    str | None,
+    typer.Option(help="Controller that reads a program file, such as linuxcnc; by default that of its suffix."),
+]
+Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion [mm/s].")]
+At = Annotated[str | None, typer.Option(metavar="X,Y", help="Place of the program's origin on the work [mm].")]
+Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin [deg].")]
+Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
 Colour = Annotated[str, typer.Option(help="Colour the bead by: plain, width, or error (the contour error).")]
+
+
+def placement(at: str | None, rotate: float | None, scale: float | None) -> dict[str, float]:
+    """Return the attributes of a `Placement` that are given."""
+    given: dict[str, float] = {}
+    if at is not None:
+        parts: list[Any] = at.split(",")
+        given["x"], given["y"] = point("--at", parts)
+    given |= {name: value for name, value in (("rotate", rotate), ("scale", scale)) if value is not None}
+    return given

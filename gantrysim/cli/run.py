@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.cli.options import Model, Settings
+from gantrysim.cli.options import At, Model, Reader, Rotate, Scale, Settings, Speed, placement
 from gantrysim.cli.terminal import FAULT, interruptible, say, share_bar, show, warn
 from gantrysim.errors import InputError
 
 
 def run(
-    job: Annotated[str, typer.Argument(help="Built-in job or TOML file.")] = "an225",
+    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
     out: Annotated[Path | None, typer.Option(help="Output folder; by default out/ and the job's name.")] = None,
     model: Model = None,
     settings: Settings = None,
@@ -24,6 +24,11 @@ def run(
     causes: Annotated[
         bool, typer.Option("--causes", help="Run the job again with one cause of error at a time switched off.")
     ] = False,
+    controller: Reader = None,
+    speed: Speed = None,
+    at: At = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
 ) -> None:
@@ -48,7 +53,15 @@ def run(
     from gantrysim.report.headline import headline
     from gantrysim.report.page import write_run_page
 
-    loaded = Job.load(job, settings or (), model, servo)
+    loaded = Job.load(
+        job,
+        settings or (),
+        model,
+        servo,
+        controller=controller,
+        placement=placement(at, rotate, scale),
+        speed=speed,
+    )
     machine = loaded.built_machine
     folder = out if out is not None else Path("out") / loaded.name
     no_video = None

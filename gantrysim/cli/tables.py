@@ -9,7 +9,8 @@ from rich.table import Table
 
 from gantrysim.bead import BeadValues
 from gantrysim.job.causes import HEADS, TITLE, Causes, cell_text
-from gantrysim.job.job import LOW_MARGIN
+from gantrysim.job.margins import LOW_MARGIN
+from gantrysim.job.plan import Plan
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
@@ -84,6 +85,26 @@ def outcome_table(
     table.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*values.end_point))
     if bead is not None:
         _add_bead(table, bead)
+    return table
+
+
+def plan_table(name: str, plan: Plan) -> Table:
+    """Return what a job commands: lengths, time and extents."""
+    table = Table.grid(padding=(0, 2))
+    table.title, table.title_justify = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated"), "left"
+    table.add_row("requested path", f"{plan.length:.3f} mm", "")
+    table.add_row("commanded way", f"{plan.way:.3f} mm", f"{plan.glue:.3f} mm with glue")
+    table.add_row("time", f"{plan.duration:.3f} s", f"at most {plan.speed:.2f} mm/s")
+    for k, axis in enumerate("xyz"):
+        table.add_row(f"tip {axis}", f"{plan.box[0, k]:.3f} to {plan.box[1, k]:.3f} mm", "")
+    for axis, extent in plan.travel.items():
+        low, high = extent.bounds
+        unit, fastest = plan.units[axis], plan.speeds[axis]
+        table.add_row(
+            f"axis {axis}",
+            f"{extent.least:.3f} to {extent.largest:.3f} {unit}",
+            f"of {low:g} to {high:g}; at most {fastest.largest:.4g} of {fastest.bounds[1]:.4g} {unit}/s",
+        )
     return table
 
 

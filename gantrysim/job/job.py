@@ -15,21 +15,21 @@ from pydantic import BaseModel, Field, field_validator
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.derivation import loop
-from gantrysim.controllers.programs import build, dotted, keys
+from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, TimedError, at_least
 from gantrysim.job.loading import read_job, servo_table
-from gantrysim.job.overrides import absolute_machine, change, override
+from gantrysim.job.margins import check_stability, margin_notes
+from gantrysim.job.overrides import absolute_machine, change, known_keys, override, place
+from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.job.toml_files import validated
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
-
-LOW_MARGIN = 1.5  # gain margin below which a run says so
 
 _SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
 
@@ -99,10 +99,9 @@ class Job(BaseModel):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
         if servo is not None:
             content["servo"] = servo_table(Path(servo))
-        for key, value in (placement or {}).items():
-            change(content, f"program.placement.{key}", value, _known_keys(content))
+        place(content, placement or {}, known_keys(content))
         for setting in overrides:
-            override(content, setting, _known_keys(content))
+            override(content, setting, known_keys(content))
         if machine is not None:
             content["machine"] = absolute_machine(machine, Path())
         elif isinstance(content.get("machine"), str):
@@ -160,7 +159,7 @@ class Job(BaseModel):
         """
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
-            change(content, key, value, _known_keys(content))
+            change(content, key, value, known_keys(content))
         return validated(Job, content, f"job {self.name}")
 
     def overridden(self, overrides: Iterable[str]) -> Job:
@@ -171,7 +170,7 @@ class Job(BaseModel):
         """
         content = self.model_dump(exclude_none=True)
         for setting in overrides:
-            override(content, setting, _known_keys(content))
+            override(content, setting, known_keys(content))
         return validated(Job, content, f"job {self.name}")
 
     def sharing(self, other: Job) -> Job:
@@ -202,7 +201,7 @@ class Job(BaseModel):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Notes of the controller on its program, of the dispenser on its syringe, and on a servo of small margin."""
-        notes = (*self.controller.notes, *self.margin_notes)
+        notes = (*self.controller.notes, *margin_notes(self.built_machine, self.margins))
         if self.dispenser.syringe is None:
             return notes
         return notes + self.dispenser.notes(self.follow().flow, self.setpoints.period)
@@ -238,29 +237,6 @@ class Job(BaseModel):
         """Stability margins of each axis, None if the machine cannot be linearised."""
         return margins_of(self.built_machine, self.built_servo)
 
-    @property
-    def margin_notes(self) -> tuple[str, ...]:
-        """A note for each axis whose gain margin is below 1.5."""
-        named = zip(self.built_machine.axis_names, self.margins or (), strict=False)
-        return tuple(
-            f"servo: {name} is {margins}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
-            for name, margins in named
-            if min(margins.gain, margins.together) < LOW_MARGIN
-        )
-
-    def _check_stability(self) -> None:
-        """Raise InputError for a servo that is unstable on the machine, unless the job allows it."""
-        unstable = [
-            f"{name} is {margins}"
-            for name, margins in zip(self.built_machine.axis_names, self.margins or (), strict=False)
-            if not margins.stable
-        ]
-        if unstable and not self.simulation.allow_unstable:
-            raise InputError(
-                f"servo on machine {self.built_machine.name}: {'; '.join(unstable)}: lower the gains or leave them out "
-                "to have them derived, or set simulation.allow_unstable = true to run it all the same"
-            )
-
     @cached_property
     def setpoints(self) -> Setpoints:
         """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
@@ -291,7 +267,8 @@ class Job(BaseModel):
             InputError: a servo that is unstable on the job's machine, unless `simulation.allow_unstable`; and as
                 `simulate`.
         """
-        self._check_stability()
+        if not self.simulation.allow_unstable:
+            check_stability(self.built_machine, self.margins)
         with self._located():
             return simulate(
                 self.built_machine if machine is None else machine,
@@ -302,15 +279,23 @@ class Job(BaseModel):
                 progress=progress,
             )
 
+    def plan(self) -> Plan:
+        """Return what the job commands, without simulating it.
+
+        Raises:
+            InputError: a program that the controller or the machine refuses.
+        """
+        with self._located():
+            controller = self.controller
+            return plan_of(
+                self.built_machine,
+                self.program["controller"],
+                self.setpoints,
+                controller.requested.length,
+                controller.duration,
+            )
+
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
         with self._located():
             return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
-
-
-def _known_keys(content: dict[str, Any]) -> list[str]:
-    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": SimulationSettings}
-    known = ["name", "machine", "program.controller"]
-    known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
-    known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]
-    return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]

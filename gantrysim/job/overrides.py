@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
+from gantrysim.bead import BeadSettings
+from gantrysim.controllers.programs import dotted, keys
 from gantrysim.errors import InputError, unknown
+from gantrysim.job.settings import ServoSettings, SimulationSettings
+from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import builtin_models
 
 Content = dict[str, Any]  # of a job file
@@ -59,6 +65,20 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
     table[leaf] = value
 
 
+def place(content: Content, placement: Mapping[str, float], known: Sequence[str]) -> None:
+    """Set attributes of the program's `Placement` in the content of a job file.
+
+    Raises:
+        InputError: the program's controller takes none.
+    """
+    for name, value in placement.items():
+        key = f"program.placement.{name}"
+        if key not in known:
+            controller = content.get("program", {}).get("controller")
+            raise InputError(f"--at, --rotate, --scale: a program of {controller} cannot be placed on the work")
+        change(content, key, value, known)
+
+
 def absolute_machine(machine: str, folder: Path) -> str:
     """Return the name of a built-in machine unchanged, and the path of a file in `folder` as an absolute path."""
     if machine in builtin_models() or not (set(machine) & set("./\\~")):
@@ -75,3 +95,12 @@ def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
         if not isinstance(table, dict):
             raise InputError(f"{source}: {section} is not a table in this job")
     return table, leaf
+
+
+def known_keys(content: Content) -> list[str]:
+    """Return the full dotted keys of a job with this content."""
+    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": SimulationSettings}
+    known = ["name", "machine", "program.controller"]
+    known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
+    known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]
+    return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]

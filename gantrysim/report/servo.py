@@ -6,7 +6,8 @@ import math
 
 from gantrysim.controllers.law import GAINS
 from gantrysim.controllers.servo import NOTCH, Servo
-from gantrysim.job.job import LOW_MARGIN, Job
+from gantrysim.job.job import Job
+from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.report.document import Column, Section, Table

@@ -229,7 +229,7 @@ def test_the_installed_command_from_another_folder(tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
-    [(["run", "--speed", "3"], "error: No such option: --speed"), (["runn"], "error: No such command 'runn'")],
+    [(["run", "--sped", "3"], "error: No such option: --sped"), (["runn"], "error: No such command 'runn'")],
 )
 def test_an_unknown_command_or_option_is_one_line(gantrysim_command, arguments, text):
     status, printed, errors = gantrysim_command(*arguments)

@@ -1,0 +1,29 @@
+"""What a job says of the stability of its servo, and when it refuses to run."""
+
+from __future__ import annotations
+
+from gantrysim.errors import InputError
+from gantrysim.machine.machine import Machine
+from gantrysim.stability.margins import Margins
+
+LOW_MARGIN = 1.5  # gain margin below which a run says so
+
+
+def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple[str, ...]:
+    """Return a note for each axis whose gain margin is below 1.5."""
+    return tuple(
+        f"servo: {name} is {own}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
+        for name, own in zip(machine.axis_names, margins or (), strict=False)
+        if min(own.gain, own.together) < LOW_MARGIN
+    )
+
+
+def check_stability(machine: Machine, margins: tuple[Margins, ...] | None) -> None:
+    """Raise InputError for a servo that is unstable on its machine."""
+    named = zip(machine.axis_names, margins or (), strict=False)
+    unstable = [f"{name} is {own}" for name, own in named if not own.stable]
+    if unstable:
+        raise InputError(
+            f"servo on machine {machine.name}: {'; '.join(unstable)}: lower the gains or leave them out to have them "
+            "derived, or set simulation.allow_unstable = true to run it all the same"
+        )
