@@ -100,7 +100,7 @@ def glue_table() -> Table:
 def gains_table(period: float = ServoSettings().period) -> Table:
     """Return the default gains of each machine at a servo period [s]."""
     servos = {name: Servo.derive(Machine(name).axes, period) for name in builtin_models()}
-    hidden = ("resolution", "notch_width", "notch_depth")  # in the machines' table, or the same for all
+    hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")  # the machine's own, or the same for all
     shown = [g for g in DERIVED if g.name not in hidden and any(any(getattr(s, g.name)) for s in servos.values())]
     units = ", ".join(f"{g.name} {g.unit}" for g in shown)
     table = _table(
@@ -108,7 +108,7 @@ def gains_table(period: float = ServoSettings().period) -> Table:
         ("machine", "axis"),
         (
             "Hz",
-            *(g.name.replace("acceleration", "accel.").replace("frequency", "Hz").replace("_", "\n") for g in shown),
+            *(g.name.replace("notch_frequency", "notch_Hz").replace("_", "\n") for g in shown),
         ),
         f"Hz: natural frequency; {units}; u: mm or deg",
     )
