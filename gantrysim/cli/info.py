@@ -101,19 +101,23 @@ def glue_table() -> Table:
 def gains_table(period: float = ServoSettings().period) -> Table:
     """Return the default gains of each machine at a servo period [s]."""
     servos = {name: Servo.derive(Machine(name).axes, period) for name in builtin_models()}
-    shown = [g for g in DERIVED if g.name != "resolution" and any(any(getattr(s, g.name)) for s in servos.values())]
+    hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")  # the machine's own, or the same for all
+    shown = [g for g in DERIVED if g.name not in hidden and any(any(getattr(s, g.name)) for s in servos.values())]
     units = ", ".join(f"{g.name} {g.unit}" for g in shown)
     table = _table(
         f"default gains at a servo period of {1e3 * period:g} ms",
         ("machine", "axis"),
-        ("Hz", *(g.name.replace("_", "\n_") for g in shown)),
+        (
+            "Hz",
+            *(g.name.replace("notch_frequency", "notch_Hz").replace("_", "\n") for g in shown),
+        ),
         f"Hz: natural frequency; {units}; u: mm or deg",
     )
     for name, servo in servos.items():
         axes = Machine(name).axes
         for a, axis in enumerate(axes):
             frequency = math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi)
-            gains = [f"{getattr(servo, g.name)[a]:.3g}" for g in shown]
+            gains = [f"{getattr(servo, g.name)[a]:.3g}" if getattr(servo, g.name)[a] else "–" for g in shown]
             table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
         table.add_section()
     return table
