@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gantrysim.cli.options import At, Model, Reader, Rotate, Scale, Settings, Speed, placement
 from gantrysim.cli.terminal import FAULT, interruptible, say, share_bar, show, warn
-from gantrysim.errors import InputError
+
+if TYPE_CHECKING:
+    from gantrysim.job.job import Job
+    from gantrysim.run import Run
 
 
 def run(
@@ -41,17 +45,8 @@ def run(
     Exit status: 0 for a complete run, 2 for bad input, 3 for a run that ended in a fault, 130 after Ctrl-C, which
     leaves the output folder unchanged.
     """
-    from gantrysim.bead import Bead
-    from gantrysim.cli.tables import causes_table, links_table, outcome_table
-    from gantrysim.job.causes import causes_of
     from gantrysim.job.job import Job
-    from gantrysim.metrics.analysis import Analysis
-    from gantrysim.metrics.budget import Budget
-    from gantrysim.plots import save_plots
-    from gantrysim.render import NoOpenGLError, save_video
-    from gantrysim.report.folder import PLOTS, REPORT, VIDEO, output_folder, write_run
-    from gantrysim.report.headline import headline
-    from gantrysim.report.page import write_run_page
+    from gantrysim.report.folder import output_folder, write_fault
 
     loaded = Job.load(
         job,
@@ -64,47 +59,78 @@ def run(
     )
     machine = loaded.built_machine
     folder = out if out is not None else Path("out") / loaded.name
-    no_video = None
+    shown: list[Callable[[], None]] = []
     with interruptible("nothing is written") as go_on, output_folder(folder) as scratch:
         with share_bar("simulate", go_on) as advance:
             record = loaded.run(advance)
         if record.fault is not None and not record.dispense.any():
-            raise InputError(f"nothing to evaluate, the run ended before the dispenser was on: {record.fault}")
-        analysis = Analysis(record)
-        budget = Budget(analysis)
-        bead = Bead(record, loaded.bead, analysis)
-        laid = bead.values if bead.nominal > 0 else None
-        found = None
-        if causes and record.fault is None:
-            with share_bar("causes", go_on) as advance:
-                found = causes_of(loaded, record, advance)
-        write_run(scratch, loaded, machine, budget, laid, found)
-        if with_report:
-            with share_bar("plot", go_on) as advance:
-                save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
-        if video:
-            try:
-                with share_bar("video", go_on) as advance:
-                    save_video(machine, record, scratch / VIDEO, bead=loaded.bead, label=loaded.name, progress=advance)
-            except NoOpenGLError as error:
-                no_video = f"no video: {error}"
-        if with_report:
-            with share_bar("report", go_on) as advance:
-                write_run_page(scratch / REPORT, loaded, machine, bead, scratch / VIDEO, advance, found)
+            write_fault(scratch, loaded, machine, record)
+            say("the run ended before the dispenser was on: there are no errors to evaluate")
+        else:
+            shown = _evaluated(scratch, loaded, record, go_on, causes=causes, video=video, with_report=with_report)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
-    show(links_table(loaded.name, machine, budget))
-    if found is not None:
-        show(causes_table(found))
-    show(outcome_table(record, analysis.values, laid, loaded.margins))
-    say(headline(budget), wrap=True)
+    for show_one in shown:
+        show_one()
     say(f"servo: {loaded.servo_reason}", wrap=True)
     for note in loaded.notes:
         say(f"note: {note}")
-    if no_video:
-        warn(no_video)
     say(f"written to {folder}/: {', '.join(written)}")
     if record.fault is not None:
         if causes:
             say("note: no causes, they are those of a complete run")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)
+
+
+def _evaluated(
+    scratch: Path,
+    job: Job,
+    record: Run,
+    go_on: Callable[[], None],
+    *,
+    causes: bool,
+    video: bool,
+    with_report: bool,
+) -> list[Callable[[], None]]:
+    """Write everything that follows from a record; return what is to be shown of it once it is in place."""
+    from gantrysim.bead import Bead
+    from gantrysim.cli.tables import causes_table, links_table, outcome_table
+    from gantrysim.job.causes import causes_of
+    from gantrysim.metrics.analysis import Analysis
+    from gantrysim.metrics.budget import Budget
+    from gantrysim.plots import save_plots
+    from gantrysim.render import NoOpenGLError, save_video
+    from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run
+    from gantrysim.report.headline import headline
+    from gantrysim.report.page import write_run_page
+
+    machine, analysis = job.built_machine, Analysis(record)
+    budget = Budget(analysis)
+    bead = Bead(record, job.bead, analysis)
+    laid = bead.values if bead.nominal > 0 else None
+    found = None
+    shown: list[Callable[[], None]] = []
+    if causes and record.fault is None:
+        with share_bar("causes", go_on) as advance:
+            found = causes_of(job, record, advance)
+    write_run(scratch, job, machine, budget, laid, found)
+    if with_report:
+        with share_bar("plot", go_on) as advance:
+            save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
+    shown.append(lambda: show(links_table(job.name, machine, budget)))
+    if found is not None:
+        table = causes_table(found)
+        shown.append(lambda: show(table))
+    shown.append(lambda: show(outcome_table(record, analysis.values, laid, job.margins)))
+    shown.append(lambda: say(headline(budget), wrap=True))
+    if video:
+        try:
+            with share_bar("video", go_on) as advance:
+                save_video(machine, record, scratch / VIDEO, bead=job.bead, label=job.name, progress=advance)
+        except NoOpenGLError as error:
+            missing = f"no video: {error}"
+            shown.append(lambda: warn(missing))
+    if with_report:
+        with share_bar("report", go_on) as advance:
+            write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found)
+    return shown

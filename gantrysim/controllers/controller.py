@@ -40,10 +40,12 @@ class Controller(ABC):
 
     Attributes:
         speed_scaling: what `arguments_at` changes, in words.
+        commands_axes: whether it gives positions of the axes of a machine that turns its work, not in the work frame.
         suffixes: of the program files that the controller reads; their content is its argument `text`.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
+    commands_axes: ClassVar[bool] = False
     suffixes: ClassVar[tuple[str, ...]] = ()
 
     @property

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass as validated
 
 from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
-from gantrysim.errors import unknown
+from gantrysim.errors import InputError, unknown
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
@@ -38,7 +38,28 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
     """
     if name not in PROGRAMS:
         raise unknown("controller", name, PROGRAMS)
+    reject_booleans(PROGRAMS[name], values)
     return _validated[name](**values)
+
+
+def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = "") -> None:
+    """Raise InputError for true or false where a number belongs, which pydantic would take as 1 or 0.
+
+    Args:
+        kind: dataclass, or other class with annotations, of the values.
+        values: by name.
+        prefix: of the names in the message.
+    """
+    hints = get_type_hints(kind)
+    for name, value in values.items():
+        hint = hints.get(name)
+        kinds = {hint, *get_args(hint)}
+        items = value if isinstance(value, list | tuple) else [value]
+        if any(isinstance(item, bool) for item in items) and hint and bool not in kinds and Any not in kinds:
+            raise InputError(f"{prefix}{name} = {str(value).lower()}: true and false are no numbers")
+        nested = next((one for one in kinds if isinstance(one, type) and is_dataclass(one)), None)
+        if isinstance(value, Mapping) and nested is not None:
+            reject_booleans(nested, value, f"{prefix}{name}.")
 
 
 def suffixes() -> tuple[str, ...]:

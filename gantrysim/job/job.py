@@ -10,19 +10,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import BaseModel, Field, field_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.derivation import loop
-from gantrysim.controllers.programs import build
+from gantrysim.controllers.programs import build, reject_booleans
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, TimedError, at_least
+from gantrysim.job.fitting import check_frame, check_geometry
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
-from gantrysim.job.overrides import absolute_machine, change, known_keys, override, place
+from gantrysim.job.overrides import TABLES, absolute_machine, change, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.job.toml_files import validated
@@ -58,6 +59,15 @@ class Job(BaseModel):
     bead: BeadSettings = BeadSettings()
     simulation: SimulationSettings = SimulationSettings()
     source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reject_booleans(cls, values: Any) -> Any:
+        for section, kind in TABLES.items():
+            table = values.get(section) if isinstance(values, dict) else None
+            if isinstance(table, dict):
+                reject_booleans(kind, table, f"{section}.")
+        return values
 
     @field_validator("program")
     @classmethod
@@ -267,6 +277,7 @@ class Job(BaseModel):
             InputError: a servo that is unstable on the job's machine, unless `simulation.allow_unstable`; and as
                 `simulate`.
         """
+        self._check_fit()
         if not self.simulation.allow_unstable:
             check_stability(self.built_machine, self.margins)
         with self._located():
@@ -286,6 +297,7 @@ class Job(BaseModel):
             InputError: a program that the controller or the machine refuses.
         """
         with self._located():
+            self._check_fit()
             controller = self.controller
             return plan_of(
                 self.built_machine,
@@ -294,6 +306,12 @@ class Job(BaseModel):
                 controller.requested.length,
                 controller.duration,
             )
+
+    def _check_fit(self) -> None:
+        """Raise InputError unless program and machine speak of the same frame and geometry."""
+        name = self.program["controller"]
+        check_frame(self.built_machine, self.controller, name)
+        check_geometry(self.built_machine, self.controller, self.setpoints, name)
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import dotted, keys
 from gantrysim.errors import InputError, unknown
@@ -17,6 +15,14 @@ from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import builtin_models
 
 Content = dict[str, Any]  # of a job file
+
+# the tables of a job file besides the program's
+TABLES: dict[str, type[Any]] = {
+    "servo": ServoSettings,
+    "simulation": SimulationSettings,
+    "dispenser": Dispenser,
+    "bead": BeadSettings,
+}
 
 
 def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None:
@@ -99,8 +105,7 @@ def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
 
 def known_keys(content: Content) -> list[str]:
     """Return the full dotted keys of a job with this content."""
-    sections: dict[str, type[BaseModel]] = {"servo": ServoSettings, "simulation": SimulationSettings}
     known = ["name", "machine", "program.controller"]
-    known += [f"{section}.{key}" for section, model in sections.items() for key in model.model_fields]
-    known += [f"dispenser.{key}" for key in dotted(Dispenser)] + [f"bead.{key}" for key in dotted(BeadSettings)]
+    for section, kind in TABLES.items():
+        known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted(kind)]
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gantrysim.bead import BeadValues
 from gantrysim.errors import InputError
@@ -17,7 +18,8 @@ from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.summary import summary
+from gantrysim.report.summary import fault_summary, summary
+from gantrysim.run import Run
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run
@@ -135,9 +137,16 @@ def write_run(
     causes: Causes | None = None,
 ) -> None:
     """Write job, record, summary, and the controller's own record into a folder."""
-    run = budget.analysis.run
+    _write(folder, job, budget.analysis.run, summary(job, machine, budget, bead, causes))
+
+
+def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:
+    """Write the files of a run that a fault ended before the dispenser was on."""
+    _write(folder, job, run, fault_summary(job, machine, run))
+
+
+def _write(folder: Path, job: Job, run: Run, content: dict[str, Any]) -> None:
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
     run.save(folder / RUN)
-    content = json.dumps(summary(job, machine, budget, bead, causes), indent=2, allow_nan=False)
-    (folder / SUMMARY).write_text(content + "\n", encoding="utf-8")
+    (folder / SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     job.controller.write_record(run, folder / RECORD)

@@ -70,6 +70,21 @@ def summary(
     }
 
 
+def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
+    """Return the content of summary.json for a run that a fault ended before the dispenser was on: it has no errors."""
+    return {
+        "job": job.name,
+        "machine": machine.name,
+        "error_budget": None,
+        "duration_s": float(run.time[-1]),
+        "end_point_mm": run.nozzle[-1].tolist(),
+        "bead": None,
+        "notes": list(job.notes),
+        "fault": _fault(run),
+        "versions": versions(machine),
+    }
+
+
 def versions(machine: Machine) -> dict[str, str]:
     """Return the versions that the numbers of a run depend on, and the digest of the compiled machine."""
     return {**package_versions(), "machine_sha256": machine.digest}

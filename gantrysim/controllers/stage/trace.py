@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,6 +69,8 @@ class OutlineTrace(Controller):
     Raises:
         InputError: a value out of bounds, an edge too short for its arcs, or an outline beyond the stage's travel.
     """
+
+    commands_axes: ClassVar[bool] = True
 
     width: float = 100.0
     height: float = 60.0
