@@ -17,7 +17,7 @@ from gantrysim.machine.machine import builtin_models
 Content = dict[str, Any]  # of a job file
 
 # the tables of a job file besides the program's
-TABLES: dict[str, type[Any]] = {
+TABLES: dict[str, Any] = {
     "servo": ServoSettings,
     "simulation": SimulationSettings,
     "dispenser": Dispenser,
