@@ -7,27 +7,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tomli_w
-from pydantic import BaseModel, Field, field_validator, model_validator
-
-from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.derivation import loop
-from gantrysim.controllers.programs import build, reject_booleans
+from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, TimedError, at_least
+from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_frame, check_geometry
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
-from gantrysim.job.overrides import TABLES, absolute_machine, change, known_keys, override, place
+from gantrysim.job.overrides import absolute_machine, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
-from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.job.toml_files import validated
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
@@ -35,7 +30,7 @@ from gantrysim.stability.margins import Margins, margins_of
 _SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
 
 
-class Job(BaseModel):
+class Job(JobContent):
     """Complete description of a run, read from TOML and written back with every default.
 
     Attributes:
@@ -48,33 +43,6 @@ class Job(BaseModel):
         simulation: physics step and settling time.
         source: file of the program's text, which messages name; None for a program of the job's own.
     """
-
-    model_config = STRICT
-
-    name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
-    machine: str = "xy"
-    program: dict[str, Any]
-    servo: ServoSettings = ServoSettings()
-    dispenser: Dispenser = Dispenser()
-    bead: BeadSettings = BeadSettings()
-    simulation: SimulationSettings = SimulationSettings()
-    source: str | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _reject_booleans(cls, values: Any) -> Any:
-        for section, kind in TABLES.items():
-            table = values.get(section) if isinstance(values, dict) else None
-            if isinstance(table, dict):
-                reject_booleans(kind, table, f"{section}.")
-        return values
-
-    @field_validator("program")
-    @classmethod
-    def _check_program(cls, value: dict[str, Any]) -> dict[str, Any]:
-        values = dict(value)
-        name = str(values.pop("controller", None))
-        return {"controller": name, **build(name, values).arguments()}
 
     @classmethod
     def load(
@@ -140,14 +108,14 @@ class Job(BaseModel):
         try:
             yield
         except InputError as error:
-            line = self.controller.line_at(error.time - self._wait) if isinstance(error, TimedError) else None
-            where = f"line {line}: " if line is not None else ""
-            if self.source is None and not where:
+            text, line = str(error), None
+            if isinstance(error, TimedError):
+                line = self.controller.line_at(error.time - self._wait)
+            if line is not None:
+                text = f"line {line}: {text}"
+            if not text.startswith("line "):
                 raise
-            text = str(error)
-            if self.source is not None and not text.startswith(f"{self.source}: "):
-                where = f"{self.source}: {where}"
-            raise type(error)(where + text, **vars(error)) from None
+            raise InputError(f"{self.source or 'program'}: {text}") from None
 
     def _check_axes(self, servo: Path) -> None:
         """Check that the lists of a servo file have as many values as the machine has axes."""
@@ -158,30 +126,6 @@ class Job(BaseModel):
                     f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
                     f"{', '.join(axes)} of machine {self.built_machine.name}"
                 )
-
-    def changed(self, values: Mapping[str, Any]) -> Job:
-        """Return the job with other values by their full dotted keys, as in {"program.loop_period": 0.01}.
-
-        None removes a key, which restores its default.
-
-        Raises:
-            InputError: an invalid key or value.
-        """
-        content = self.model_dump(exclude_none=True)
-        for key, value in values.items():
-            change(content, key, value, known_keys(content))
-        return validated(Job, content, f"job {self.name}")
-
-    def overridden(self, overrides: Iterable[str]) -> Job:
-        """Return the job with values changed by "key=value", as `load` takes them.
-
-        Raises:
-            InputError: an invalid key or value.
-        """
-        content = self.model_dump(exclude_none=True)
-        for setting in overrides:
-            override(content, setting, known_keys(content))
-        return validated(Job, content, f"job {self.name}")
 
     def sharing(self, other: Job) -> Job:
         """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
@@ -197,10 +141,6 @@ class Job(BaseModel):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Job.model_validate, (self.model_dump(),)  # without a compiled machine, which cannot be pickled
-
-    def toml(self) -> str:
-        """Return the job as TOML, with every default."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
 
     @cached_property
     def controller(self) -> Controller:

@@ -1,0 +1,75 @@
+"""What stands in a job file: read, checked, changed and written back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, Self
+
+import tomli_w
+from pydantic import BaseModel, Field, field_validator, model_validator
+
+from gantrysim.bead import BeadSettings
+from gantrysim.controllers.programs import build, reject_booleans
+from gantrysim.job.overrides import TABLES, change, known_keys, override
+from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
+from gantrysim.job.toml_files import validated
+from gantrysim.machine.dispenser import Dispenser
+
+
+class JobContent(BaseModel):
+    """The tables and values of a job file, see `gantrysim.job.job.Job`."""
+
+    model_config = STRICT
+
+    name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
+    machine: str = "xy"
+    program: dict[str, Any]
+    servo: ServoSettings = ServoSettings()
+    dispenser: Dispenser = Dispenser()
+    bead: BeadSettings = BeadSettings()
+    simulation: SimulationSettings = SimulationSettings()
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reject_booleans(cls, values: Any) -> Any:
+        for section, kind in TABLES.items():
+            table = values.get(section) if isinstance(values, dict) else None
+            if isinstance(table, dict):
+                reject_booleans(kind, table, f"{section}.")
+        return values
+
+    @field_validator("program")
+    @classmethod
+    def _check_program(cls, value: dict[str, Any]) -> dict[str, Any]:
+        values = dict(value)
+        name = str(values.pop("controller", None))
+        return {"controller": name, **build(name, values).arguments()}
+
+    def changed(self, values: Mapping[str, Any]) -> Self:
+        """Return the job with other values by their full dotted keys, as in {"program.loop_period": 0.01}.
+
+        None removes a key, which restores its default.
+
+        Raises:
+            InputError: an invalid key or value.
+        """
+        content = self.model_dump(exclude_none=True)
+        for key, value in values.items():
+            change(content, key, value, known_keys(content))
+        return validated(type(self), content, f"job {self.name}")
+
+    def overridden(self, overrides: Iterable[str]) -> Self:
+        """Return the job with values changed by "key=value", as `load` takes them.
+
+        Raises:
+            InputError: an invalid key or value.
+        """
+        content = self.model_dump(exclude_none=True)
+        for setting in overrides:
+            override(content, setting, known_keys(content))
+        return validated(type(self), content, f"job {self.name}")
+
+    def toml(self) -> str:
+        """Return the job as TOML, with every default."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
