@@ -77,7 +77,7 @@ def _label(axes: Axes, value: float, row: int, right: bool, **style: Any) -> Non
 def draw_path(budgets: Mapping[Phase, Budget]) -> Figure:
     """Draw the contour error and its tracking part along the path, at the start and tuned."""
     with sheet(10.7, 2.4 * len(budgets) + 0.8) as figure:
-        panels = figure.subplots(len(budgets), sharex=True, squeeze=False)[:, 0]
+        panels = figure.subplots(len(budgets), sharex=True, sharey=True, squeeze=False)[:, 0]
         for panel, (phase, budget) in zip(panels, budgets.items(), strict=True):
             s, ticks = budget.analysis.nozzle.s, budget.analysis.ticks
             gaps = np.flatnonzero(np.diff(ticks) > 1) + 1

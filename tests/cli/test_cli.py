@@ -163,13 +163,18 @@ def test_a_fault_is_reported_recorded_and_has_its_own_exit_status(gantrysim_comm
     assert f"fault: {fault['text']}" in errors.replace("\n", " ")
 
 
-def test_a_fault_before_the_dispenser_is_on_is_named(gantrysim_command, tmp_path):
+def test_a_fault_before_the_dispenser_is_on_is_recorded_too(gantrysim_command, tmp_path):
     out = tmp_path / "out"
-    status, _, errors = gantrysim_command("run", "fanuc-spiral", "--set", "torque_limit=0.02", "--out", out)
-    assert status == 2
-    assert errors.startswith("error: nothing to evaluate, the run ended before the dispenser was on: ")
+    status, output, errors = gantrysim_command("run", "fanuc-spiral", "--set", "torque_limit=0.02", "--out", out)
+    assert status == 3
+    assert errors.startswith("fault: ")
     assert " on axis y at t = 0." in errors
-    assert not out.exists()
+    assert "there are no errors to evaluate" in output
+    assert sorted(path.name for path in out.iterdir()) == ["job.toml", "run.npz", "summary.json"]
+    written = json.loads((out / "summary.json").read_text())
+    assert written["error_budget"] is None
+    assert written["fault"]["text"] in errors
+    assert Run.load(out / "run.npz").time.size > 1
 
 
 BAD = {

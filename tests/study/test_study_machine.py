@@ -73,6 +73,15 @@ def test_a_small_influence_is_significant_if_a_large_one_explains_the_rest():
     assert abs(found[1].coefficient) < 0.35  # which by itself, of 64 and six factors, could be chance
 
 
+def test_with_few_machines_for_many_factors_a_dominant_one_is_still_significant():
+    """Sixteen machines, fourteen factors: a regression alone has one degree of freedom left."""
+    drawn = factors(16, "abcdefghijklmn", seed=4)
+    metric = drawn["c"] + 0.1 * np.random.default_rng(1).normal(size=16)
+    found, _ = influences(drawn, metric)
+    assert [one.factor for one in found if one.clear] == ["c"]
+    assert spearmanr(drawn["c"], metric).statistic > 0.85
+
+
 def test_false_alarms_are_about_one_study_in_twenty():
     generator = np.random.default_rng(2)
     alarms = [
