@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 
 import numpy as np
 
@@ -27,6 +29,14 @@ class TimedError(InputError):
     def __init__(self, text: str, time: float = 0.0) -> None:
         super().__init__(text)
         self.time = time
+
+
+def expanded(path: str | os.PathLike[str]) -> Path:
+    """Return a path with ~ as the home folder, or raise InputError where there is none."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise InputError(f"{os.fspath(path)}: there is no such home folder") from None
 
 
 def finite(name: str, value: float, unit: str = "") -> float:
@@ -55,6 +65,14 @@ def at_least(name: str, value: float, bound: float, unit: str = "") -> float:
     number = finite(name, value, unit)
     if number < bound:
         raise InputError(f"{name} = {_quantity(number, unit)}: must be at least {_quantity(bound, unit)}")
+    return number
+
+
+def between(name: str, value: float, low: float, high: float, unit: str = "") -> float:
+    """Return `value` as a float, or raise InputError where it is not finite and from `low` to `high`."""
+    number = finite(name, value, unit)
+    if not low <= number <= high:
+        raise InputError(f"{name} = {_quantity(number, unit)}: must be {low:g} to {_quantity(high, unit)}")
     return number
 
 

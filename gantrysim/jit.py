@@ -11,8 +11,21 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def jit(function: _Function) -> _Function:
-    """Compile a function and cache the result on disk."""
-    return numba.njit(cache=True, error_model="numpy")(function)
+    """Compile a function and cache the result on disk, or in memory alone where no folder can be written."""
+    return cached(numba.njit, error_model="numpy")(function)
+
+
+def cached(compiler: Callable[..., Any], *signature: Any, **options: Any) -> Callable[[_Function], _Function]:
+    """Return one of numba's decorators with its cache on disk, or without where no folder can be written."""
+
+    def decorate(function: _Function) -> _Function:
+        try:
+            decorated: _Function = compiler(*signature, cache=True, **options)(function)
+        except RuntimeError:  # numba finds no place for the cache
+            decorated = compiler(*signature, **options)(function)
+        return decorated
+
+    return decorate
 
 
 def inner_jit(function: _Function) -> _Function:

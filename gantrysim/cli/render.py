@@ -10,7 +10,7 @@ import typer
 
 from gantrysim.cli.options import Colour
 from gantrysim.cli.terminal import interruptible, say, share_bar, warn
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, expanded, positive
 
 _COMPARISON = "comparison"
 
@@ -116,7 +116,7 @@ def _target(folders: list[Path], out: Path | None, at: float | None) -> Path:
 
     if out is None:
         suffix = FILMS[0] if at is None else PICTURES[0]
-        first = folders[0].expanduser()
+        first = expanded(folders[0])
         if len(folders) == 1:
             return first / f"{RENDER}{suffix}"
         return (first if first.name and first.name != ".." else first.resolve()).parent / f"{_COMPARISON}{suffix}"
@@ -125,4 +125,4 @@ def _target(folders: list[Path], out: Path | None, at: float | None) -> Path:
         raise InputError(f"--out {out}: suffix = {out.suffix!r}: must be {', '.join(FILMS)} or {PICTURES[0]}")
     if at is not None and suffix in FILMS:
         raise InputError(f"--at {at:g} with --out {out}: --at draws a single picture: must be {PICTURES[0]}")
-    return out.expanduser()
+    return expanded(out)

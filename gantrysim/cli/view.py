@@ -13,7 +13,7 @@ import typer
 
 from gantrysim.cli.options import Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, expanded, positive
 
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
@@ -59,7 +59,7 @@ def view(
     from gantrysim.view.display import check_display
 
     positive("speed", speed)
-    folder = Path(shown).expanduser()
+    folder = expanded(shown)
     saved = _is_saved(shown, folder)
     if saved and (model is not None or settings):
         raise InputError(f"run {shown}: a saved run cannot be changed; --model and --set apply to live jobs only")

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.controllers import notch
 from gantrysim.controllers.law import GAIN_NAMES, compensator
-from gantrysim.errors import positive
+from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Margins, Plant
 from gantrysim.stability.motion import Motion
@@ -21,6 +21,8 @@ LARGEST_PEAK = 2.0  # of its |S|
 # Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
 NOTCH_WIDTH = 0.35
 NOTCH_DEPTH = 0.1
+
+FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]
 
 _SLOWER = 0.97  # from one frequency tried to the next
 _SLOWEST = 1e-3  # relative to what the lags leave room for
@@ -99,7 +101,7 @@ def loop(
     """
     loops = [_AxisLoop(axis, period, damping, integral_time, delay) for axis in axes]
     if frequency is not None:
-        at, why = positive("frequency", frequency, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
+        at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
         slowest = max(axes, key=lambda axis: axis.lag)
         lag = slowest.lag + period + delay

@@ -10,8 +10,12 @@ from functools import cached_property
 from gantrysim.controllers import notch
 from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, loop, pd_gains
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
-from gantrysim.errors import InputError, at_least, finite, positive
+from gantrysim.errors import InputError, at_least, between, finite, positive
 from gantrysim.stability.compensator import Compensator
+
+_LARGEST_GAIN = 1e9
+_DAMPINGS = (1e-3, 1e3)
+_LONGEST_PERIOD = 1.0  # [s]
 
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
 
@@ -64,7 +68,8 @@ class Servo:
     notch_depth: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        positive("servo period", self.period, "s")
+        if positive("servo period", self.period, "s") > _LONGEST_PERIOD:
+            raise InputError(f"servo period = {self.period:g} s: must be at most {_LONGEST_PERIOD:g} s")
         for name, value in _NO_NOTCH.items():
             if not getattr(self, name):
                 object.__setattr__(self, name, (value,) * len(self.kp))
@@ -133,8 +138,9 @@ class Servo:
         axes = tuple(axes)
         if not axes:
             raise InputError("a servo must have at least one axis")
-        positive("servo period", period, "s")
-        zeta = positive("damping", damping)
+        if positive("servo period", period, "s") > _LONGEST_PERIOD:
+            raise InputError(f"servo period = {period:g} s: must be at most {_LONGEST_PERIOD:g} s")
+        zeta = between("damping", damping, *_DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
@@ -171,4 +177,6 @@ def _checked(name: str, value: float) -> float:
         return value if value == math.inf else positive(name, value)
     if name == "resolution":
         return at_least("encoder resolution", value, 0, "mm")
-    return finite(name, value)
+    if abs(finite(name, value)) > _LARGEST_GAIN:
+        raise InputError(f"{name} = {value:g}: must be at most {_LARGEST_GAIN:g}")
+    return float(value)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.controllers.programs import reader, suffixes
-from gantrysim.errors import InputError, unknown
+from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.job.settings import ServoSettings
 from gantrysim.job.toml_files import read_toml, validated
 
@@ -38,7 +38,7 @@ def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], P
     if job in builtin_jobs():
         content, folder = tomllib.loads(job_text(job)), Path()
     else:
-        path = Path(job).expanduser()
+        path = expanded(job)
         if not path.exists():
             raise unknown("job", job, builtin_jobs())
         if path.suffix.lower() in suffixes() or (controller is not None and path.suffix.lower() != ".toml"):
@@ -58,7 +58,7 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> 
     file = table["file"]
     if not isinstance(file, str):
         raise InputError(f"program.file = {file!r}: must be the path of a program file")
-    path = folder / Path(file).expanduser()
+    path = folder / expanded(file)
     named = controller if controller is not None else table.get("controller")
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -71,7 +71,7 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> 
 def servo_table(file: Path) -> dict[str, Any]:
     """Return the table [servo] of a TOML file, with keys and types checked."""
     label = f"servo {file}"
-    content = read_toml(file.expanduser(), label)
+    content = read_toml(expanded(file), label)
     table = content.get("servo")
     if not isinstance(table, dict):
         raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")

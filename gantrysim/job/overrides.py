@@ -9,7 +9,7 @@ from typing import Any
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import dotted, keys
-from gantrysim.errors import InputError, unknown
+from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import builtin_models
@@ -65,6 +65,8 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
         value = tomllib.loads(f"value = {right}")["value"]
     except tomllib.TOMLDecodeError:
         value = right.strip()
+    except RecursionError:
+        raise InputError(f"--set {key}: is nested too deeply") from None
     if key == "machine" and isinstance(value, str):
         value = absolute_machine(value, Path())
     table, leaf = _table_of(content, key, option)
@@ -89,7 +91,7 @@ def absolute_machine(machine: str, folder: Path) -> str:
     """Return the name of a built-in machine unchanged, and the path of a file in `folder` as an absolute path."""
     if machine in builtin_models() or not (set(machine) & set("./\\~")):
         return machine
-    return str((folder / Path(machine).expanduser()).absolute())
+    return str((folder / expanded(machine)).absolute())
 
 
 def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:

@@ -21,6 +21,8 @@ def read_toml(file: Path, label: str) -> dict[str, Any]:
         raise InputError(f"{label}: no such file") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{label}: is not TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{label}: is nested too deeply") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{label}: cannot be read: {error}") from None
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, positive, unknown
+from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.kinematics import Kinematics
@@ -291,7 +291,7 @@ def _find(model: str | Path) -> Path:
     builtin = builtin_models()
     if text in builtin:
         return Path(str(files("gantrysim.models") / f"{text}.xml"))
-    path = Path(text).expanduser()
+    path = expanded(text)
     if path.is_file():
         return path.resolve()
     if path.suffix or path.parent != Path():

@@ -9,7 +9,7 @@ import inspect
 import sys
 import zlib
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numba
 import numpy as np
@@ -17,7 +17,7 @@ from numba import types
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import law, notch
-from gantrysim.jit import inner_jit
+from gantrysim.jit import cached, inner_jit
 from gantrysim.native import pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
@@ -242,22 +242,22 @@ def compiled() -> Compiled:
     nuserdata_at, userdata_at = offsets()["nuserdata"], offsets()["userdata"]
     row_size, key = ROW_NUMBERS, magic()
 
-    @numba.cfunc(types.void(types.int64, types.int64), cache=True, error_model="numpy")
+    @cached(numba.cfunc, types.void(types.int64, types.int64), error_model="numpy")
     def callback(model, data):
         _step(model, data, nuserdata_at, userdata_at, row_size, key)
 
-    @numba.njit(types.boolean(types.int64, types.int64), cache=True, error_model="numpy")
+    @cached(numba.njit, types.boolean(types.int64, types.int64), error_model="numpy")
     def sample(data, userdata):
         return row_at(userdata).magic == key and _sample(data, userdata)
 
-    @numba.njit(types.void(types.int64, types.int64), cache=True, error_model="numpy")
+    @cached(numba.njit, types.void(types.int64, types.int64), error_model="numpy")
     def command(data, userdata):
         if row_at(userdata).magic == key:
             _command(data, userdata)
 
-    @numba.njit(types.void(types.int64, types.int64), cache=True, error_model="numpy")
+    @cached(numba.njit, types.void(types.int64, types.int64), error_model="numpy")
     def output(data, userdata):
         if row_at(userdata).magic == key:
             _output(data, userdata)
 
-    return Compiled(callback.ctypes, sample, command, output)
+    return Compiled(cast(Any, callback).ctypes, sample, command, output)

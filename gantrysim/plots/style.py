@@ -50,6 +50,9 @@ _STYLE: dict[Any, Any] = {
 }
 
 
+_OF_THE_PROCESS = ("backend", "backend_fallback", "interactive", "toolbar", "timezone", "datapath")
+
+
 @contextmanager
 def sheet(width: float, height: float) -> Iterator[Figure]:
     """Yield an empty figure of a width and height [inch] to draw on in the common style."""
@@ -57,7 +60,10 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
+    # over matplotlib's own defaults: a matplotlibrc of the user's has no say
+    known = matplotlib.rcParamsDefault
+    defaults = {key: known[key] for key in known if key not in _OF_THE_PROCESS}
+    with matplotlib.rc_context({**defaults, **_STYLE}):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure

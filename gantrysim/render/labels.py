@@ -10,6 +10,7 @@ from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import PROGRAMS, described
+from gantrysim.errors import expanded
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.dispenser import Dispenser
@@ -33,7 +34,7 @@ def labels_of(runs: Sequence[SavedRun]) -> list[str]:
     differing = [key for key in keys if any(job.get(key) != jobs[0].get(key) for job in jobs)]
     values = [[_text(run.job, key, job.get(key)) for key in differing] for run, job in zip(runs, jobs, strict=True)]
     if not 1 <= len(differing) <= _MOST_KEYS or any(len(text) > _LONGEST_VALUE for row in values for text in row):
-        names = [run.folder.expanduser().resolve().name for run in runs]
+        names = [expanded(run.folder).resolve().name for run in runs]
         return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
     last = [key.rpartition(".")[2] for key in differing]
     names = [short if last.count(short) == 1 else key for short, key in zip(last, differing, strict=True)]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.bead import BeadValues
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, expanded
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
@@ -52,7 +52,7 @@ class Output:
         Raises:
             InputError: it is a file, or holds files of these names without `mark`.
         """
-        target = folder.expanduser().absolute()
+        target = expanded(folder).absolute()
         if target.exists() and not target.is_dir():
             raise InputError(f"--out {folder}: is a file, must be a folder")
         foreign = [name for name in self.files if (target / name).exists()]

@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, expanded
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.folder import JOB, RUN, SUMMARY
@@ -54,7 +54,7 @@ class SavedRun:
             InputError: no such folder, no run in it, or a machine that is missing or has other axes now.
         """
         place = Path(folder)
-        where = place.expanduser()
+        where = expanded(place)
         if not where.exists():
             raise InputError(f"run {place}: no such folder; gantrysim run JOB --out {place} makes one")
         if not where.is_dir():
@@ -64,7 +64,7 @@ class SavedRun:
             raise InputError(f"run {place}: holds no run: {' and '.join(missing)} missing")
         record = Run.load(where / RUN)
         job = Job.load(where / JOB)
-        if job.machine not in builtin_models() and not Path(job.machine).expanduser().is_file():
+        if job.machine not in builtin_models() and not expanded(job.machine).is_file():
             raise InputError(
                 f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "
                 f"to one of {', '.join(builtin_models())}"

@@ -37,9 +37,11 @@ def on_backend(name: str | None) -> Iterator[None]:
             yield
         return
     from joblib import parallel_config
-    from joblib.parallel import BACKENDS
+    from joblib.parallel import BACKENDS, get_active_backend
 
     if name not in BACKENDS:
         raise unknown("backend", name, [*BACKENDS, f"{_DASK}=ADDRESS"])
     with parallel_config(backend=name):
+        if not getattr(get_active_backend()[0], "supports_return_generator", False):
+            raise InputError(f"--backend {name}: gives no results before all are there; use loky, threading or dask")
         yield

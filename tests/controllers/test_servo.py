@@ -108,7 +108,7 @@ def test_each_term_of_the_law_has_its_own_gain():
 
 BAD = {
     "period": ({"period": 0.0}, "servo period = 0 s: must be greater than 0 s"),
-    "damping": ({"damping": -1.0}, "damping = -1: must be greater than 0"),
+    "damping": ({"damping": -1.0}, "damping = -1: must be 0.001 to 1000"),
     "frequency": ({"frequency": math.nan}, "frequency = nan Hz: must be finite"),
     "integral": ({"integral_time": 0.0}, "integral_time = 0 s: must be greater than 0 s; inf"),
     "delay": ({"delay": 2e-3}, "servo delay = 0.002 s: must be at most the period, 0.001 s"),

@@ -1,0 +1,88 @@
+"""Input at the edges: home folders that do not exist, extreme numbers, deep nesting, other people's settings."""
+
+import numpy as np
+import pytest
+
+from gantrysim.plots.style import sheet
+
+LINES = {
+    "job in a home": (["check", "~nobody-here/x.toml"], "~nobody-here/x.toml: there is no such home folder"),
+    "output in a home": (["run", "an225", "--out", "~nobody-here/x"], "~nobody-here/x: there is no such home folder"),
+    "machine in a home": (["check", "an225", "--machine", "~nobody-here/x.xml"], "there is no such home folder"),
+    "long period": (["check", "an225", "--set", "servo.period=1e308"], "servo period = 1e+308 s: must be at most 1 s"),
+    "large gain": (["check", "an225", "--set", "servo.kp=1e308"], "kp = 1e+308: must be at most 1e+09"),
+    "deep list": (["check", "an225", "--set", f"kp={'[' * 5000}{']' * 5000}"], "is nested too deeply"),
+    "backend": (
+        ["study", "loop", "an225", "--backend", "multiprocessing"],
+        "--backend multiprocessing: gives no results before all are there; use loky, threading or dask",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "line"), LINES.values(), ids=LINES.keys())
+def test_bad_input_is_one_line_and_status_2(gantrysim_command, tmp_path, monkeypatch, arguments, line):
+    monkeypatch.chdir(tmp_path)
+    status, _, errors = gantrysim_command(*arguments)
+    assert status == 2
+    assert errors.startswith("error: ")
+    assert line in errors
+    assert errors.count("\n") == 1
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_deeply_nested_job_file_is_refused(gantrysim_command, tmp_path):
+    file = tmp_path / "deep.toml"
+    file.write_text(f"x = {'[' * 5000}{']' * 5000}\n")
+    status, _, errors = gantrysim_command("check", file)
+    assert status == 2
+    assert "is nested too deeply" in errors
+
+
+KEYS = (
+    "speed",
+    "diameter",
+    "thickness",
+    "loop_period",
+    "acceleration",
+    "servo.damping",
+    "frequency",
+    "flow",
+    "gap",
+    "cell",
+)
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("value", ["1e308", "-1e308", "1e-308", "nan", "inf"])
+def test_extreme_numbers_never_end_in_a_traceback(gantrysim_command, key, value):
+    status, _, errors = gantrysim_command("check", "an225", "--set", f"{key}={value}")
+    assert status in (0, 2)
+    assert (status == 0) is (not errors)
+
+
+def test_a_users_matplotlibrc_does_not_change_the_plots():
+    import matplotlib
+
+    def drawn():
+        with sheet(3.0, 2.0) as figure:
+            figure.add_subplot().plot([0, 1], [0, 1])
+            figure.canvas.draw()
+            return np.asarray(figure.canvas.buffer_rgba()).copy()
+
+    plain = drawn()
+    foreign = {"font.size": 30, "axes.facecolor": "red", "text.usetex": True, "lines.linewidth": 9}
+    with matplotlib.rc_context(foreign):
+        assert np.array_equal(drawn(), plain)
+
+
+def test_code_is_compiled_where_no_folder_can_be_written(monkeypatch):
+    from numba.core import caching
+
+    from gantrysim.jit import jit
+
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+
+    def double(x):
+        return 2 * x
+
+    assert jit(double)(21) == 42
