@@ -54,7 +54,7 @@ class Command:
 
 def _order(p: Process, move: Move) -> None:
     """Hand a move to the axes; the program waits where the buffer is full."""
-    motion = p.controller.motion
+    motion = p.state.motion
     if not motion.order(move):
         p.blocked = lambda: motion.order(move)
 
@@ -114,7 +114,9 @@ def _movelink(p: Process, values: Values, line: int) -> None:
 def _linked(p: Process, kind: int, line: int, shape: Shape, link: float, options: Values) -> Move:
     bits = int(options[0]) if options else 0
     if bits & ~(REPEATS | ABSOLUTE | FORWARD_ONLY) or (options and bits != options[0]):
-        raise InputError(f"link options = {options[0]:g}: must be a sum of 2 (at a position), 4 (repeated), 32 (forward)")
+        raise InputError(
+            f"link options = {options[0]:g}: must be a sum of 2 (from a position), 4 (repeat), 32 (forward)"
+        )
     if bool(bits & ABSOLUTE) != (len(options) > 1):
         raise InputError("link position: must be given with link option 2, and with no other")
     start = options[1] if bits & ABSOLUTE else None
@@ -135,7 +137,7 @@ def _profile(p: Process, first: float, last: float, scale: float, length: float)
     begin, end = index("TABLE", first, TABLE_SIZE), index("TABLE", last, TABLE_SIZE)
     if not 1 <= end - begin < MOST_POINTS:
         raise InputError(f"cam from TABLE({begin}) to TABLE({end}): must have 2 to {MOST_POINTS} points")
-    table, units = p.controller.table, p.controller.motion.axis(p.base[0]).units
+    table, units = p.state.table, p.state.motion.axis(p.base[0]).units
     missing = [k for k in range(begin, end + 1) if k not in table]
     if missing:
         raise InputError(f"cam: TABLE({missing[0]}) must be set before")
@@ -143,17 +145,17 @@ def _profile(p: Process, first: float, last: float, scale: float, length: float)
 
 
 def _addax(p: Process, values: Values, line: int) -> None:
-    p.controller.motion.superimpose(p.base[0], None if values[0] == -1 else _axis(p, values[0]))
+    p.state.motion.superimpose(p.base[0], None if values[0] == -1 else _axis(p, values[0]))
 
 
 def _cancel(p: Process, values: Values, line: int) -> None:
-    p.controller.motion.cancel(p.base[0], _mode(values))
+    p.state.motion.cancel(p.base[0], _mode(values))
 
 
 def _rapidstop(p: Process, values: Values, line: int) -> None:
     mode = _mode(values)
-    for number in list(p.controller.motion.axes):
-        p.controller.motion.cancel(number, mode)
+    for number in list(p.state.motion.axes):
+        p.state.motion.cancel(number, mode)
 
 
 def _mode(values: Values) -> int:
@@ -165,7 +167,7 @@ def _mode(values: Values) -> int:
 
 def _defpos(p: Process, values: Values, line: int) -> None:
     for number, value in zip(p.axes(len(values)), values, strict=True):
-        axis = p.controller.motion.axis(number)
+        axis = p.state.motion.axis(number)
         axis.zero = axis.position - value
 
 
@@ -177,8 +179,8 @@ def _base(p: Process, values: Values, line: int) -> None:
 
 
 def _op(p: Process, values: Values, line: int) -> None:
-    output, outputs = index("OP", values[0], MOST_OUTPUTS), p.controller.outputs
-    p.controller.switched.add(output)
+    output, outputs = index("OP", values[0], MOST_OUTPUTS), p.state.outputs
+    p.state.switched.add(output)
     if values[1]:
         outputs.add(output)
     else:
@@ -188,15 +190,15 @@ def _op(p: Process, values: Values, line: int) -> None:
 def _table(p: Process, values: Values, line: int) -> None:
     first = index("TABLE", values[0], TABLE_SIZE)
     index("TABLE", first + len(values) - 2, TABLE_SIZE)
-    p.controller.table.update(enumerate(values[1:], first))
+    p.state.table.update(enumerate(values[1:], first))
 
 
 def _wa(p: Process, values: Values, line: int) -> None:
-    p.ready += p.controller.wait(values[0])
+    p.ready += p.state.wait(values[0])
 
 
 def _axis(p: Process, value: float) -> int:
-    return p.controller.motion.axis(value).number
+    return p.state.motion.axis(value).number
 
 
 def _switch(name: str, value: float) -> bool:

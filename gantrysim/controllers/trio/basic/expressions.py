@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from gantrysim.controllers.trio.basic import words
+from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.commands import COMMANDS
-from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, index
+from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, State, index
 from gantrysim.errors import InputError
 
 DEEPEST = 60  # nesting of an expression
@@ -136,7 +137,8 @@ def value_of(ref: Reference, read: dict[str, int]) -> Expression:
         ref.plain(0)
         return constant(words.CONSTANTS[name])
     if name in words.FUNCTIONS:
-        function, given = words.FUNCTIONS[name], ref.plain(words.ARGUMENTS.get(name, 1))
+        function: Callable[..., float] = words.FUNCTIONS[name]
+        given = ref.plain(words.ARGUMENTS.get(name, 1))
         values = [each.value for each in given]
         return _nested(lambda p: function(*[value(p) for value in values]), *given)
     if name in words.AXIS_VALUES or name in words.IGNORED:
@@ -160,19 +162,19 @@ def value_of(ref: Reference, read: dict[str, int]) -> Expression:
 
 def _of_axis(ref: Reference) -> Expression:
     name = ref.name
-    get = words.AXIS_VALUES.get(name, lambda c, axis: axis.values.get(name, 0.0))
+    get: Callable[[State, Axis], float] = words.AXIS_VALUES.get(name, lambda state, axis: axis.values.get(name, 0.0))
     if ref.axis is None:
-        return Expression(lambda p: get(p.controller, p.controller.motion.axis(p.base[0])))
+        return Expression(lambda p: get(p.state, p.state.motion.axis(p.base[0])))
     number = ref.axis.value
-    return _nested(lambda p: get(p.controller, p.controller.motion.axis(number(p))), ref.axis)
+    return _nested(lambda p: get(p.state, p.state.motion.axis(number(p))), ref.axis)
 
 
 _MEMORY: dict[str, Callable[[Process, float], float]] = {
-    "IN": lambda p, at: float(index("IN", at, MOST_OUTPUTS) in p.controller.inputs),
-    "OP": lambda p, at: float(index("OP", at, MOST_OUTPUTS) in p.controller.outputs),
-    "READ_OP": lambda p, at: float(index("READ_OP", at, MOST_OUTPUTS) in p.controller.outputs),
-    "TABLE": lambda p, at: p.controller.table.get(index("TABLE", at, TABLE_SIZE), 0.0),
-    "VR": lambda p, at: p.controller.vr.get(index("VR", at, VR_SIZE), 0.0),
+    "IN": lambda p, at: float(index("IN", at, MOST_OUTPUTS) in p.state.inputs),
+    "OP": lambda p, at: float(index("OP", at, MOST_OUTPUTS) in p.state.outputs),
+    "READ_OP": lambda p, at: float(index("READ_OP", at, MOST_OUTPUTS) in p.state.outputs),
+    "TABLE": lambda p, at: p.state.table.get(index("TABLE", at, TABLE_SIZE), 0.0),
+    "VR": lambda p, at: p.state.vr.get(index("VR", at, VR_SIZE), 0.0),
 }
 
 

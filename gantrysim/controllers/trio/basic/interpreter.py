@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.trio.basic.code import Code, Statement
-from gantrysim.controllers.trio.basic.motion import Motion
-from gantrysim.controllers.trio.basic.process import Controller, Process
+from gantrysim.controllers.trio.basic.axis import Axis
+from gantrysim.controllers.trio.basic.process import Code, Process, State, Statement
 from gantrysim.errors import InputError
 
 MOST_PER_TICK = 1000  # statements of a process within a servo period, where they cost no time
@@ -29,14 +28,14 @@ class Trace:
         position: of the recorded axes at every servo tick, (n, recorded) [units].
         outputs: whether the valve's output was on at them, (n,).
         lines: of the text, of the move that runs then, else of the first process, (n,).
-        controller: its state at the end.
+        state: of the controller at the end.
     """
 
     period: float
     position: Floats
     outputs: NDArray[np.bool_]
     lines: NDArray[np.int64]
-    controller: Controller
+    state: State
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Limits:
 
 
 def run(
-    codes: list[Code], controller: Controller, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
+    codes: list[Code], state: State, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
 ) -> Trace:
     """Run the first program, and those that it starts, until all have ended and the axes rest.
 
@@ -63,109 +62,93 @@ def run(
     Raises:
         InputError: a statement fails, with its line, or a limit is exceeded.
     """
-    return _Run(controller, times, recorded, valve, limits).run(codes[0].name)
+    return _Run(state, times, recorded, valve, limits).run(codes[0].name)
 
 
 class _Run:
     def __init__(
-        self, controller: Controller, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
+        self, state: State, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
     ) -> None:
-        self._controller, self._times, self._limits = controller, {**times, "none": 0.0}, limits
+        self._state, self._times, self._limits = state, {**times, "none": 0.0}, limits
         self._recorded, self._valve = recorded, valve
         self._count, self._line = 0, 0
 
     def run(self, name: str) -> Trace:
-        controller, motion = self._controller, self._controller.motion
+        state, motion = self._state, self._state.motion
         positions, outputs, lines = array("d"), bytearray(), array("q")
         axes = [motion.axis(number) for number in self._recorded]
-        controller.run(name, 0.0)
+        state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
         while True:
-            for process in list(controller.processes):
+            for process in state.processes:  # which they may add to
                 self._execute(process)
-            controller.processes = [process for process in controller.processes if not process.ended]
+            state.processes = [process for process in state.processes if not process.ended]
             positions.extend([axis.position for axis in axes])
-            outputs.append(self._valve in controller.outputs)
+            outputs.append(self._valve in state.outputs)
             lines.append(self._active(axes))
-            if not controller.processes and motion.resting(self._recorded):
+            if not state.processes and motion.resting(self._recorded):
                 break
-            if controller.tick >= most:
+            if state.tick >= most:
                 raise InputError(
-                    f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or a "
-                    "greater time_limit"
+                    f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or "
+                    "raise time_limit"
                 )
             motion.step()
-            controller.tick += 1
+            state.tick += 1
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
         on = np.frombuffer(outputs, np.uint8).astype(bool)
-        return Trace(motion.period, position, on, np.frombuffer(lines, np.int64), controller)
+        return Trace(motion.period, position, on, np.frombuffer(lines, np.int64), state)
 
-    def _active(self, axes: list) -> int:  # type: ignore[type-arg]
-        for axis in axes:
-            if axis.member is not None:
-                line: int = axis.member.line
-                return line
-        return self._line
+    def _active(self, axes: list[Axis]) -> int:
+        return next((axis.member.line for axis in axes if axis.member is not None), self._line)
 
     def _execute(self, process: Process) -> None:
         """Execute the statements of a process that are due at the current tick."""
-        now = self._controller.time
-        due = now * (1 + _EARLY) + _EARLY * self._controller.motion.period
-        if process.blocked is not None:
-            if process.ended or not self._guarded(process, process.blocked):
-                return
-            process.blocked, process.ready = None, max(process.ready, now)
-        statements, done = process.code.statements, 0
-        while process.ready <= due and not process.ended and process.blocked is None:
-            if process.at >= len(statements):
-                process.ended = True
-                break
-            if done >= MOST_PER_TICK and process.ready <= now:
-                process.ready = now + self._controller.motion.period
-                break
-            done += 1
-            statement = statements[process.at]
-            self._step(process, statement, due)
+        now, period = self._state.time, self._state.motion.period
+        due, done, statements = now + _EARLY * (now + period), 0, process.code.statements
+        try:
+            if process.blocked is not None and not process.ended:
+                if not process.blocked():
+                    return
+                process.blocked, process.ready = None, max(process.ready, now)
+            while process.ready <= due and not process.ended and process.blocked is None:
+                if process.at >= len(statements):
+                    process.ended = True
+                elif done >= MOST_PER_TICK and process.ready <= now:
+                    process.ready = now + period
+                else:
+                    done += 1
+                    self._step(process, statements[process.at], due)
+        except ZeroDivisionError:
+            raise InputError(f"line {process.line}: division by zero") from None
+        except InputError as error:
+            text = str(error)
+            raise InputError(text if text.startswith("line ") else f"line {process.line}: {text}") from None
+        except (OverflowError, ValueError):
+            raise InputError(f"line {process.line}: no number, the operands are out of range") from None
 
     def _step(self, process: Process, statement: Statement, due: float) -> None:
         self._count += 1
-        self._line = statement.line
+        process.line = self._line = statement.line
         if self._count > self._limits.statements:
             raise InputError(
-                f"line {statement.line}: more than {self._limits.statements} statements are executed: must be fewer, or a "
-                "greater statement_limit"
+                f"more than {self._limits.statements} statements are executed: must be fewer, or raise statement_limit"
             )
-        goal = self._guarded(process, lambda: statement.act(process))
+        goal = statement.act(process)
         process.ready += self._times[statement.cost]
         process.changed |= not statement.pure
         here, process.at = process.at, process.at + 1 if goal is None else goal
         if goal is not None and goal <= here:
-            self._polls(process, due)
+            self._skip_idle_passes(process, due)
 
-    def _polls(self, process: Process, due: float) -> None:
+    def _skip_idle_passes(self, process: Process, due: float) -> None:
         """Skip the passes of a loop that only tests: within a servo tick nothing changes for it."""
-        tick = self._controller.tick
+        tick = self._state.tick
         at, when, ready = process.last
         if not process.changed and (at, when) == (process.at, tick):
             lasting = process.ready - ready
             if lasting > 0:
                 process.ready += max(math.floor((due - process.ready) / lasting), 0) * lasting
             else:
-                process.ready = (tick + 1) * self._controller.motion.period
+                process.ready = (tick + 1) * self._state.motion.period
         process.last, process.changed = (process.at, tick, process.ready), False
-
-    def _guarded(self, process: Process, act):  # type: ignore[no-untyped-def]
-        """Call a function; its errors name the line."""
-        line = process.code.statements[min(process.at, len(process.code.statements) - 1)].line
-        try:
-            return act()
-        except ZeroDivisionError:
-            text = "division by zero"
-        except (OverflowError, ValueError) as error:
-            if isinstance(error, InputError):
-                text = str(error)
-                if text.startswith("line "):
-                    raise
-            else:
-                text = "result is no number: out of range"
-        raise InputError(f"line {line}: {text}") from None

@@ -279,7 +279,12 @@ class Motion:
             move.finished, move.s = True, full
             follows = axis.queue[0] if axis.queue else None
             self._end(axis)
-            if axis.move is None or axis.move is not follows or follows.driver != move.driver or follows.kind == CONNECT:
+            if (
+                axis.move is None
+                or axis.move is not follows
+                or follows.driver != move.driver
+                or follows.kind == CONNECT
+            ):
                 return step
             s, move = s - full, follows  # nothing of the link axis' motion is lost
             move.start = (axis.position + step,)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -58,12 +59,12 @@ class StatedSpiral:
         """Return its path on the work."""
         x, y, _ = placement.point([*self.start, 0.0]).tolist()
         heading = math.radians(self.heading + placement.rotate)
-        return Involute(
-            0.5 * self.diameter, self.thickness, self.turns, (x, y), heading, self.clockwise, self.height
-        )
+        return Involute(0.5 * self.diameter, self.thickness, self.turns, (x, y), heading, self.clockwise, self.height)
 
 
-def exact(moves: list[Move], followers: set[int], numbers: tuple[int, ...], start: Floats, at: Placement) -> Chain | None:
+def exact(
+    moves: list[Move], followers: set[int], numbers: tuple[int, ...], start: Floats, at: Placement
+) -> Chain | None:
     """Return the moves of the machine's axes as geometry, None where they do not state it.
 
     They do where the machine's linear axes are moved by nothing but MOVE, MOVEABS, MOVECIRC and MHELICAL, one at a
@@ -139,4 +140,4 @@ def polyline(points: Floats) -> Chain:
             kept[middle] = True
             open_ += [(first, middle), (middle, last)]
     ends = corners[kept]
-    return Chain(Line(vector(a), vector(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    return Chain(Line(vector(a), vector(b)) for a, b in pairwise(ends))

@@ -5,19 +5,47 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from gantrysim.controllers.trio.basic.motion import Motion
 from gantrysim.errors import InputError
-
-if TYPE_CHECKING:
-    from gantrysim.controllers.trio.basic.code import Code
 
 VR_SIZE, TABLE_SIZE = 65_536, 512_000
 MOST_OUTPUTS = 1024
 MOST_PROCESSES = 32
 MOST_PRINTED = 10_000  # lines of the log; later ones are counted
 MOST_RETURNS = 256  # nested GOSUBs
+
+
+@dataclass
+class Statement:
+    """A statement.
+
+    Attributes:
+        line: of the text.
+        act: executes it and returns the index of the next statement, None for the following one.
+        cost: kind of statement that its time is counted as.
+        pure: whether it only tests and jumps.
+        target: index of the statement that it jumps to.
+    """
+
+    line: int
+    act: Callable[[Process], int | None]
+    cost: str = "statement"
+    pure: bool = False
+    target: int = -1
+
+
+@dataclass
+class Code:
+    """A program.
+
+    Attributes:
+        name: in capitals.
+        statements: in their order.
+    """
+
+    name: str
+    statements: list[Statement] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -40,7 +68,7 @@ class Process:
     """A running program.
 
     Attributes:
-        controller: that it runs on.
+        state: of the controller that it runs on.
         code: its statements.
         number: of the process.
         at: index of the next statement.
@@ -57,7 +85,7 @@ class Process:
         line: of the statement executed last.
     """
 
-    controller: Controller
+    state: State
     code: Code
     number: int
     ready: float
@@ -80,8 +108,8 @@ class Process:
 
 
 @dataclass
-class Controller:
-    """The controller's state.
+class State:
+    """What the programs of a controller share.
 
     Attributes:
         motion: its axes.
@@ -132,7 +160,6 @@ class Controller:
             raise InputError(f"RUN on process {number:g}: must be a free one of 1 to {MOST_PROCESSES}")
         if not free:
             raise InputError(f"RUN {name!r}: at most {MOST_PROCESSES} processes run at once")
-        self.processes = [process for process in self.processes if not process.ended]
         self.processes.append(Process(self, code, free[0] if number is None else int(number), ready))
 
     def stop(self, name: str | None) -> None:

@@ -29,7 +29,8 @@ class Speed:
         Args:
             left: to the stop, inf for none [units].
             target: SPEED [units/s].
-            up, down: ACCEL and DECEL, inf for none [units/s²].
+            up: ACCEL, inf for no limit [units/s²].
+            down: DECEL, inf for no limit [units/s²].
             period: [s].
         """
         gone, rest, tiny = 0.0, period, _TINY * (1 + left if math.isfinite(left) else 1.0)

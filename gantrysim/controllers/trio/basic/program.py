@@ -18,12 +18,11 @@ from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.trio.basic import interpreter, text
-from gantrysim.controllers.trio.basic.code import Code, assemble
+from gantrysim.controllers.trio.basic.code import assemble
 from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
 from gantrysim.controllers.trio.basic.motion import MOST_AXES, Motion
 from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
-from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed
-from gantrysim.controllers.trio.basic.process import Controller as State
+from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Code, Printed, State
 from gantrysim.controllers.trio.basic.words import IGNORED
 from gantrysim.errors import InputError, at_least, finite, positive, whole
 
@@ -179,7 +178,9 @@ class Basic(Controller):
                 self.buffers,
                 self.ratio_bits or None,
             )
-            state = State(motion, {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution)
+            state = State(
+                motion, {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
+            )
             times = asdict(self.interpreter_time)
             limits = Limits(self.statement_limit, self.time_limit)
             self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
@@ -192,7 +193,7 @@ class Basic(Controller):
     def _numbers(self, trace: Trace) -> tuple[int, ...]:
         if self.axis_numbers:
             return self.axis_numbers
-        motion = trace.controller.motion
+        motion = trace.state.motion
         z = motion.axes[2]
         return (0, 1, 2) if z.moved and z.type != 0 and 2 not in motion.drivers else (0, 1)
 
@@ -227,7 +228,7 @@ class Basic(Controller):
         return polyline(points)
 
     def _stated(self, trace: Trace) -> Path | None:
-        motion, numbers = trace.controller.motion, self._numbers(trace)
+        motion, numbers = trace.state.motion, self._numbers(trace)
         start = np.zeros(3)
         start[: min(len(numbers), 3)] = trace.position[0, : min(len(numbers), 3)]
         return exact(motion.loaded, motion.followers, numbers, start, self.placement)
@@ -235,7 +236,7 @@ class Basic(Controller):
     @property
     def printed(self) -> tuple[Printed, ...]:
         """What the programs print."""
-        return tuple(self._trace.controller.printed)
+        return tuple(self._trace.state.printed)
 
     @property
     def lines(self) -> NDArray[np.int64]:
@@ -250,14 +251,14 @@ class Basic(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the program prints, and what is ignored or assumed."""
-        state, notes = self._trace.controller, []
+        state, notes = self._trace.state, []
         for reason in dict.fromkeys(IGNORED[name] for name in sorted(state.ignored)):
             names = [name for name in sorted(state.ignored) if IGNORED[name] == reason]
             notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
         if self.valve not in state.switched:
             notes.append(f"OP({self.valve}) is never switched: the dispenser is on while the axes move")
         if self.spiral is None and self._stated(self._trace) is None:
-            notes.append("the program states no path of the axes by moves alone: the commanded trace is the requested path")
+            notes.append("the moves alone do not state the axes' path: the commanded trace is the requested path")
         for line in state.printed[:_SHOWN]:
             channel = "" if line.channel is None else f"#{line.channel}"
             notes.append(f"PRINT{channel} at {line.time:.3f} s: {line.text}")
@@ -279,7 +280,7 @@ class Basic(Controller):
         return Setpoints(period, _AXES[: len(numbers)], position, self._dispense(trace, position), requested)
 
     def _dispense(self, trace: Trace, position: Floats) -> NDArray[np.bool_]:
-        if self.valve in trace.controller.switched:
+        if self.valve in trace.state.switched:
             return trace.outputs
         moving = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > 0)
         on = np.zeros(len(position), bool)

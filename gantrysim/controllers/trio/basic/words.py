@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.process import Controller, Process
+from gantrysim.controllers.trio.basic.process import Process, State
 from gantrysim.errors import InputError
 
 CONSTANTS = {"PI": math.pi, "TRUE": -1.0, "FALSE": 0.0, "ON": 1.0, "OFF": 0.0}
@@ -30,12 +30,12 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
 ARGUMENTS = {"ATAN2": 2}  # of functions, else one
 
 
-def _remain(c: Controller, axis: Axis) -> float:
+def _remain(c: State, axis: Axis) -> float:
     move = axis.member
     return 0.0 if move is None or not math.isfinite(move.shape.length) else move.shape.length - move.s
 
 
-def _end_of_move(c: Controller, axis: Axis) -> float:
+def _end_of_move(c: State, axis: Axis) -> float:
     move = axis.member
     if move is None or not move.profiled or not math.isfinite(move.shape.length):
         return axis.position - axis.zero
@@ -43,11 +43,11 @@ def _end_of_move(c: Controller, axis: Axis) -> float:
     return move.start[k] + move.shape.displacement(move.shape.length)[k] - axis.zero
 
 
-def _speed(c: Controller, axis: Axis) -> float:
+def _speed(c: State, axis: Axis) -> float:
     return axis.step / c.motion.period
 
 
-AXIS_VALUES: dict[str, Callable[[Controller, Axis], float]] = {
+AXIS_VALUES: dict[str, Callable[[State, Axis], float]] = {
     "ACCEL": lambda c, axis: axis.acceleration,
     "ATYPE": lambda c, axis: axis.type or 0.0,
     "DECEL": lambda c, axis: axis.deceleration,
@@ -132,35 +132,40 @@ IGNORED = {name: reason for names, reason in NO_EFFECT.items() for name in names
 
 
 def _ticks(p: Process) -> float:
-    return p.ticks_zero - p.controller.tick
+    return p.ticks_zero - p.state.tick
 
 
 SYSTEM_VALUES: dict[str, Callable[[Process], float]] = {
     "MOTION_ERROR": lambda p: 0.0,
     "PROCNUMBER": lambda p: float(p.number),
-    "SERVO_PERIOD": lambda p: 1e6 * p.controller.motion.period,
+    "SERVO_PERIOD": lambda p: 1e6 * p.state.motion.period,
     "TICKS": _ticks,
-    "WDOG": lambda p: float(p.controller.motion.enabled),
+    "WDOG": lambda p: float(p.state.motion.enabled),
 }
 
 
 def _set_ticks(p: Process, value: float) -> None:
-    p.ticks_zero = p.controller.tick + value
+    p.ticks_zero = p.state.tick + value
 
 
 def _set_wdog(p: Process, value: float) -> None:
-    p.controller.motion.enabled = bool(value)
+    p.state.motion.enabled = bool(value)
 
 
 SYSTEM_SETTERS: dict[str, Callable[[Process, float], None]] = {"TICKS": _set_ticks, "WDOG": _set_wdog}
 
-NOT_EMULATED = frozenset(
-    "ACC ADD_DAC AIN AOUT ATAN3 AUTORUN B_SPLINE CLOSE CONSTANT DATUM DEC DIM DISABLE_GROUP ENCODER_RATIO FILE FLAG FLAGS "
-    "FORCE_SPEED GET GLOBAL INPUT INVERT_IN KEY LINPUT MHELICALSP MOVEABSSP MOVECIRCSP MOVEMODIFY MOVESP "
-    "MOVETANG MSPHERICAL OFFPOS OPEN PSWITCH REGIST REG_POS SCOPE SETCOM STEP_RATIO STEPLINE TIMER TRIGGER".split()
+
+def _names(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+NOT_EMULATED = _names(
+    "ACC ADD_DAC AIN AOUT AUTORUN B_SPLINE CLOSE CONSTANT DATUM DEC DIM DISABLE_GROUP ENCODER_RATIO FILE FLAG FLAGS "
+    "FORCE_SPEED GET GLOBAL INPUT INVERT_IN KEY LINPUT MHELICALSP MOVEABSSP MOVECIRCSP MOVEMODIFY MOVESP MOVETANG "
+    "MSPHERICAL OFFPOS OPEN PSWITCH REGIST REG_POS SCOPE SETCOM STEP_RATIO STEPLINE TIMER TRIGGER"
 )
 
-KEYWORDS = frozenset(
-    "AND AXIS CHR ELSE ELSEIF ENDIF FOR GOSUB GOTO HALT IDLE IF LOADED MOD NEXT NOT OR PRINT REM REPEAT RETURN RUN STEP "
-    "STOP THEN TO UNTIL WAIT WEND WHILE XOR".split()
+KEYWORDS = _names(
+    "AND AXIS CHR ELSE ELSEIF ENDIF FOR GOSUB GOTO HALT IDLE IF LOADED MOD NEXT NOT OR PRINT REM REPEAT RETURN RUN "
+    "STEP STOP THEN TO UNTIL WAIT WEND WHILE XOR"
 )
