@@ -18,6 +18,7 @@ from gantrysim.errors import InputError, unknown
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
+    "trio.Basic": trio.Basic,
     "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
     "stage.OutlineTrace": stage.OutlineTrace,

@@ -1,0 +1,302 @@
+"""The motion generator: the axes of the controller, their buffers of moves, and one servo period of motion."""
+
+from __future__ import annotations
+
+import math
+
+from gantrysim.controllers.trio.basic.axis import Axis
+from gantrysim.controllers.trio.basic.moves import CONNECT, Move, Straight
+from gantrysim.controllers.trio.basic.profile import Speed
+from gantrysim.errors import InputError
+
+MOST_AXES = 64  # numbers of axes: 0 to 63
+
+
+class Motion:
+    """All axes, stepped together.
+
+    Within a period every axis follows its link axis' motion of the same period, whatever their numbers.
+
+    Args:
+        period: servo period [s].
+        starts: positions of axes at the beginning by their numbers, else 0 [units].
+        speed, acceleration, deceleration: of an axis until the program sets them.
+        buffers: moves that an axis holds besides the one it executes.
+        ratio_bits: fractional bits of CONNECT's ratio, None for an exact one.
+    """
+
+    def __init__(
+        self,
+        period: float,
+        starts: dict[int, float],
+        speed: float,
+        acceleration: float,
+        deceleration: float,
+        buffers: int,
+        ratio_bits: int | None,
+    ) -> None:
+        self.period, self.buffers, self._bits = period, buffers, ratio_bits
+        self._starts, self._defaults = starts, (speed, acceleration, deceleration)
+        self.axes: dict[int, Axis] = {}
+        self.loaded: list[Move] = []  # all but CONNECT
+        self.drivers: set[int] = set()  # axes that others were linked to
+        self.followers: set[int] = set()  # and those others
+        self.enabled = True
+
+    def axis(self, number: float) -> Axis:
+        """Return an axis by its number."""
+        n = int(number)
+        if n not in self.axes:
+            if n != number or not 0 <= n < MOST_AXES:
+                raise InputError(f"axis {number:g}: must be a whole number from 0 to {MOST_AXES - 1}")
+            self.axes[n] = Axis(n, self._starts.get(n, 0.0), *self._defaults)
+        return self.axes[n]
+
+    @property
+    def idle(self) -> bool:
+        return all(axis.idle for axis in self.axes.values())
+
+    def resting(self, numbers: tuple[int, ...]) -> bool:
+        """Whether these axes stay where they are: idle, or linked to axes that do."""
+        return all(self._rests(self.axes[n]) for n in numbers if n in self.axes)
+
+    def _rests(self, axis: Axis) -> bool:
+        if axis.superimposed is not None and not self._rests(self.axes[axis.superimposed]):
+            return False
+        move = axis.member
+        if move is None or move.profiled:
+            return axis.idle
+        return self._rests(self.axis(move.driver or 0))
+
+    def order(self, move: Move) -> bool:
+        """Hand a move to its axis; return False where the buffer is full."""
+        base = self.axis(move.axes[0])
+        if move.driver is not None:
+            self._check_link(move.axes[0], move.driver)
+            self.drivers.add(move.driver)
+            self.followers.add(move.axes[0])
+        running = base.move
+        if move.kind == CONNECT and running is not None and running.kind == CONNECT and not base.queue:
+            self._load(base, move)
+            return True
+        if self._free(move) and not base.queue:
+            self._load(base, move)
+            return True
+        if len(base.queue) >= self.buffers:
+            return False
+        base.queue.append(move)
+        return True
+
+    def superimpose(self, number: int, added: int | None) -> None:
+        """Run ADDAX: add the motion of an axis to that of another, None to end it."""
+        if added is not None:
+            self._check_link(number, added)
+            self.drivers.add(added)
+            self.followers.add(number)
+        self.axis(number).superimposed = added
+
+    def _check_link(self, number: int, driver: int) -> None:
+        waiting, seen = [driver], set()
+        while waiting:
+            n = waiting.pop()
+            if n == number:
+                raise InputError(f"axis {number} would follow itself through axis {driver}: links must have no circle")
+            if n not in seen:
+                axis = self.axis(n)
+                links = [move.driver for move in (axis.member, *axis.queue) if move is not None]
+                waiting += [link for link in (*links, axis.superimposed) if link is not None]
+                seen.add(n)
+
+    def cancel(self, number: int, mode: int) -> None:
+        """Cancel the executing move (mode 0), the buffered ones (1), or both (2)."""
+        axis = self.axis(number)
+        if mode in (1, 2):
+            axis.queue.clear()
+        if mode in (0, 2) and axis.member is not None:
+            base = self.axis(axis.member.axes[0])
+            if axis.member.profiled and base.along.value > 0 and math.isfinite(base.deceleration):
+                axis.member.stopping = True
+            else:
+                self._end(base)
+
+    def _free(self, move: Move) -> bool:
+        return all(self.axis(n).member is None for n in move.axes)
+
+    def _load(self, base: Axis, move: Move, start: tuple[float, ...] | None = None) -> None:
+        axes = [self.axis(n) for n in move.axes]
+        move.start = tuple(axis.position for axis in axes) if start is None else start
+        self._aim(move, move.start)
+        move.at = (0.0,) * len(axes)
+        if move.kind == CONNECT and self._bits is not None:
+            move.ratio = round(move.ratio * 2.0**self._bits) / 2.0**self._bits
+        if move.link_start is not None:
+            link = self.axis(move.driver or 0)
+            move.s = link.position - link.zero - move.link_start
+            if move.s > 0:
+                raise InputError(
+                    f"line {move.line}: axis {link.number} is {move.s:g} past the link position: must be before it"
+                )
+        base.move = move
+        for axis in axes:
+            axis.member = move
+        if move.kind != CONNECT:
+            move.beside = tuple(axis.number for axis in self.axes.values() if axis.member not in (None, move))
+            self.loaded.append(move)
+
+    def _aim(self, move: Move, start: tuple[float, ...]) -> None:
+        """Give a MOVEABS the shape that follows from where it starts."""
+        if move.targets is not None:
+            goals = (self.axis(n).zero + target for n, target in zip(move.axes, move.targets, strict=True))
+            move.shape = Straight(tuple(goal - at for goal, at in zip(goals, start, strict=True)))
+
+    def _end(self, base: Axis) -> None:
+        """End the move that an axis holds, and load the next one."""
+        if base.move is not None:
+            for n in base.move.axes:
+                self.axes[n].member = None
+        base.move, base.along = None, Speed()
+        self._load_next(base)
+
+    def _load_next(self, base: Axis) -> None:
+        if base.move is None and base.queue and self._free(base.queue[0]):
+            self._load(base, base.queue.pop(0))
+
+    def step(self) -> None:
+        """Move all axes for a servo period."""
+        axes = list(self.axes.values())
+        for axis in axes:
+            self._load_next(axis)
+        steps = dict.fromkeys(self.axes, 0.0)
+        following = False
+        for axis in axes:
+            following |= axis.superimposed is not None
+            if axis.move is not None:
+                if axis.move.profiled:
+                    self._advance(axis, axis.move, steps)
+                else:
+                    following = True
+        if following:
+            self._follow(axes, steps)
+        for axis in axes:
+            axis.step = step = steps[axis.number]
+            if step:
+                axis.position += step
+                axis.moved = True
+                if not (axis.servo and self.enabled) and axis.type != 0:
+                    self._refuse(axis)
+
+    def _refuse(self, axis: Axis) -> None:
+        off = "WDOG" if axis.servo else f"SERVO AXIS({axis.number})"
+        where = "" if axis.member is None else f"line {axis.member.line}: "
+        raise InputError(f"{where}axis {axis.number} is to move while {off} = OFF: must be ON, or ATYPE 0 (virtual)")
+
+    def _merged(self, base: Axis, move: Move) -> Move | None:
+        """The buffered move that follows a move without a stop, if any."""
+        follows = base.queue[0] if base.merge and base.queue else None
+        return follows if follows is not None and _merge(move, follows) else None
+
+    def _left(self, base: Axis, move: Move) -> float:
+        """Distance to the next stop, at the end of the last merged move."""
+        left = move.shape.length - move.s
+        if self._merged(base, move) is None:
+            return left
+        place = _plus(move.start, move.shape.displacement(move.shape.length))
+        for follows in base.queue:
+            if not _merge(move, follows):
+                break
+            self._aim(follows, place)
+            left += follows.shape.length
+            place = _plus(place, follows.shape.displacement(follows.shape.length))
+        return left
+
+    def _advance(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
+        """Advance the move with a profile that an axis holds, and those merged with it."""
+        left, speed = self._left(base, move), base.along
+        braked = move.shape.brakes or move.stopping
+        down = base.deceleration if braked else math.inf
+        if speed.braking and left > 0.5 * speed.value**2 / down * (1 + 1e-6) + 1e-9:
+            speed.braking = False  # a move was merged behind, or DECEL was raised
+        gone = speed.advance(left, 0.0 if move.stopping else base.speed, base.acceleration, down, self.period)
+        s, stopped = move.s + gone, gone >= left
+        while True:
+            follows = self._merged(base, move)
+            if follows is None and stopped:
+                self._place(move, move.shape.length, steps)
+                move.finished = True
+                self._end(base)
+                return
+            if follows is None or s < move.shape.length:
+                break
+            self._place(move, move.shape.length, steps)
+            move.finished, follows.stopping = True, move.stopping
+            s -= move.shape.length
+            base.queue.pop(0)
+            self._load(base, follows, tuple(self.axes[n].position + steps[n] for n in follows.axes))
+            move = follows
+        self._place(move, s, steps)
+        if move.stopping and speed.value <= 0:
+            self._end(base)
+
+    def _place(self, move: Move, s: float, steps: dict[int, float]) -> None:
+        at = move.shape.displacement(s) if move.shape.length > 0 else move.at
+        for n, now, before in zip(move.axes, at, move.at, strict=True):
+            steps[n] += now - before
+        move.s, move.at = s, at
+
+    def _follow(self, axes: list[Axis], steps: dict[int, float]) -> None:
+        """Add to the steps of the axes with a profile those of the axes that are linked to others."""
+        done: set[int] = set()
+
+        def total(axis: Axis) -> float:
+            if axis.number not in done:
+                done.add(axis.number)
+                if axis.move is not None and axis.move.driver is not None:
+                    link = self.axes[axis.move.driver]
+                    steps[axis.number] += self._linked(axis, axis.move, total(link), link.units / axis.units)
+                if axis.superimposed is not None:
+                    added = self.axes[axis.superimposed]
+                    steps[axis.number] += total(added) * added.units / axis.units
+            return steps[axis.number]
+
+        for axis in axes:
+            total(axis)
+
+    def _linked(self, axis: Axis, move: Move, driven: float, edges: float) -> float:
+        """Motion of a linked axis, given that of its link axis, and the ratio of their UNITS."""
+        if move.kind == CONNECT:
+            return move.ratio * driven * edges
+        s, step = move.s + (max(driven, 0.0) if move.forward_only else driven), 0.0
+        while move.link_start is None or s >= 0:
+            move.link_start = None
+            full = move.shape.length
+            if move.repeats:
+                rounds = math.floor(s / full)
+                step += rounds * move.shape.displacement(full)[0]
+                s -= rounds * full
+            if s < full:
+                break
+            step += move.shape.displacement(full)[0] - move.at[0]
+            move.finished, move.s = True, full
+            follows = axis.queue[0] if axis.queue else None
+            self._end(axis)
+            if (
+                axis.move is None
+                or axis.move is not follows
+                or follows.driver != move.driver
+                or follows.kind == CONNECT
+            ):
+                return step
+            s, move = s - full, follows  # nothing of the link axis' motion is lost
+            move.start = (axis.position + step,)
+        at = move.shape.displacement(s)
+        step += at[0] - move.at[0]
+        move.s, move.at = s, at
+        return step
+
+
+def _merge(move: Move, follows: Move) -> bool:
+    return follows.profiled and follows.axes == move.axes and move.shape.brakes and follows.shape.brakes
+
+
+def _plus(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(x + y for x, y in zip(a, b, strict=True))

@@ -1,0 +1,203 @@
+"""The moves of Trio BASIC: what each does with its axes, as a function of the distance that its profile has covered."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gantrysim.errors import InputError
+
+IDLE, MOVE, MOVEABS, MHELICAL, MOVECIRC = 0, 1, 2, 3, 4
+FORWARD, REVERSE, CAM, CAMBOX, CONNECT, MOVELINK = 10, 11, 13, 20, 21, 22
+
+OFF_CIRCLE = 1e-3  # largest difference of the end's and the start's distance from a circle's centre [units]
+
+
+class Shape(Protocol):
+    """A path in the axes' own units.
+
+    Attributes:
+        length: to its end along the path, inf for none.
+        brakes: whether the axes slow down for the end.
+    """
+
+    length: float
+    brakes: bool
+
+    def displacement(self, s: float) -> tuple[float, ...]:
+        """Displacements of the axes from the start at the distance s."""
+
+
+@dataclass
+class Straight:
+    """MOVE and MOVEABS: all axes in proportion."""
+
+    deltas: tuple[float, ...]
+    length: float = field(init=False)
+    brakes: bool = True
+
+    def __post_init__(self) -> None:
+        self.length = math.hypot(*self.deltas)
+
+    def displacement(self, s: float) -> tuple[float, ...]:
+        if s >= self.length:
+            return self.deltas
+        share = s / self.length
+        return tuple(share * delta for delta in self.deltas)
+
+
+@dataclass
+class Arc:
+    """MOVECIRC and MHELICAL: an arc about a centre relative to the start, and an even climb.
+
+    Args:
+        end: of the arc, relative to the start; (0, 0) for a full circle.
+        centre: relative to the start.
+        clockwise: direction 1, seen with the first axis to the right and the second one up.
+        rise: of the third axis, None for two axes.
+        flat: whether the length, which SPEED applies to, is that of the circle alone (mode 1 of MHELICAL).
+    """
+
+    end: tuple[float, float]
+    centre: tuple[float, float]
+    clockwise: bool
+    rise: float | None = None
+    flat: bool = True
+    radius: float = field(init=False)
+    begin: float = field(init=False)
+    angle: float = field(init=False)
+    length: float = field(init=False)
+    brakes: bool = True
+
+    def __post_init__(self) -> None:
+        (ex, ey), (cx, cy) = self.end, self.centre
+        self.radius = math.hypot(cx, cy)
+        off = math.hypot(ex - cx, ey - cy) - self.radius
+        if self.radius <= OFF_CIRCLE or abs(off) > OFF_CIRCLE:
+            raise InputError(
+                f"circle about ({cx:g}, {cy:g}) of radius {self.radius:g}: its end ({ex:g}, {ey:g}) must lie on it, "
+                f"it is off by {off:.4g}; a radius must be above {OFF_CIRCLE:g}"
+            )
+        self.begin = math.atan2(-cy, -cx)
+        swept = (math.atan2(ey - cy, ex - cx) - self.begin) * (-1 if self.clockwise else 1)
+        full = math.hypot(ex, ey) <= 1e-9 * self.radius
+        self.angle = 2 * math.pi if full else swept % (2 * math.pi)
+        arc = self.radius * self.angle
+        self.length = arc if self.flat else math.hypot(arc, self.rise or 0.0)
+
+    def displacement(self, s: float) -> tuple[float, ...]:
+        share = s / self.length
+        if share >= 1:
+            return self.end if self.rise is None else (*self.end, self.rise)
+        psi = self.begin + (-1 if self.clockwise else 1) * self.angle * share
+        flat = self.centre[0] + self.radius * math.cos(psi), self.centre[1] + self.radius * math.sin(psi)
+        return flat if self.rise is None else (*flat, self.rise * share)
+
+
+@dataclass
+class Jog:
+    """FORWARD and REVERSE: on and on."""
+
+    sign: float
+    length: float = math.inf
+    brakes: bool = True
+
+    def displacement(self, s: float) -> tuple[float, ...]:
+        return (self.sign * s,)
+
+
+@dataclass
+class Table:
+    """CAM and CAMBOX: positions at even distances, straight between them.
+
+    Args:
+        values: displacements from the first one.
+        length: over which all of them are run through.
+    """
+
+    values: tuple[float, ...]
+    length: float
+    brakes: bool = False
+
+    def displacement(self, s: float) -> tuple[float, ...]:
+        at = min(max(s / self.length, 0.0), 1.0) * (len(self.values) - 1)
+        k = min(int(at), len(self.values) - 2)
+        return (self.values[k] + (at - k) * (self.values[k + 1] - self.values[k]),)
+
+
+class Ramps:
+    """MOVELINK: from rest, at an even rate, and back to rest, over distances of the link axis.
+
+    Args:
+        distance: of the axis.
+        length: of the link axis in all.
+        up, down: of the link axis while the axis speeds up and slows down; where they exceed `length`, they shrink
+            in proportion.
+    """
+
+    brakes = False
+
+    def __init__(self, distance: float, length: float, up: float, down: float) -> None:
+        shrink = min(1.0, length / (up + down)) if up + down > 0 else 1.0
+        up, down = up * shrink, down * shrink
+        self.length = length
+        rate = distance / (length - 0.5 * (up + down))
+        # distance, position and rate at the corners of the trapezium
+        self._corners = (0.0, up, length - down)
+        self._values = (0.0, 0.5 * rate * up, distance - 0.5 * rate * down)
+        self._rates = (0.0, rate, rate)
+        self._slopes = (rate / up if up else 0.0, 0.0, -rate / down if down else 0.0)
+
+    def displacement(self, s: float) -> tuple[float, ...]:
+        at = min(max(s, 0.0), self.length)
+        k = max(bisect.bisect_right(self._corners, at) - 1, 0)
+        rest = at - self._corners[k]
+        return (self._values[k] + rest * (self._rates[k] + 0.5 * self._slopes[k] * rest),)
+
+
+@dataclass(eq=False)
+class Move:
+    """A move as a program has ordered it.
+
+    Attributes:
+        kind: its MTYPE.
+        line: of the program.
+        axes: numbers of its axes; the first one holds it.
+        targets: of MOVEABS in the axes' coordinates; its shape follows when it is loaded.
+        shape: of a move with a profile, and of CAMBOX and MOVELINK over their link axis' distance.
+        driver: number of the axis that it is linked to.
+        ratio: of CONNECT.
+        repeats: whether CAMBOX or MOVELINK repeats.
+        forward_only: whether the link is active in the positive direction alone.
+        link_start: position of the link axis at which it starts; None for at once.
+        s: distance covered.
+        at: displacements of the axes there.
+        start: positions of the axes when it was loaded.
+        stopping: whether it was cancelled and slows down.
+        finished: whether it was run to its end.
+        beside: other axes that had a move when it was loaded.
+    """
+
+    kind: int
+    line: int
+    axes: tuple[int, ...]
+    shape: Shape = field(default_factory=lambda: Jog(1.0))
+    targets: tuple[float, ...] | None = None
+    driver: int | None = None
+    ratio: float = 1.0
+    repeats: bool = False
+    forward_only: bool = False
+    link_start: float | None = None
+    s: float = 0.0
+    at: tuple[float, ...] = ()
+    start: tuple[float, ...] = ()
+    stopping: bool = False
+    finished: bool = False
+    beside: tuple[int, ...] = ()
+
+    @property
+    def profiled(self) -> bool:
+        """Whether SPEED, ACCEL and DECEL of its own axis apply."""
+        return self.driver is None

@@ -1,0 +1,143 @@
+"""The path that a program requests: its moves as exact geometry, or the spiral that a job states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.pieces import SHORTEST, Coil, Line, vector
+from gantrysim.controllers.paths.spirals import Involute
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.trio.basic.moves import MHELICAL, MOVE, MOVEABS, MOVECIRC, Arc, Move
+from gantrysim.errors import InputError, finite, point, positive, whole
+
+TOLERANCE = 2e-4  # of the commanded trace that stands for a path which the program does not state [mm]
+_JOINT = 1e-6  # [mm]
+
+
+@dataclass(frozen=True)
+class StatedSpiral:
+    """The spiral that a program means: an involute, as the continuous limit of AN-225's loop makes it.
+
+    Attributes:
+        diameter: outer diameter of the virtual circles [mm].
+        turns: number of circles, a whole number.
+        thickness: distance of neighbouring turns [mm].
+        start: first point (x, y) [mm].
+        heading: of the first motion, counter-clockwise from +x [deg].
+        clockwise: sense of rotation.
+        height: climbed evenly over all turns, 0 for a flat spiral [mm].
+    """
+
+    diameter: float
+    turns: int
+    thickness: float
+    start: tuple[float, float] = (0.0, 0.0)
+    heading: float = 90.0
+    clockwise: bool = True
+    height: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive("spiral.diameter", self.diameter, "mm")
+        positive("spiral.thickness", self.thickness, "mm")
+        object.__setattr__(self, "turns", whole("spiral.turns", self.turns, 1))
+        object.__setattr__(self, "start", point("spiral.start", self.start))
+        finite("spiral.heading", self.heading, "deg")
+        finite("spiral.height", self.height, "mm")
+        if 2 * self.turns * self.thickness > self.diameter * (1 + 1e-12):
+            raise InputError(
+                f"spiral.thickness = {self.thickness:g} mm: must be at most diameter / (2 turns), "
+                f"{self.diameter / (2 * self.turns):g} mm"
+            )
+
+    def path(self, placement: Placement) -> Involute:
+        """Return its path on the work."""
+        x, y, _ = placement.point([*self.start, 0.0]).tolist()
+        heading = math.radians(self.heading + placement.rotate)
+        return Involute(0.5 * self.diameter, self.thickness, self.turns, (x, y), heading, self.clockwise, self.height)
+
+
+def exact(
+    moves: list[Move], followers: set[int], numbers: tuple[int, ...], start: Floats, at: Placement
+) -> Chain | None:
+    """Return the moves of the machine's axes as geometry, None where they do not state it.
+
+    They do where the machine's linear axes are moved by nothing but MOVE, MOVEABS, MOVECIRC and MHELICAL, one at a
+    time and to their ends.
+
+    Args:
+        moves: in the order of their beginning.
+        followers: axes that were linked to others.
+        numbers: of the machine's axes.
+        start: their first positions, (3,) [mm].
+        at: where the program lies.
+    """
+    columns = {number: k for k, number in enumerate(numbers[:3])}
+    pieces: list[Line | Coil] = []
+    place = start.copy()
+    if followers & columns.keys():
+        return None
+    for move in moves:
+        real = [number for number in move.axes if number in columns]
+        if not real:
+            continue
+        known = move.kind in (MOVE, MOVEABS, MOVECIRC, MHELICAL) and move.finished
+        if not known or columns.keys() & set(move.beside):
+            return None
+        ends = move.shape.displacement(move.shape.length) if move.shape.length else (0.0,) * len(move.axes)
+        end = place.copy()
+        for number, first, moved in zip(move.axes, move.start, ends, strict=True):
+            if number in columns:
+                if abs(place[columns[number]] - first) > _JOINT:
+                    return None
+                end[columns[number]] += moved
+        if isinstance(move.shape, Arc):
+            if len(real) < len(move.axes):
+                return None
+            pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, at))
+        elif np.linalg.norm(end - place) > SHORTEST:
+            pieces.append(Line(vector(at.point(place)), vector(at.point(end))))
+        place = end
+    return Chain(pieces) if pieces else None
+
+
+def _coil(arc: Arc, columns: list[int], start: Floats, at: Placement) -> Coil:
+    axes = np.eye(3)
+    u, v = axes[columns[0]], axes[columns[1]]
+    centre = start + arc.centre[0] * u + arc.centre[1] * v
+    angle = -arc.angle if arc.clockwise else arc.angle
+    rise = 0.0 if arc.rise is None else arc.rise * float(np.cross(u, v)[columns[2]])
+    frame = vector(at.direction(u)), vector(at.direction(v))
+    return Coil(vector(at.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, frame)
+
+
+def polyline(points: Floats) -> Chain:
+    """Return the trace through points as lines that keep to it within `TOLERANCE`.
+
+    Args:
+        points: (n, 3) [mm].
+    """
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > SHORTEST
+    corners = points[np.concatenate([[True], moved])]
+    kept = np.zeros(len(corners), bool)
+    kept[[0, -1]] = True
+    open_ = [(0, len(corners) - 1)]
+    while open_:  # Douglas and Peucker
+        first, last = open_.pop()
+        if last - first < 2:
+            continue
+        chord, between = corners[last] - corners[first], corners[first + 1 : last] - corners[first]
+        share = np.clip(between @ chord / max(float(chord @ chord), SHORTEST**2), 0.0, 1.0)
+        off = np.linalg.norm(between - share[:, None] * chord, axis=1)
+        worst = int(off.argmax())
+        if off[worst] > TOLERANCE:
+            middle = first + 1 + worst
+            kept[middle] = True
+            open_ += [(first, middle), (middle, last)]
+    ends = corners[kept]
+    return Chain(Line(vector(a), vector(b)) for a, b in pairwise(ends))

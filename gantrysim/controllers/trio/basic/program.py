@@ -1,0 +1,289 @@
+"""A program in Trio BASIC: text in, setpoints out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints
+from gantrysim.controllers.speeds import SpeedWords
+from gantrysim.controllers.trio.basic import interpreter, text
+from gantrysim.controllers.trio.basic.code import assemble
+from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
+from gantrysim.controllers.trio.basic.motion import MOST_AXES, Motion
+from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
+from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Code, Printed, State
+from gantrysim.controllers.trio.basic.words import IGNORED
+from gantrysim.errors import InputError, at_least, finite, positive, whole
+
+_AXES = ("x", "y", "z", "r")
+_SHOWN = 20  # printed lines in the notes
+
+SPEEDS = SpeedWords(
+    word=r"\bSPEED(?:[ \t]*AXIS[ \t]*\([^()\n]*\))?[ \t]*=", comment=r"\"[^\"\n]*\"|'[^\n]*", key="speed"
+)
+
+
+@dataclass(frozen=True)
+class InterpreterTime:
+    """Time that a statement takes, by its kind; no manual states it.
+
+    Attributes:
+        statement: of a statement of no other kind [s].
+        motion: of a motion command [s].
+        print: of PRINT [s].
+        wait: of WA and WAIT, besides the wait itself [s].
+    """
+
+    statement: float = 1e-5
+    motion: float = 1e-5
+    print: float = 1e-5
+    wait: float = 1e-5
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            at_least(f"interpreter_time.{name}", value, 0, "s")
+
+
+@dataclass(frozen=True)
+class Basic(Controller):
+    """A program in Trio BASIC, interpreted against a motion generator of the controller's axes.
+
+    At every servo tick the processes execute the statements that are due, then all axes move for a servo period:
+    those with a move of their own by SPEED, ACCEL and DECEL, those linked to others by CONNECT, ADDAX, CAMBOX or
+    MOVELINK with them in the same period. Lengths of the program are mm, whatever UNITS is.
+
+    A text may hold several programs: each but the first begins with a line '$PROGRAM name, and is started by RUN.
+    The first one starts with the controller.
+
+    The requested path is that of the moves where MOVE, MOVEABS, MOVECIRC and MHELICAL alone move the machine's
+    axes, one at a time and to their ends; else `spiral`; else the commanded trace stands for it.
+
+    Source: Trio Motion Technology, Motion Coordinator technical reference manual, Trio BASIC commands.
+
+    Attributes:
+        text: the programs.
+        axis_numbers: numbers of the machine's axes x, y[, z[, r]]; by default 0 and 1, and 2 where the program moves
+            it, links no axis to it and does not set its ATYPE to 0. All others are virtual.
+        start: position of the axes x, y[, z[, r]] at the beginning, and their DPOS [mm, mm, mm, deg].
+        valve: number of the output that opens the dispenser's valve; a program that never switches it dispenses
+            while the axes move.
+        inputs: numbers of the inputs that are on; all others are off.
+        initial_speed: SPEED of every axis until the program sets it [mm/s].
+        initial_acceleration: ACCEL and DECEL of every axis until the program sets them; inf for no limit [mm/s²].
+        buffers: moves that an axis buffers besides the one it executes.
+        ratio_bits: fractional bits of CONNECT's ratio; 0 for an exact ratio.
+        wait_resolution: WA truncates its time to a multiple of it; 0 for exact waits [s].
+        interpreter_time: time that a statement takes, by its kind.
+        servo_period: SERVO_PERIOD for duration and axes; the setpoints run the program at the servo's own period [s].
+        unassigned_zero: let variables that no statement assigns read as 0, as on the controller; else they are
+            errors.
+        statement_limit: statements executed until the program counts as endless.
+        time_limit: simulated time until the program counts as endless [s].
+        spiral: the requested path, where the program makes it by links.
+        placement: position of the program's origin on the work, and its turn; scale must be 1.
+
+    Raises:
+        InputError: a value out of bounds, or a program that the controller would refuse, with its line.
+    """
+
+    speed_scaling: ClassVar[str] = "numbers that the program assigns to SPEED, changed in one proportion"
+    suffixes: ClassVar[tuple[str, ...]] = (".bas",)
+
+    text: str
+    axis_numbers: tuple[int, ...] = ()
+    start: tuple[float, ...] = (0.0, 0.0)
+    valve: int = 8
+    inputs: tuple[int, ...] = ()
+    initial_speed: float = 1.0
+    initial_acceleration: float = 1000.0
+    buffers: int = 1
+    ratio_bits: int = 16
+    wait_resolution: float = 0.001
+    interpreter_time: InterpreterTime = field(default_factory=InterpreterTime)
+    servo_period: float = 0.001
+    unassigned_zero: bool = False
+    statement_limit: int = 10_000_000
+    time_limit: float = 3600.0
+    spiral: StatedSpiral | None = None
+    placement: Placement = field(default_factory=Placement)
+
+    def __post_init__(self) -> None:
+        numbers = tuple(whole("axis_numbers", number, 0) for number in self.axis_numbers)
+        if numbers and (len(set(numbers)) < len(numbers) or not 2 <= len(numbers) <= len(_AXES)):
+            raise InputError(f"axis_numbers = {list(numbers)}: must be 2 to 4 different numbers, of x, y[, z[, r]]")
+        if max(numbers, default=0) >= MOST_AXES:
+            raise InputError(f"axis_numbers = {list(numbers)}: must be at most {MOST_AXES - 1}")
+        start = tuple(finite(f"start {name}", value) for name, value in zip(_AXES, self.start, strict=False))
+        if not 2 <= len(self.start) <= len(_AXES) or (numbers and len(start) > len(numbers)):
+            raise InputError(f"start = {list(self.start)}: must be 2 to {len(numbers) or 4} numbers, x, y[, z[, r]]")
+        object.__setattr__(self, "axis_numbers", numbers)
+        object.__setattr__(self, "start", start)
+        object.__setattr__(self, "inputs", tuple(whole("inputs", number, 0) for number in self.inputs))
+        if whole("valve", self.valve, 0) >= MOST_OUTPUTS:
+            raise InputError(f"valve = {self.valve}: must be at most {MOST_OUTPUTS - 1}")
+        at_least("initial_speed", self.initial_speed, 0, "mm/s")
+        if self.initial_acceleration != math.inf:
+            positive("initial_acceleration", self.initial_acceleration, "mm/s²")
+        if whole("buffers", self.buffers, 1) > 1024:
+            raise InputError(f"buffers = {self.buffers}: must be at most 1024")
+        if whole("ratio_bits", self.ratio_bits, 0) and not 8 <= self.ratio_bits <= 52:
+            raise InputError(f"ratio_bits = {self.ratio_bits}: must be 8 to 52, or 0 for an exact ratio")
+        at_least("wait_resolution", self.wait_resolution, 0, "s")
+        positive("servo_period", self.servo_period, "s")
+        whole("statement_limit", self.statement_limit, 1)
+        positive("time_limit", self.time_limit, "s")
+        if self.placement.scale != 1:
+            raise InputError(
+                f"placement.scale = {self.placement.scale:g}: must be 1, a program computes its lengths itself"
+            )
+        _ = self.codes
+
+    @cached_property
+    def codes(self) -> list[Code]:
+        """The programs of the text."""
+        return [assemble(source, not self.unassigned_zero) for source in text.read(self.text)]
+
+    @cached_property
+    def _runs(self) -> dict[float, Trace]:
+        return {}
+
+    def trace(self, period: float) -> Trace:
+        """Return a run of the programs at a servo period [s].
+
+        Raises:
+            InputError: a statement fails, or a limit is exceeded, with the line.
+        """
+        if period not in self._runs:
+            if self.time_limit / positive("period", period, "s") > MAX_TICKS:
+                raise InputError(f"time_limit = {self.time_limit:g} s: must be at most {MAX_TICKS * period:g} s")
+            recorded = self.axis_numbers or (0, 1, 2)
+            starts = dict(zip(self.axis_numbers or range(len(_AXES)), self.start, strict=False))
+            motion = Motion(
+                period,
+                starts,
+                self.initial_speed,
+                self.initial_acceleration,
+                self.initial_acceleration,
+                self.buffers,
+                self.ratio_bits or None,
+            )
+            state = State(
+                motion, {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
+            )
+            times = asdict(self.interpreter_time)
+            limits = Limits(self.statement_limit, self.time_limit)
+            self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
+        return self._runs[period]
+
+    @property
+    def _trace(self) -> Trace:
+        return self.trace(self.servo_period)
+
+    def _numbers(self, trace: Trace) -> tuple[int, ...]:
+        if self.axis_numbers:
+            return self.axis_numbers
+        motion = trace.state.motion
+        z = motion.axes[2]
+        return (0, 1, 2) if z.moved and z.type != 0 and 2 not in motion.drivers else (0, 1)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return _AXES[: len(self._numbers(self._trace))]
+
+    @property
+    def duration(self) -> float:
+        return (len(self._trace.position) - 1) * self.servo_period
+
+    @cached_property
+    def requested(self) -> Path:
+        return self._requested(self._trace)
+
+    def _points(self, trace: Trace) -> Floats:
+        """The linear axes on the work, (n, 3) [mm]."""
+        linear = min(len(self._numbers(trace)), 3)
+        points = np.zeros((len(trace.position), 3))
+        points[:, :linear] = trace.position[:, :linear]
+        return self.placement.point(points)
+
+    def _requested(self, trace: Trace) -> Path:
+        if self.spiral is not None:
+            return self.spiral.path(self.placement)
+        stated = self._stated(trace)
+        if stated is not None:
+            return stated
+        points = self._points(trace)
+        if np.ptp(points, axis=0).max() < 1e-6:
+            raise InputError("program moves none of the machine's axes x, y, z: must move one; see axis_numbers")
+        return polyline(points)
+
+    def _stated(self, trace: Trace) -> Path | None:
+        motion, numbers = trace.state.motion, self._numbers(trace)
+        start = np.zeros(3)
+        start[: min(len(numbers), 3)] = trace.position[0, : min(len(numbers), 3)]
+        return exact(motion.loaded, motion.followers, numbers, start, self.placement)
+
+    @property
+    def printed(self) -> tuple[Printed, ...]:
+        """What the programs print."""
+        return tuple(self._trace.state.printed)
+
+    @property
+    def lines(self) -> NDArray[np.int64]:
+        """Line of the text that moves the axes, else that is executed, at every tick of `servo_period`, (n,)."""
+        return self._trace.lines
+
+    def line_at(self, time: float) -> int | None:
+        """Return the line of the text at a time [s], None outside the program."""
+        k = round(time / self.servo_period)
+        return int(self.lines[k]) if 0 <= k < len(self.lines) else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the program prints, and what is ignored or assumed."""
+        state, notes = self._trace.state, []
+        for reason in dict.fromkeys(IGNORED[name] for name in sorted(state.ignored)):
+            names = [name for name in sorted(state.ignored) if IGNORED[name] == reason]
+            notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
+        if self.valve not in state.switched:
+            notes.append(f"OP({self.valve}) is never switched: the dispenser is on while the axes move")
+        if self.spiral is None and self._stated(self._trace) is None:
+            notes.append("the moves alone do not state the axes' path: the commanded trace is the requested path")
+        for line in state.printed[:_SHOWN]:
+            channel = "" if line.channel is None else f"#{line.channel}"
+            notes.append(f"PRINT{channel} at {line.time:.3f} s: {line.text}")
+        more = len(state.printed) - _SHOWN + state.more_printed
+        return (*notes, f"PRINT: {more} more lines") if more > 0 else tuple(notes)
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        return {"text": SPEEDS.changed(self.text, change)}
+
+    def setpoints(self, period: float) -> Setpoints:
+        trace = self.trace(period)
+        numbers, points = self._numbers(trace), self._points(trace)
+        position = trace.position[:, : len(numbers)].copy()
+        linear = min(len(numbers), 3)
+        position[:, :linear] = points[:, :linear]
+        if len(position) < 2:
+            position = np.repeat(position, 2, axis=0)
+        requested = self.requested if period == self.servo_period else self._requested(trace)
+        return Setpoints(period, _AXES[: len(numbers)], position, self._dispense(trace, position), requested)
+
+    def _dispense(self, trace: Trace, position: Floats) -> NDArray[np.bool_]:
+        if self.valve in trace.state.switched:
+            return trace.outputs
+        moving = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > 0)
+        on = np.zeros(len(position), bool)
+        if moving.size:
+            on[moving[0] : moving[-1] + 2] = True
+        return on

@@ -1,0 +1,260 @@
+"""Motion of Trio BASIC programs against closed forms and independent sums over the ticks."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.trio import Basic, InterpreterTime
+from gantrysim.errors import InputError
+
+POSITION = 1e-9  # of positions [mm]
+NO_TIME = InterpreterTime(0, 0, 0, 0)
+DT = 0.001
+
+
+def basic(text, **changed):
+    return Basic(**{"text": text, "interpreter_time": NO_TIME, "initial_acceleration": math.inf, **changed})
+
+
+def moved(text, **changed):
+    return basic(text, **changed).setpoints(DT).position
+
+
+def trapezium(t, length, v, up, down):
+    """Distance at times of a motion from rest to rest."""
+    top = min(v, math.sqrt(2 * length * up * down / (up + down)))
+    rise, fall = top / up, top / down
+    cruise = (length - 0.5 * top * (rise + fall)) / top
+    t = np.clip(t, 0, rise + cruise + fall)
+    back = rise + cruise + fall - t
+    return np.where(
+        t < rise, 0.5 * up * t**2, np.where(back < fall, length - 0.5 * down * back**2, top * (t - 0.5 * rise))
+    )
+
+
+@given(
+    st.floats(0.1, 100), st.floats(-100, 100), st.floats(5, 300), st.floats(100, 5000), st.floats(100, 5000),
+    st.sampled_from([0.0005, 0.001, 0.002]),
+)  # fmt: skip
+@settings(max_examples=50, deadline=None)
+def test_move_is_a_trapezium_along_a_line(x, y, v, up, down, period):
+    made = basic(f"BASE(0,1)\nSPEED={v:.17g}: ACCEL={up:.17g}: DECEL={down:.17g}\nMOVE({x:.17g},{y:.17g})\nWAIT IDLE")
+    found = made.setpoints(period)
+    length = math.hypot(x, y)
+    s = trapezium(found.time, length, v, up, down)
+    assert found.position == pytest.approx(s[:, None] * [x / length, y / length], abs=POSITION)
+    assert found.position[-1] == pytest.approx([x, y], abs=POSITION)
+    assert found.requested.length == pytest.approx(length)
+
+
+def test_speed_changes_in_motion_take_effect_at_the_next_tick():
+    position = moved("SPEED=100: ACCEL=1000: DECEL=500: FORWARD: WA(300): SPEED=50: WA(300): CANCEL: WAIT IDLE")[:, 0]
+    t = np.arange(len(position)) * DT
+    up, cruise = 0.5 * 1000 * 0.1**2, 100 * 0.2
+    law = np.select(
+        [t <= 0.1, t <= 0.3, t <= 0.4, t <= 0.6],
+        [500 * t**2, up + 100 * (t - 0.1), up + cruise + 100 * (t - 0.3) - 250 * (t - 0.3) ** 2, 32.5 + 50 * (t - 0.4)],
+        42.5 + 50 * np.minimum(t - 0.6, 0.1) - 250 * np.minimum(t - 0.6, 0.1) ** 2,
+    )
+    assert position == pytest.approx(law, abs=POSITION)
+    assert t[-1] == pytest.approx(0.7)
+
+
+def test_moves_merge_without_a_stop_and_else_come_to_rest():
+    moves = "MOVE(10): MOVE(20): MOVE(-5): WAIT IDLE"
+    for merge, stops in (("OFF", [10, 30, 25]), ("ON", [25])):
+        position = moved(f"MERGE={merge}: SPEED=100: ACCEL=2000: DECEL=2000: {moves}", buffers=4)[:, 0]
+        still = position[1:][np.abs(np.diff(position)) < 1e-12]
+        assert position[-1] == pytest.approx(25, abs=POSITION)
+        assert max(np.abs(np.diff(np.diff(position))).max(), 0.002) == pytest.approx(0.002 if merge == "OFF" else 0.2)
+        assert np.max(np.diff(position)) == pytest.approx(0.1)
+        assert len(still) <= 2 * len(stops)
+    # merged, only the last move's end is a stop: the way of 35 mm in one trapezium
+    position = moved(f"MERGE=ON: SPEED=100: ACCEL=2000: DECEL=2000: {moves}", buffers=4)[:, 0]
+    t = np.arange(len(position)) * DT
+    s = trapezium(t, 35, 100, 2000, 2000)
+    assert position == pytest.approx(np.where(s <= 30, s, 60 - s), abs=POSITION)
+
+
+def test_a_full_buffer_holds_the_program():
+    text = "SPEED=100\nMOVE(10)\nPRINT NTYPE[0]\nMOVE(10)\nPRINT NTYPE[0]\nMOVE(10)\nPRINT MTYPE[0];NTYPE[0]\nWAIT IDLE\nPRINT MTYPE[0]"
+    log = basic(text).printed
+    assert [line.text for line in log] == ["0", "1", "11", "0"]
+    assert [line.time for line in log] == pytest.approx([0, 0, 0.1, 0.3])
+    assert [line.time for line in basic(text, buffers=2).printed] == pytest.approx([0, 0, 0, 0.3])
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50), st.floats(0.3, 6.0), st.booleans(), st.floats(-20, 20), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_arcs_and_helices(cx, cy, angle, clockwise, rise, flat):
+    radius = math.hypot(cx, cy)
+    if radius < 1:
+        return
+    turn = -angle if clockwise else angle
+    centre = complex(cx, cy)
+    end = centre - centre * complex(math.cos(turn), math.sin(turn))
+    arguments = f"{end.real:.17g},{end.imag:.17g},{cx:.17g},{cy:.17g},{int(clockwise)},{rise:.17g},{int(flat)}"
+    made = basic(f"BASE(0,1,2): SPEED=50: MHELICAL({arguments}): WAIT IDLE", axis_numbers=(0, 1, 2))
+    setpoints = made.setpoints(DT)
+    length = radius * angle if flat else math.hypot(radius * angle, rise)
+    share = np.minimum(setpoints.time * 50 / length, 1)
+    place = centre * (1 - np.exp(1j * turn * share))
+    assert setpoints.position == pytest.approx(np.column_stack([place.real, place.imag, rise * share]), abs=1e-8)
+    assert setpoints.requested.length == pytest.approx(math.hypot(radius * angle, rise), rel=1e-9)
+    assert setpoints.requested.project(setpoints.position).distance.max() < 1e-7
+
+
+def test_absolute_moves_and_defpos():
+    text = "BASE(0,1): SPEED=100\nMOVEABS(20,5): WAIT IDLE: DEFPOS(0,0): MOVEABS(1,1): WAIT IDLE\nPRINT DPOS[1];DPOS AXIS(1)[1]"
+    made = basic(text, start=(3.0, 4.0))
+    assert made.setpoints(DT).position[0] == pytest.approx([3, 4])
+    assert made.setpoints(DT).position[-1] == pytest.approx([21, 6], abs=POSITION)
+    assert made.printed[0].text == "1.01.0"
+    assert made.requested.length == pytest.approx(math.hypot(17, 1) + math.sqrt(2))
+
+
+@pytest.mark.parametrize("bits", [0, 16])
+def test_connect_follows_in_the_same_tick_with_its_ratio(bits):
+    text = "BASE(5): SPEED=80: ACCEL=700: BASE(0): CONNECT(1/3,5): MOVE(50) AXIS(5): WA(300): CONNECT(-2,5): WAIT IDLE AXIS(5)"
+    position = moved(text, ratio_bits=bits)[:, 0]
+    driver = moved("BASE(5): SPEED=80: ACCEL=700: MOVE(50): WAIT IDLE", axis_numbers=(5, 6))[:, 0]
+    ratio = 1 / 3 if not bits else round(2**16 / 3) / 2**16
+    steps = np.diff(driver)
+    expected = np.cumsum(np.where(np.arange(steps.size) < 300, ratio, -2) * steps)
+    assert position[1 : 1 + expected.size] == pytest.approx(expected, abs=POSITION)
+
+
+def test_connect_counts_edges():
+    text = "UNITS=100: UNITS AXIS(5)=1000: CONNECT(0.5,5): SPEED AXIS(5)=100: MOVE(2) AXIS(5): WAIT IDLE AXIS(5)"
+    assert moved(text)[-1, 0] == pytest.approx(2 * 1000 * 0.5 / 100, abs=POSITION)
+
+
+def test_addax_adds_the_motion_of_another_axis_until_it_ends():
+    text = "ADDAX(3): SPEED=10: SPEED AXIS(3)=30: MOVE(5): MOVE(9) AXIS(3): WA(100): ADDAX(-1): WAIT IDLE AXIS(3)"
+    position = moved(text)[:, 0]
+    assert position[100] == pytest.approx(1 + 3, abs=POSITION)
+    assert position[-1] == pytest.approx(5 + 3, abs=POSITION)
+
+
+def test_cam_runs_through_its_table_at_speed():
+    text = "FOR k=0 TO 20: TABLE(100+k, 4*k*(20-k)): NEXT k: SPEED=40: CAM(100,120,0.01,20): WAIT IDLE"
+    position = moved(text)[:, 0]
+    at = np.minimum(np.arange(len(position)) * DT * 40 / 20, 1) * 20
+    corners = 0.04 * np.arange(21) * (20 - np.arange(21))
+    assert position == pytest.approx(np.interp(at, np.arange(21), corners), abs=POSITION)
+
+
+def test_movelink_is_a_trapezium_over_the_link_axis():
+    text = "SPEED AXIS(4)=100: MOVELINK(30,40,10,5,4): MOVELINK(-30,20,0,0,4): MOVE(80) AXIS(4): WAIT IDLE AXIS(4)"
+    position = moved(text)[:, 0]
+    link = np.minimum(np.arange(len(position)) * DT * 100, 80)
+    rate = 30 / (40 - 7.5)
+    speed = np.interp(link, [0, 10, 35, 40], [0, rate, rate, 0])
+    s = np.concatenate([[0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(link))])
+    expected = np.where(link <= 40, s, 30 - 1.5 * np.clip(link - 40, 0, 20))
+    assert position == pytest.approx(expected, abs=1e-8)
+
+
+def test_cambox_repeats_from_a_position_of_the_link_axis():
+    table = "TABLE(0,0,1,3,4): SPEED AXIS(4)=100: "
+    text = table + "CAMBOX(0,3,2,15,4,6,7): MOVE(52) AXIS(4): WAIT IDLE AXIS(4): CANCEL: WAIT IDLE"
+    position = moved(text)[:, 0]
+    link = np.minimum(np.arange(len(position)) * DT * 100, 52) - 7
+    rounds = np.floor(np.maximum(link, 0) / 15 + 1e-9)
+    expected = 8 * rounds + np.interp(np.maximum(link, 0) - 15 * rounds, [0, 5, 10, 15], [0, 2, 6, 8])
+    assert position == pytest.approx(expected, abs=POSITION)
+
+
+def test_a_link_can_follow_in_one_direction_alone():
+    text = "SPEED AXIS(4)=100: MOVELINK(30,30,0,0,4,32): MOVE(10) AXIS(4): MOVE(-20) AXIS(4): MOVE(40) AXIS(4): WAIT IDLE"
+    assert moved(text)[-1, 0] == pytest.approx(30, abs=POSITION)
+    held = moved(text.replace("WAIT IDLE", "WA(290)"))[:, 0]
+    assert held[100:301] == pytest.approx(np.full(201, 10), abs=POSITION)
+
+
+def test_rapidstop_ends_links_at_once_and_slows_moves_down():
+    text = "BASE(0): SPEED AXIS(3)=100: DECEL AXIS(3)=1000: CONNECT(1,3): FORWARD AXIS(3): WA(200): RAPIDSTOP: WAIT IDLE AXIS(3): PRINT DPOS AXIS(3)[9]"
+    made = basic(text)
+    assert made.setpoints(DT).position[-1, 0] == pytest.approx(20, abs=POSITION)
+    assert float(made.printed[0].text) == pytest.approx(25, abs=1e-8)
+
+
+def test_cancel_of_the_buffer_leaves_the_executing_move():
+    assert moved("SPEED=100: MOVE(10): MOVE(10): CANCEL(1): WAIT IDLE")[-1, 0] == pytest.approx(10, abs=POSITION)
+    assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL: WAIT IDLE")[-1, 0] == pytest.approx(12, abs=POSITION)
+    assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL(2): WAIT IDLE")[-1, 0] == pytest.approx(5, abs=POSITION)
+
+
+def test_a_real_z_axis_is_told_from_a_virtual_one():
+    assert basic("SPEED=100: MOVE(1): MOVE(2) AXIS(2)").axes == ("x", "y", "z")
+    assert basic("SPEED=100: MOVE(1): ATYPE AXIS(2)=0: MOVE(2) AXIS(2)").axes == ("x", "y")
+    assert basic("SPEED=100: CONNECT(1,2): MOVE(2) AXIS(2)").axes == ("x", "y")
+    assert basic("SPEED=100: CONNECT(1,2): MOVE(2) AXIS(2)", axis_numbers=(0, 1, 2)).axes == ("x", "y", "z")
+
+
+def test_the_valve_is_an_output_and_else_follows_the_motion():
+    text = "SPEED=100: WA(20): OP(9,ON): MOVE(10): WAIT IDLE: OP(9,OFF): WA(30)"
+    on = basic(text, valve=9).setpoints(DT).dispense
+    assert np.flatnonzero(on).tolist() == list(range(20, 120))
+    on = basic(text).setpoints(DT).dispense
+    assert np.flatnonzero(on).tolist() == list(range(20, 121))
+
+
+def test_lines_of_the_program_at_the_setpoints():
+    made = basic("SPEED=100\nWA(20)\nMOVE(10)\nMOVE(5)\nWAIT IDLE\nWA(10)")
+    assert [made.line_at(t) for t in (0.01, 0.05, 0.13, 0.175, 1.0, -1.0)] == [2, 3, 4, 6, None, None]
+    assert len(made.lines) == len(made.setpoints(DT).position)
+
+
+@given(st.floats(-180, 180), st.floats(-50, 50))
+@settings(max_examples=20, deadline=None)
+def test_placement_turns_and_shifts_axes_and_requested_path(rotate, x):
+    text = "BASE(0,1): SPEED=100: MOVE(10,5): MOVECIRC(0,8,0,4,0): WAIT IDLE"
+    plain, placed = basic(text), basic(text, placement=Placement(x=x, y=2.0, rotate=rotate))
+    here, there = plain.setpoints(DT), placed.setpoints(DT)
+    turned = (here.position @ [1, 1j]) * np.exp(1j * math.radians(rotate)) + complex(x, 2)
+    assert there.position @ [1, 1j] == pytest.approx(turned, abs=POSITION)
+    assert there.requested.length == pytest.approx(here.requested.length)
+    points = np.column_stack([there.position, np.zeros(len(turned))])
+    assert there.requested.project(points).distance.max() < 1e-7
+
+
+def test_scale_is_refused():
+    with pytest.raises(InputError, match=r"^placement\.scale = 2: must be 1, a program computes its lengths itself$"):
+        basic("MOVE(1)", placement=Placement(scale=2.0))
+
+
+def test_the_trace_stands_for_a_path_that_is_not_stated():
+    made = basic("BASE(0): CONNECT(1,4): BASE(1): CONNECT(1,5): BASE(4,5): SPEED=50: MOVECIRC(0,0,20,0,1): WAIT IDLE")
+    position = made.setpoints(DT).position
+    points = np.column_stack([position, np.zeros(len(position))])
+    assert made.requested.follow(points, begin=0.0).distance.max() <= 2.1e-4
+    assert made.requested.length == pytest.approx(40 * math.pi, rel=1e-5)
+    assert "the moves alone do not state the axes' path: the commanded trace is the requested path" in made.notes
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "MOVE(10): MOVE(10) AXIS(1): WAIT IDLE",  # at the same time
+        "MOVE(10): WA(50): CANCEL: WAIT IDLE: MOVE(3,4): WAIT IDLE",  # not to its end
+        "ADDAX(5): MOVE(10): WAIT IDLE",
+        "TABLE(0,0,1): CAM(0,1,1,1): WAIT IDLE: MOVE(5): WAIT IDLE",
+    ],
+)
+def test_motions_that_are_no_sequence_of_moves_state_no_path(text):
+    made = basic("SPEED=100: BASE(0,1): " + text)
+    assert any("commanded trace" in note for note in made.notes)
+    position = made.setpoints(DT).position
+    assert made.requested.project(np.column_stack([position, 0 * position[:, 0]])).distance.max() <= 2.1e-4
+
+
+def test_speeds_change_in_the_text():
+    made = basic('SPEED=100: PRINT "SPEED=7" \' SPEED=8\nSPEED AXIS(1) = 50\nVR(1)=VP_SPEED\nMOVE(1)')
+    assert made.programmed_speed == 100
+    text = made.arguments_at(50)["text"]
+    assert text == 'SPEED=50: PRINT "SPEED=7" \' SPEED=8\nSPEED AXIS(1) =25\nVR(1)=VP_SPEED\nMOVE(1)'
