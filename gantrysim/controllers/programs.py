@@ -20,6 +20,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
     "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
+    "softmc.Basic": softmc.Basic,
     "stage.OutlineTrace": stage.OutlineTrace,
 }
 

@@ -1,0 +1,239 @@
+"""The statements that move the group, and those that record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lark import Tree
+
+from gantrysim.controllers.softmc.basic import properties
+from gantrysim.controllers.softmc.basic.expressions import child, element, expression, name_of, several, trees, word
+from gantrysim.controllers.softmc.basic.recording import Column, Recording
+from gantrysim.controllers.softmc.basic.syntax import Node
+from gantrysim.controllers.softmc.basic.task import Expression, Frame, Statement
+from gantrysim.controllers.softmc.basic.values import Element, Point, Value, number, text_of
+from gantrysim.controllers.softmc.commands import Circle, Move, SoftMCError
+from gantrysim.controllers.softmc.geometry import AXES
+from gantrysim.errors import unknown, whole
+
+_CIRCLE = {
+    "angle": "angle",
+    "circlecenter": "centre",
+    "circleplane": "plane",
+    "circlepoint": "via",
+    "targetpoint": "target",
+}
+_POINTS = ("centre", "via", "target")
+_OPTIONS = ("gap", "recdata", "ringbuffer")
+_MOST_COLUMNS = 64
+_MOST_RECORDS = 100
+
+Pairs = list[tuple[str, str, Expression]]  # name as written, canonical name, value
+
+
+def _pairs(tree: Node, words: dict[str, str]) -> Pairs:
+    pairs: Pairs = []
+    for one in trees(tree):
+        if one.data != "property":
+            continue
+        name = word(one)
+        short = words.get(name.lower(), properties.canonical(name))
+        if short not in words.values() and short not in properties.NODAL:
+            raise unknown("word", name, [*words, *properties.NODAL])
+        if any(short == other for _, other, _ in pairs):
+            raise SoftMCError(f"{name}: is given twice, must be once")
+        pairs.append((name, short, expression(child(one, 1))))
+    return pairs
+
+
+def _nodal(pairs: Pairs, group: Element, frame: Frame) -> dict[str, Any]:
+    given = [(name, short, value) for name, short, value in pairs if short in properties.NODAL]
+    return {short: properties.checked(group, name, value(frame))[1] for name, short, value in given}
+
+
+def _point(name: str, value: Value, frame: Frame) -> tuple[float, ...]:
+    if not isinstance(value, Point):
+        raise SoftMCError(f"{name} = {text_of(value)}: must be a point in braces, as in {{0, 0, 5}}")
+    task = frame.task
+    if task.axes is None:
+        task.axes = max(2, min(len(value.values), task.coordinates))
+    return value.values
+
+
+def move(tree: Node) -> Statement:
+    """MOVE [group] point, and MOVES."""
+    first, second = child(tree, 0), tree.children[1]
+    pairs = _pairs(Tree("properties", tree.children[2:]), {})
+    of, inner = None, None
+    if isinstance(second, Tree):
+        of, target = element(first), expression(second)
+    else:
+        target = expression(first)
+        if first.data in ("component", "call"):  # Move G1 {1, 2} reads as a coordinate of G1
+            named = name_of(child(first, 0)) if first.data == "component" else word(first)
+            rest = first.children[1]
+            if named is not None and isinstance(rest, Tree):
+                of = element(Tree("name", [named]))
+                inner = expression(Tree("joint", [rest])) if first.data == "component" else several(rest)[0]
+
+    def do(frame: Frame) -> None:
+        task, group, aim = frame.task, None, target
+        if (inner is not None and frame.find(str(named).lower()) is None) or isinstance(second, Tree):
+            assert of is not None
+            group, aim = of(frame), target if inner is None else inner
+        elif inner is not None:
+            variable = frame.find(str(named).lower())
+            if variable is not None and isinstance(variable.value, Element):
+                group, aim = variable.value, inner
+        held = aim(frame)
+        moved = task.only_group(group if isinstance(group, Element) else None)
+        point = _point("target", held, frame)
+        nodal = _nodal(pairs, moved, frame)
+        if task.time.start is None:
+            start = [0.0] * len(AXES)
+            if nodal.get("abs", moved.properties["abs"]):
+                start[: len(point)] = point[: len(AXES)]
+            task.begin(start)
+        task.move(moved, nodal, Move(point), False)
+
+    return do
+
+
+def circle(tree: Node) -> Statement:
+    """CIRCLE [group] with its words."""
+    first = tree.children[0]
+    of = element(child(first, 0)) if isinstance(first, Tree) and first.data == "element" else None
+    pairs = _pairs(tree, _CIRCLE)
+
+    def do(frame: Frame) -> None:
+        found = None if of is None else of(frame)
+        moved = frame.task.only_group(found if isinstance(found, Element) else None)
+        arguments: dict[str, Any] = {}
+        for name, short, value in pairs:
+            if short in _POINTS:
+                arguments[short] = _point(name, value(frame), frame)
+            elif short in _CIRCLE.values():
+                held = number(name, value(frame))
+                arguments[short] = int(held) if short == "plane" and held.is_integer() else held
+        nodal = _nodal(pairs, moved, frame)
+        if frame.task.time.start is None:
+            frame.task.begin([0.0] * len(AXES))
+        frame.task.move(moved, nodal, Circle(**arguments), True)
+
+    return do
+
+
+def delay(tree: Node) -> Statement:
+    """DELAY [group] milliseconds: the program goes on when the group has rested that long."""
+    first, second = child(tree, 0), tree.children[1]
+    of = element(first) if isinstance(second, Tree) else None
+    time = expression(second if isinstance(second, Tree) else first)
+
+    def do(frame: Frame) -> None:
+        if of is not None:
+            found = of(frame)
+            frame.task.only_group(found if isinstance(found, Element) else None)
+        frame.task.time.wait()
+        _sleep("delay", time(frame), frame)
+
+    return do
+
+
+def sleep(tree: Node) -> Statement:
+    """SLEEP milliseconds."""
+    time = expression(child(tree, 0))
+    return lambda frame: _sleep("sleep", time(frame), frame)
+
+
+def _sleep(name: str, value: Value, frame: Frame) -> None:
+    time = number(name, value)
+    if time < 0:
+        raise SoftMCError(f"{name} = {time:g} ms: must be at least 0 ms")
+    frame.task.time.clock += 1e-3 * time
+
+
+def record(tree: Node) -> Statement:
+    """RECORD file points [Gap = ticks] RecData = expressions."""
+    file = word(tree).strip('"')
+    points = expression(child(tree, 1))
+    options = {word(one).lower(): trees(one) for one in trees(tree) if one.data == "option"}
+    for name in options:
+        if name not in _OPTIONS:
+            raise unknown("word", name, _OPTIONS)
+    if "recdata" not in options:
+        raise SoftMCError("RecData is missing: must follow with expressions, as in RecData = pcmd{1}, sys.clock")
+    gap = expression(options["gap"][0]) if "gap" in options else None
+    if any(len(options[name]) != 1 for name in options if name != "recdata"):
+        raise SoftMCError("Gap and RingBuffer: must be one number")
+    sampled = [_sampled(one) for one in options["recdata"]]
+
+    def do(frame: Frame) -> None:
+        task = frame.task
+        if task.records and not task.records[-1].closed:
+            raise SoftMCError("a record is open: must be closed by RECORDCLOSE")
+        if len(task.records) >= _MOST_RECORDS:
+            raise SoftMCError(f"{_MOST_RECORDS} records: a program must have at most that many")
+        columns = tuple(column for make in sampled for column in make(frame))
+        if len(columns) > _MOST_COLUMNS:
+            raise SoftMCError(f"RecData of {len(columns)} columns: must be at most {_MOST_COLUMNS}")
+        most = whole("points", number("points", points(frame)), 1)
+        every = 1 if gap is None else whole("Gap", number("Gap", gap(frame)), 1)
+        task.records.append(Recording(file, most, every, columns))
+
+    return do
+
+
+def _sampled(tree: Node) -> Any:
+    """Return the function that makes the columns of an expression of RecData."""
+    which = None
+    if tree.data == "component":
+        braces = child(tree, 1)
+        which = expression(child(braces, 0)) if len(braces.children) == 1 else None
+        tree = child(tree, 0)
+    name = word(tree, 1) if tree.data == "member" else name_of(tree)
+    what = properties.canonical(name or "")
+    of = element(child(tree, 0)) if tree.data == "member" else None
+    if what not in (*properties.RECORDED, "clock"):
+        raise unknown("expression of RecData", name or str(tree.data), [*properties.RECORDED, "sys.clock"])
+
+    def columns(frame: Frame) -> list[Column]:
+        task = frame.task
+        if what == "clock":
+            return [Column("sys.clock", what)]
+        found = task.focus() if of is None else of(frame)
+        if isinstance(found, Element) and found.kind == "axis":
+            return [Column(f"{found.name}.{what}", what, task.index_of(found))]
+        count = task.axes or len(AXES)
+        if which is None:
+            return [Column(f"{what}{{{k + 1}}}", what, k) for k in range(count)]
+        k = number("coordinate's number", which(frame))
+        if not 1 <= k <= len(AXES):
+            raise SoftMCError(f"{what}{{{k:g}}}: must be 1 to {len(AXES)}")
+        return [Column(f"{what}{{{k:g}}}", what, int(k) - 1)]
+
+    return columns
+
+
+def recordon(tree: Node) -> Statement:
+    """RECORDON."""
+
+    def do(frame: Frame) -> None:
+        task = frame.task
+        if not task.records or task.records[-1].closed:
+            raise SoftMCError("no record is open: RECORD must come first")
+        if not task.records[-1].running:
+            task.records[-1].spans.append((task.time.mark(), None))
+
+    return do
+
+
+def recordoff(tree: Node) -> Statement:
+    """RECORDOFF, and RECORDCLOSE."""
+    closes = tree.data == "recordclose"
+
+    def do(frame: Frame) -> None:
+        if frame.task.records:
+            frame.task.records[-1].stop(frame.task.time.mark())
+            frame.task.records[-1].closed |= closes
+
+    return do
