@@ -71,6 +71,7 @@ class Record:
 
 
 def evaluated(name: str, run: Recorded, delay: int) -> Floats:
+    """Return an expression at every tick of a run, (n, axes); PE with the command of `delay` ticks before."""
     if name == "SETPOINT":
         return run.commanded_tip
     if name == "PE":

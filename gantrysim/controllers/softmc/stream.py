@@ -81,7 +81,7 @@ class Stream:
 
 
 def leg_of(
-    path: Segment, here: Floats, own: Group, dispense: bool, placement: Placement = Placement(), line: int = 0
+    path: Segment, here: Floats, own: Group, dispense: bool, placement: Placement | None = None, line: int = 0
 ) -> Leg:
     """Return the motion along a path.
 
@@ -93,7 +93,7 @@ def leg_of(
         placement: of the program's coordinates on the work.
         line: of the program.
     """
-    if placement != Placement():
+    if placement is not None and placement != Placement():
         path, here = placed(path, placement), placed(Segment(None, here), placement).end
     rotation = float(path.end[3] - here[3])
     profile = own.in_place(rotation) if path.piece is None else own.along(Chain([path.piece]).length, rotation)

@@ -27,6 +27,8 @@ from gantrysim.controllers.softmc.basic.values import (
 )
 from gantrysim.controllers.softmc.commands import SoftMCError
 
+_MOST_COORDINATES = 10
+
 
 def expression(tree: Node) -> Expression:
     """Return the function that evaluates an expression."""
@@ -218,6 +220,8 @@ def _execute(arguments: Sequence[Value], frame: Frame) -> float:
 
 def _point(tree: Node) -> Expression:
     parts = several(child(tree, 0))
+    if len(parts) > _MOST_COORDINATES:
+        raise SoftMCError(f"a point of {len(parts)} numbers: must have at most {_MOST_COORDINATES}")
     return lambda frame: Point(tuple(number("coordinate", part(frame)) for part in parts))
 
 

@@ -25,6 +25,8 @@ _CIRCLE = {
 }
 _POINTS = ("centre", "via", "target")
 _OPTIONS = ("gap", "recdata", "ringbuffer")
+_FARTHEST = 1e6  # coordinate [mm]
+_LONGEST_GAP = 1_000_000  # [ticks]
 _MOST_COLUMNS = 64
 _MOST_RECORDS = 100
 
@@ -54,6 +56,8 @@ def _nodal(pairs: Pairs, group: Element, frame: Frame) -> dict[str, Any]:
 def _point(name: str, value: Value, frame: Frame) -> tuple[float, ...]:
     if not isinstance(value, Point):
         raise SoftMCError(f"{name} = {text_of(value)}: must be a point in braces, as in {{0, 0, 5}}")
+    if max(map(abs, value.values)) > _FARTHEST:
+        raise SoftMCError(f"{name} = {value}: must be within {_FARTHEST:g} mm")
     task = frame.task
     if task.axes is None:
         task.axes = max(2, min(len(value.values), task.coordinates))
@@ -68,7 +72,8 @@ def move(tree: Node) -> Statement:
     if isinstance(second, Tree):
         of, target = element(first), expression(second)
     else:
-        target = expression(first)
+        several_numbers = first.data == "component" and len(child(first, 1).children) > 1
+        target = None if several_numbers else expression(first)
         if first.data in ("component", "call"):  # Move G1 {1, 2} reads as a coordinate of G1
             named = name_of(child(first, 0)) if first.data == "component" else word(first)
             rest = first.children[1]
@@ -85,6 +90,8 @@ def move(tree: Node) -> Statement:
             variable = frame.find(str(named).lower())
             if variable is not None and isinstance(variable.value, Element):
                 group, aim = variable.value, inner
+        if aim is None:
+            raise SoftMCError(f"{named}: must be the group")
         held = aim(frame)
         moved = task.only_group(group if isinstance(group, Element) else None)
         point = _point("target", held, frame)
@@ -134,7 +141,7 @@ def delay(tree: Node) -> Statement:
             found = of(frame)
             frame.task.only_group(found if isinstance(found, Element) else None)
         frame.task.time.wait()
-        _sleep("delay", time(frame), frame)
+        frame.task.sleep("delay", time(frame))
 
     return do
 
@@ -142,14 +149,7 @@ def delay(tree: Node) -> Statement:
 def sleep(tree: Node) -> Statement:
     """SLEEP milliseconds."""
     time = expression(child(tree, 0))
-    return lambda frame: _sleep("sleep", time(frame), frame)
-
-
-def _sleep(name: str, value: Value, frame: Frame) -> None:
-    time = number(name, value)
-    if time < 0:
-        raise SoftMCError(f"{name} = {time:g} ms: must be at least 0 ms")
-    frame.task.time.clock += 1e-3 * time
+    return lambda frame: frame.task.sleep("sleep", time(frame))
 
 
 def record(tree: Node) -> Statement:
@@ -178,6 +178,8 @@ def record(tree: Node) -> Statement:
             raise SoftMCError(f"RecData of {len(columns)} columns: must be at most {_MOST_COLUMNS}")
         most = whole("points", number("points", points(frame)), 1)
         every = 1 if gap is None else whole("Gap", number("Gap", gap(frame)), 1)
+        if every > _LONGEST_GAP:
+            raise SoftMCError(f"Gap = {every}: must be at most {_LONGEST_GAP}")
         task.records.append(Recording(file, most, every, columns))
 
     return do
@@ -222,7 +224,7 @@ def recordon(tree: Node) -> Statement:
         if not task.records or task.records[-1].closed:
             raise SoftMCError("no record is open: RECORD must come first")
         if not task.records[-1].running:
-            task.records[-1].spans.append((task.time.mark(), None))
+            task.records[-1].spans.append((task.mark(), None))
 
     return do
 
@@ -233,7 +235,7 @@ def recordoff(tree: Node) -> Statement:
 
     def do(frame: Frame) -> None:
         if frame.task.records:
-            frame.task.records[-1].stop(frame.task.time.mark())
+            frame.task.records[-1].stop(frame.task.mark())
             frame.task.records[-1].closed |= closes
 
     return do

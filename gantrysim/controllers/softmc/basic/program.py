@@ -57,7 +57,7 @@ class Basic(Controller):
     output: int = 1
     override: float = 100.0
     max_statements: int = 10_000_000
-    placement: Placement = Placement()
+    placement: Placement = field(default_factory=Placement)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", tuple(self.coordinates))
@@ -176,7 +176,7 @@ class Basic(Controller):
         return True
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def _run(
     text: str,
     group: Group,

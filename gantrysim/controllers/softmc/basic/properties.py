@@ -43,7 +43,7 @@ _LONG_NAMES = {
 
 # of a group; those of a length also hold for the system's and the axes' own values, which have no effect
 EFFECTIVE = frozenset(
-    [
+    (
         "vcruise",
         "vtran",
         "vmax",
@@ -69,10 +69,10 @@ EFFECTIVE = frozenset(
         "starttype",
         "blendingmethod",
         "dispense",
-    ]
+    )
 )
 IDLE = frozenset(
-    [
+    (
         "fmode",
         "pfac",
         "vospd",
@@ -83,13 +83,13 @@ IDLE = frozenset(
         "doubleformat",
         "numberaxes",
         "positionrollover",
-    ]
+    )
 )
 RECORDED = ("pcmd", "pfb", "pe", "vcmd", "vfb", "setpoint")
 READ_ONLY = frozenset(("pcmd", "pfb", "setpoint", "ismoving", "issettled", "clock", "time"))
 NAMES = EFFECTIVE | IDLE | READ_ONLY | frozenset(RECORDED)
 NODAL = frozenset(
-    [
+    (
         "vcruise",
         "vtran",
         "vmax",
@@ -104,7 +104,7 @@ NODAL = frozenset(
         "abs",
         "starttype",
         "dispense",
-    ]
+    )
 )
 
 _STARTS = (2, 3)  # in position, generator completed

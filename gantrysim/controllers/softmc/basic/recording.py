@@ -16,6 +16,7 @@ from gantrysim.controllers.controller import Recorded
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.softmc.basic.timeline import Mark
 from gantrysim.controllers.softmc.record import evaluated
+from gantrysim.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,8 @@ def _column(column: Column, run: Recorded, coordinates: Sequence[str], delay: in
         return "mm", run.commanded_tip[:, column.index]
     name = coordinates[column.index] if column.index < len(coordinates) else ""
     axis = run.axes.index(name) if name in run.axes else column.index
+    if axis >= len(run.axes):
+        raise InputError(f"{column.name}: must be a coordinate of the axes {', '.join(run.axes)}")
     what = "PCMD" if column.what == "setpoint" else column.what.upper()
     unit = run.units[axis] + ("/s" if what in ("VCMD", "VFB") else "")
     return unit, evaluated(what, run, delay)[:, axis]

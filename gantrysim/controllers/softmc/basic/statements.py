@@ -253,10 +253,11 @@ def _for_loop(tree: Node) -> Statement:
 
 def _select(tree: Node) -> Statement:
     value = expression(child(tree, 0))
-    cases = []
-    for one in trees(tree)[1:]:
-        if one.data == "case":
-            cases.append(([_choice(choice) for choice in trees(one)[:-1]], block(trees(one)[-1])))
+    cases = [
+        ([_choice(choice) for choice in trees(one)[:-1]], block(trees(one)[-1]))
+        for one in trees(tree)
+        if one.data == "case"
+    ]
     last = tree.children[-1]
     otherwise = block(last) if isinstance(last, Tree) and last.data == "block" else []
 

@@ -15,7 +15,7 @@ LONGEST = 1_000_000  # characters of a program
 _COMMENT = re.compile(r"\"[^\"\n]*\"|'[^\n]*|^[ \t]*rem\b[^\n]*", re.IGNORECASE | re.MULTILINE)
 _STATEMENTS = (
     "attach, call, circle, common, configgroup, delay, detach, dim, do, end, for, function, if, move, moves, next, "
-    "print, program, record, recordclose, recordoff, recordon, select, sleep, sub, while, with"
+    "print, program, record, recordclose, recordoff, recordon, select, sleep, sub, while, with, else, elseif, loop"
 )
 
 Node = Tree[Token]
@@ -51,7 +51,7 @@ def _parser() -> Lark:
 
 def _message(text: str, error: UnexpectedInput) -> str:
     if isinstance(error, UnexpectedToken) and error.token.type == "$END":
-        return f"line {text.count(chr(10))}: the text ends within a program, a sub, a function, a loop or a condition"
+        return f"line {len(text.rstrip().splitlines())}: the text ends within a program, a sub, a function, a loop or a condition"
     lines = text.split("\n")
     number = min(max(int(error.line), 1), len(lines))
     line, column = lines[number - 1].strip(), error.column
@@ -63,7 +63,13 @@ def _message(text: str, error: UnexpectedInput) -> str:
             where = f'line {number} "{lines[number - 1].strip()[:80]}"'
         before = lines[number - 1][: max(column - 1, 0)].split()
         first = lines[number - 1].split()[:1]
-        if first and len(before) == 1 and re.fullmatch(r"[A-Za-z]\w*", first[0]) and "=" not in lines[number - 1]:
+        if (
+            first
+            and first[0].lower() not in _STATEMENTS.split(", ")
+            and len(before) == 1
+            and re.fullmatch(r"[A-Za-z]\w*", first[0])
+            and "=" not in lines[number - 1]
+        ):
             return f"{where}: unknown statement {first[0]!r}: known: {_STATEMENTS}, or an assignment with ="
         return f"{where}: {found} does not fit there"
     assert isinstance(error, UnexpectedCharacters)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,12 +16,14 @@ from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.recording import Recording
 from gantrysim.controllers.softmc.basic.timeline import LONGEST, Mark, Timeline
-from gantrysim.controllers.softmc.basic.values import CONSTANTS, Element, Point, Value, Variable, text_of
+from gantrysim.controllers.softmc.basic.values import CONSTANTS, Element, Point, Value, Variable, array, number, text_of
 from gantrysim.controllers.softmc.commands import Command, SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
 
 MOST_PRINTED = 1000  # lines
+MOST_ITEMS = 1_000_000  # of all arrays
+MOST_MARKS = 100_000  # of outputs and records
 _AXIS = re.compile(r"a([1-9]\d?)")
 _JOINT = re.compile(r"j([1-9]\d?)")
 _SYSTEM = ("sys", "system")
@@ -93,6 +96,8 @@ class Task:
     line: int = 0
     count: int = 0
     depth: int = 0
+    items: int = 0
+    marks: int = 0
     printed: list[str] = field(default_factory=list)
     prints: int = 0
     idle: dict[str, int] = field(default_factory=dict)
@@ -120,6 +125,20 @@ class Task:
         if self.time.clock > LONGEST:
             raise SoftMCError(f"the program runs for more than {LONGEST:g} s: must end before")
 
+    def array(self, dimensions: list[Value], value: Value | None) -> Any:
+        """Return an array, or the value itself without dimensions.
+
+        Raises:
+            SoftMCError: too many items in all.
+        """
+        if not dimensions:
+            return value
+        made = array(dimensions, value)
+        self.items += math.prod(int(number("dimension", size)) for size in dimensions)
+        if self.items > MOST_ITEMS:
+            raise SoftMCError(f"arrays of {self.items} items: must be at most {MOST_ITEMS} in all")
+        return made
+
     def run(self, block: Block, frame: Frame) -> None:
         """Run statements one after the other."""
         for line, do in block:
@@ -146,9 +165,9 @@ class Task:
             return self._registered(key, "axis")
         if key in self.routines or key in CONSTANTS or properties.is_property(key):
             return None
-        if self.moved is None:
-            self.moved = Element(name, "group", properties.initial(self.group))
-            self.elements[key] = self.moved
+        if self.moved is None or not self.moved.name:  # the first name is that of the group
+            self.focus().name = name
+            self.elements[key] = self.focus()
         return self.elements.get(key)
 
     def declared_group(self, name: str, axes: tuple[str, ...]) -> Element:
@@ -170,7 +189,7 @@ class Task:
         if self.default is not None:
             return self.default
         if self.moved is None:
-            self.moved = Element("group", "group", properties.initial(self.group))
+            self.moved = Element("", "group", properties.initial(self.group))
         return self.moved
 
     def only_group(self, element: Element | None) -> Element:
@@ -261,7 +280,31 @@ class Task:
         """Switch a digital output."""
         self.outputs[port] = value
         if port == self.output:
-            self.switched.append((self.time.mark(), value != 0))
+            self.switched.append((self.mark(), value != 0))
+
+    def mark(self) -> Mark:
+        """Return the present instant, for an output or a record.
+
+        Raises:
+            SoftMCError: too many.
+        """
+        self.marks += 1
+        if self.marks > MOST_MARKS:
+            raise SoftMCError(f"{MOST_MARKS} switchings: a program must have at most that many")
+        return self.time.mark()
+
+    def sleep(self, name: str, value: Value) -> None:
+        """Let time pass [ms].
+
+        Raises:
+            SoftMCError: a negative time, or too long a program.
+        """
+        time = number(name, value)
+        if time < 0:
+            raise SoftMCError(f"{name} = {time:g} ms: must be at least 0 ms")
+        self.time.clock += 1e-3 * time
+        if self.time.clock > LONGEST:
+            raise SoftMCError(f"the program runs for more than {LONGEST:g} s: must end before")
 
     def show(self, values: list[Value]) -> None:
         """Print values on a line."""

@@ -122,8 +122,15 @@ class Timeline:
         if len(self._paths) >= MOST_MOTIONS:
             raise SoftMCError(f"{MOST_MOTIONS} motions: a program must have at most that many")
         start = self.here
-        path = segment(command, start, axes, own.absolute)
-        leg = leg_of(path, start, own, dispense, self.placement, line)
+        try:
+            with np.errstate(over="raise", invalid="raise", divide="raise"):
+                path = segment(command, start, axes, own.absolute)
+                leg = leg_of(path, start, own, dispense, self.placement, line)
+                duration = leg.duration
+        except ArithmeticError:
+            raise SoftMCError("the motion has no finite duration: must be slower or shorter") from None
+        if not duration <= LONGEST:
+            raise SoftMCError(f"motion of {duration:g} s: must be at most {LONGEST:g} s")
         if self._begins:
             self.clock = max(self.clock, self._begins[-1])
         if settled:
@@ -132,7 +139,7 @@ class Timeline:
         self._begins.append(self.free)
         self._paths.append((start, path, leg))
         self.steps.append(leg)
-        self.free += leg.duration
+        self.free += duration
         self.supervised = own
         if self.free > LONGEST:
             raise SoftMCError(f"motion of {self.free:g} s: must be at most {LONGEST:g} s")
