@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 from lark import Tree
 
 from gantrysim.controllers.softmc.basic import properties
+from gantrysim.controllers.softmc.basic.calls import called, executed, unknown_name
 from gantrysim.controllers.softmc.basic.syntax import Node
-from gantrysim.controllers.softmc.basic.task import Expression, Frame, Routine, unknown_name
+from gantrysim.controllers.softmc.basic.task import Expression, Frame
 from gantrysim.controllers.softmc.basic.values import (
     CONSTANTS,
     FUNCTIONS,
     Element,
     Point,
     Value,
-    Variable,
     builtin,
     compare,
-    converted,
     negative,
     number,
     operate,
@@ -130,7 +126,7 @@ def _name(tree: Node) -> Expression:
         if variable is not None:
             if variable.value is None:
                 raise SoftMCError(f"{name} has no value yet: must be assigned first")
-            return variable.value  # type: ignore[no-any-return]
+            return variable.value
         if key in CONSTANTS:
             return CONSTANTS[key]
         routine = frame.task.routines.get(key)
@@ -163,59 +159,10 @@ def _call(tree: Node) -> Expression:
         if key in FUNCTIONS:
             return builtin(key, [argument(frame) for argument in arguments])
         if key == "vesexecute":
-            return _execute([argument(frame) for argument in arguments], frame)
+            return executed([argument(frame) for argument in arguments], frame)
         raise SoftMCError(f"unknown function {name!r}: known: {', '.join(sorted(FUNCTIONS))}, and those of the program")
 
     return value
-
-
-def called(routine: Routine, arguments: Sequence[Expression], names: Sequence[str | None], frame: Frame) -> Value:
-    """Return the value of a function, 0 of a sub.
-
-    Variables pass by reference, unless the parameter is BYVAL.
-
-    Raises:
-        SoftMCError: another number of arguments, an argument of another kind, or calls too deep.
-    """
-    task = frame.task
-    if len(arguments) != len(routine.parameters):
-        raise SoftMCError(f"{routine.name} of {len(arguments)} arguments: must have {len(routine.parameters)}")
-    if task.depth >= task.deepest:
-        raise SoftMCError(f"{routine.name}: calls are nested more than {task.deepest} deep")
-    local: dict[str, Variable] = {}
-    for (parameter, by_value, kind), argument, name in zip(routine.parameters, arguments, names, strict=True):
-        variable = frame.find(name.lower()) if name is not None and not by_value else None
-        if variable is not None and not variable.fixed and (isinstance(variable.value, list) or variable.kind == kind):
-            local[parameter.lower()] = variable
-        else:
-            held = argument(frame)
-            value = held if isinstance(held, list) else converted(parameter, kind, held)
-            local[parameter.lower()] = Variable(parameter, kind, value)
-    if routine.kind is not None:
-        initial: Any = 0.0 if routine.kind in ("long", "double") else "" if routine.kind == "string" else None
-        local[routine.name.lower()] = Variable(routine.name, routine.kind, initial)
-    task.depth += 1
-    line = task.line
-    task.run(routine.block, Frame(task, local))
-    task.depth -= 1
-    task.line = line
-    if routine.kind is None:
-        return 0.0
-    result = local[routine.name.lower()].value
-    if result is None:
-        raise SoftMCError(f"{routine.name} returns nothing: must be assigned a value")
-    return result  # type: ignore[no-any-return]
-
-
-def _execute(arguments: Sequence[Value], frame: Frame) -> float:
-    if len(arguments) != 1 or not isinstance(arguments[0], str):
-        raise SoftMCError("VesExecute: must have one string")
-    if frame.task.depth >= frame.task.deepest:
-        raise SoftMCError(f"VesExecute: calls are nested more than {frame.task.deepest} deep")
-    frame.task.depth += 1
-    frame.task.run(frame.task.interpret(arguments[0], frame.task.line), frame)
-    frame.task.depth -= 1
-    return 0.0
 
 
 def _point(tree: Node) -> Expression:

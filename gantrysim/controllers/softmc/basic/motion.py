@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from lark import Tree
+from lark import Token, Tree
 
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.expressions import child, element, expression, name_of, several, trees, word
@@ -64,35 +65,46 @@ def _point(name: str, value: Value, frame: Frame) -> tuple[float, ...]:
     return value.values
 
 
+Aim = Callable[[Frame], tuple[Value | None, Value]]  # the group, or None where none is named; and the target
+
+
+def _aim(first: Node, second: Node | None) -> Aim:
+    """Return what finds the group and the target of a MOVE.
+
+    `Move G1 {1, 2}` reads as a coordinate of G1, and `Move G1 (p)` as a call.
+    """
+    if second is not None:
+        of, target = element(first), expression(second)
+        return lambda frame: (of(frame), target(frame))
+    name = name_of(child(first, 0)) if first.data == "component" else word(first) if first.data == "call" else None
+    rest = first.children[1] if name is not None else None
+    if name is None or not isinstance(rest, Tree):
+        alone = expression(first)
+        return lambda frame: (None, alone(frame))
+    group = element(Tree("name", [Token("NAME", name)]))
+    point = expression(Tree("joint", [rest])) if first.data == "component" else several(rest)[0]
+    whole_ = None if first.data == "component" and len(rest.children) > 1 else expression(first)
+
+    def either(frame: Frame) -> tuple[Value | None, Value]:
+        variable, routine = frame.find(name.lower()), frame.task.routines.get(name.lower())
+        if (variable is None and routine is None) or (variable is not None and isinstance(variable.value, Element)):
+            return group(frame), point(frame)
+        if whole_ is None:
+            raise SoftMCError(f"{name}: must be the group")
+        return None, whole_(frame)
+
+    return either
+
+
 def move(tree: Node) -> Statement:
     """MOVE [group] point, and MOVES."""
-    first, second = child(tree, 0), tree.children[1]
+    second = tree.children[1]
+    aim = _aim(child(tree, 0), second if isinstance(second, Tree) else None)
     pairs = _pairs(Tree("properties", tree.children[2:]), {})
-    of, inner = None, None
-    if isinstance(second, Tree):
-        of, target = element(first), expression(second)
-    else:
-        several_numbers = first.data == "component" and len(child(first, 1).children) > 1
-        target = None if several_numbers else expression(first)
-        if first.data in ("component", "call"):  # Move G1 {1, 2} reads as a coordinate of G1
-            named = name_of(child(first, 0)) if first.data == "component" else word(first)
-            rest = first.children[1]
-            if named is not None and isinstance(rest, Tree):
-                of = element(Tree("name", [named]))
-                inner = expression(Tree("joint", [rest])) if first.data == "component" else several(rest)[0]
 
     def do(frame: Frame) -> None:
-        task, group, aim = frame.task, None, target
-        if (inner is not None and frame.find(str(named).lower()) is None) or isinstance(second, Tree):
-            assert of is not None
-            group, aim = of(frame), target if inner is None else inner
-        elif inner is not None:
-            variable = frame.find(str(named).lower())
-            if variable is not None and isinstance(variable.value, Element):
-                group, aim = variable.value, inner
-        if aim is None:
-            raise SoftMCError(f"{named}: must be the group")
-        held = aim(frame)
+        task = frame.task
+        group, held = aim(frame)
         moved = task.only_group(group if isinstance(group, Element) else None)
         point = _point("target", held, frame)
         nodal = _nodal(pairs, moved, frame)

@@ -15,10 +15,12 @@ from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.controllers.softmc.basic.declarations import routine
 from gantrysim.controllers.softmc.basic.expressions import trees
-from gantrysim.controllers.softmc.basic.statements import LocatedError, block, interpreted, line_of, routine, statement
+from gantrysim.controllers.softmc.basic.statements import LocatedError, block, interpreted, line_of, statement
 from gantrysim.controllers.softmc.basic.syntax import Node, parse
-from gantrysim.controllers.softmc.basic.task import Frame, Task
+from gantrysim.controllers.softmc.basic.task import Block, Frame, Task
+from gantrysim.controllers.softmc.basic.values import Variable
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
@@ -211,7 +213,7 @@ def _run_all(tree: Node, task: Task) -> None:
             if made.name.lower() in task.routines:
                 raise LocatedError(f"line {line_of(item)}: {made.name} is declared twice")
             task.routines[made.name.lower()] = made
-    parts = []
+    parts: list[tuple[dict[str, Variable], Block]] = []
     for item in items:
         if item.data in ("sub", "function"):
             task.routines[str(item.children[0]).lower()].block = block(trees(item)[-1])

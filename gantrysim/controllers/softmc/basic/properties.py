@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any
 
 from gantrysim.controllers.softmc.basic.values import Element, Value, number
@@ -216,3 +217,9 @@ def group_of(properties: dict[str, Any], group: Group, path: bool, override: flo
         settle_timeout=max(group.settle_timeout, 1e-3 * p["timesettle"]),
         velocity_safety_limit=p["velocitysafetylimit"] * v,
     )
+
+
+def hint(name: str, known: set[str] | frozenset[str]) -> str:
+    """Return the end of a message: the nearest known name, or what a name must be."""
+    near = get_close_matches(name, sorted(known), n=1, cutoff=0.6)
+    return f": did you mean {near[0]}?" if near else ": must be declared by DIM, or be a property"

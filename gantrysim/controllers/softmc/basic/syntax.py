@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 from importlib.resources import files
 
 from lark import Lark, Token, Tree
-from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
+from lark.exceptions import UnexpectedInput, UnexpectedToken
 
 from gantrysim.controllers.softmc.commands import SoftMCError
 
@@ -50,27 +50,16 @@ def _parser() -> Lark:
 
 
 def _message(text: str, error: UnexpectedInput) -> str:
-    if isinstance(error, UnexpectedToken) and error.token.type == "$END":
-        return f"line {len(text.rstrip().splitlines())}: the text ends within a program, a sub, a function, a loop or a condition"
     lines = text.split("\n")
-    number = min(max(int(error.line), 1), len(lines))
-    line, column = lines[number - 1].strip(), error.column
-    where = f'line {number} "{line[:80]}"'
-    if isinstance(error, UnexpectedToken):
-        found = "the end of the line" if error.token.type == "_NL" else repr(str(error.token)[:40])
-        if error.token.type == "_NL":
-            number = text.count("\n", 0, error.token.start_pos or 0) + 1
-            where = f'line {number} "{lines[number - 1].strip()[:80]}"'
-        before = lines[number - 1][: max(column - 1, 0)].split()
-        first = lines[number - 1].split()[:1]
-        if (
-            first
-            and first[0].lower() not in _STATEMENTS.split(", ")
-            and len(before) == 1
-            and re.fullmatch(r"[A-Za-z]\w*", first[0])
-            and "=" not in lines[number - 1]
-        ):
-            return f"{where}: unknown statement {first[0]!r}: known: {_STATEMENTS}, or an assignment with ="
-        return f"{where}: {found} does not fit there"
-    assert isinstance(error, UnexpectedCharacters)
-    return f"{where}: {error.char!r} does not fit there"
+    if isinstance(error, UnexpectedToken) and error.token.type == "$END":
+        last = len(text.rstrip().splitlines())
+        return f"line {last}: the text ends within a program, a sub, a function, a loop or a condition"
+    number = text.count("\n", 0, error.pos_in_stream or 0) + 1
+    words = lines[number - 1].split()
+    where = f'line {number} "{" ".join(words)[:80]}"'
+    found = text[error.pos_in_stream or 0 :].split("\n")[0].split()[:1]
+    before = lines[number - 1][: max(error.column - 1, 0)].split() if found else words
+    is_verb = words and re.fullmatch(r"[A-Za-z]\w*", words[0]) and words[0].lower() not in _STATEMENTS.split(", ")
+    if is_verb and len(before) == 1 and "=" not in words:
+        return f"{where}: unknown statement {words[0]!r}: known: {_STATEMENTS}, or an assignment with ="
+    return f"{where}: {repr(found[0][:40]) if found else 'the end of the line'} does not fit there"

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any, ClassVar
 
 import numpy as np
@@ -219,7 +218,7 @@ class Task:
         """Return the value of a property."""
         short = properties.canonical(name)
         if short not in properties.NAMES:
-            raise SoftMCError(f"unknown property {name!r}{_hint(short, properties.NAMES)}")
+            raise SoftMCError(f"unknown property {name!r}{properties.hint(short, properties.NAMES)}")
         if short in ("clock", "time"):
             return 1e3 * self.time.clock
         if short == "elementname":
@@ -234,7 +233,7 @@ class Task:
                 return float(place[self.index_of(element)])
             return Point(tuple(place[: self.axes or len(AXES)]))
         if short in element.properties:
-            return element.properties[short]  # type: ignore[no-any-return]
+            return element.properties[short]
         raise SoftMCError(f"{element.name}.{name} has no value yet: must be assigned first")
 
     def _is_settled(self) -> float:
@@ -311,14 +310,3 @@ class Task:
         self.prints += 1
         if len(self.printed) < MOST_PRINTED:
             self.printed.append(" ".join(text_of(value) for value in values)[:1000])
-
-
-def unknown_name(name: str, frame: Frame) -> SoftMCError:
-    """Return the error for a name that means nothing."""
-    known = {*frame.local, *frame.task.shared, *frame.task.routines, *properties.NAMES}
-    return SoftMCError(f"unknown name {name!r}{_hint(name.lower(), known)}")
-
-
-def _hint(name: str, known: set[str] | frozenset[str]) -> str:
-    near = get_close_matches(name, sorted(known), n=1, cutoff=0.6)
-    return f": did you mean {near[0]}?" if near else ": must be declared by DIM, or be a property"
