@@ -46,7 +46,7 @@ def called(routine: Routine, arguments: Sequence[Expression], names: Sequence[st
     result = local[routine.name.lower()].value
     if result is None:
         raise SoftMCError(f"{routine.name} returns nothing: must be assigned a value")
-    return result  # type: ignore[no-any-return]
+    return result
 
 
 def executed(arguments: Sequence[Value], frame: Frame) -> float:

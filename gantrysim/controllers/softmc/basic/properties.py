@@ -197,7 +197,7 @@ def group_of(properties: dict[str, Any], group: Group, path: bool, override: flo
         InputError: a value out of its bounds.
     """
     p = properties
-    v, a, j = 1e3 * p["vfac"], 1e6 * p["afac"], 1e9 * p["jfac"]
+    v, a, j = p["vfac"] / 1e-3, p["afac"] / 1e-6, p["jfac"] / 1e-9
     speed = p["vtran"] if path and "vtran" in p else p["vcruise"]
     profile = PROFILE_TYPES[int(p["prftype"])]
     return replace(

@@ -260,16 +260,17 @@ class Task:
     def move(self, element: Element, nodal: dict[str, Any], command: Command, path: bool) -> None:
         """Issue a motion command with the properties of its group, and its own."""
         if not element.properties["en"] or not self._system("motion", 1.0):
-            raise SoftMCError(f"{element.name} is disabled: must be en = 1, and sys.motion = on")
+            raise SoftMCError(f"{element.name or 'the group'} is disabled: must be en = 1, and sys.motion = on")
         own = {**element.properties, **nodal}
         if "vcruise" in nodal and "vtran" in nodal:
             raise SoftMCError("vcruise and vtran: must be one of the two")
         if "vcruise" in nodal:
             own.pop("vtran", None)
-        factor = 1e-6 * own["vord"] * self._system("vord", 100.0) * self.override
+        factor = own["vord"] / 100 * (self._system("vord", 100.0) / 100) * (self.override / 100)
         group = properties.group_of(own, self.group, path or "vtran" in nodal, factor)
         self.time.issue(command, self.axes or 2, group, bool(own["dispense"]), own["starttype"] == 2, self.line)
-        self.speeds.append(group.velocity)
+        if self.time.travels:
+            self.speeds.append(group.velocity)
 
     def _system(self, name: str, default: float) -> float:
         system = self.elements.get("sys")

@@ -73,9 +73,9 @@ class Timeline:
         return self.clock < self.free
 
     @property
-    def moved(self) -> bool:
-        """Whether there has been a motion."""
-        return bool(self._paths)
+    def travels(self) -> bool:
+        """Whether the last motion changes more than the orientation."""
+        return bool(self._paths) and self._paths[-1][1].piece is not None
 
     @property
     def position(self) -> Floats:
@@ -133,9 +133,9 @@ class Timeline:
             raise SoftMCError(f"motion of {duration:g} s: must be at most {LONGEST:g} s")
         if self._begins:
             self.clock = max(self.clock, self._begins[-1])
+        self.rest(line)
         if settled:
             self.settle()
-        self.rest(line)
         self._begins.append(self.free)
         self._paths.append((start, path, leg))
         self.steps.append(leg)
