@@ -313,8 +313,8 @@ def test_an_argument_out_of_its_bound_is_named(arguments, message):
 
 
 def test_properties_without_effect_are_noted():
-    notes = Basic("a1.pfac = 2^16\nsys.doubleformat = 1\ndecstop = 5" + MOVES, start=(1, 1)).notes
-    assert notes == ("without effect here: axis pfac, group decstop, system doubleformat",)
+    notes = Basic("a1.pfac = 2^16\na2.pfac = 1\nsys.doubleformat = 1\ndecstop = 5" + MOVES, start=(1, 1)).notes
+    assert notes == ("4 assignments without effect here, of axis pfac, group decstop, system doubleformat",)
     assert Basic("print 5" + MOVES).notes[-1] == "prints 1 lines, the first: 5"
 
 

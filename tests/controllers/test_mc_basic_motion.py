@@ -121,6 +121,23 @@ def test_a_circle_through_points_of_a_robot_with_four_coordinates():
     assert placed.notes == ()
 
 
+@pytest.mark.parametrize(
+    ("command", "start", "radius", "centre", "end", "angle"),
+    [
+        ("circlepoint = {0, 100} targetpoint = {-100, 0}", (100, 0), 100, (0, 0), (-100, 0), 180),
+        ("angle = 90 circlecenter = {20, 10}", (0, 0), math.sqrt(500), (20, 10), (30, -10), 90),
+        ("angle = -450 circlecenter = {20, 10}", (0, 0), math.sqrt(500), (20, 10), (10, 30), -450),
+    ],
+)
+def test_a_circle_by_points_or_by_angle(command, start, radius, centre, end, angle):
+    position = Basic(f"circle {command}", start=start).setpoints(PERIOD).position
+    out = position - centre
+    np.testing.assert_allclose(np.hypot(*out.T), radius, rtol=1e-9)
+    np.testing.assert_allclose(position[-1], end, atol=1e-9)
+    turned = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))
+    assert math.degrees(turned[-1] - turned[0]) == pytest.approx(angle)
+
+
 def test_a_program_of_two_coordinates_moves_two_axes():
     assert Basic("move {0, 0}\nmove {5, 0}").axes == ("x", "y")
     assert Basic("move {0, 0, 0}\nmove {5, 0}").axes == ("x", "y", "z")
@@ -212,6 +229,10 @@ def test_an_output_dispenses():
     assert (
         np.count_nonzero(dispense) == 141
     )  # the poll 140 ms after the start, 6.7 ms after the end of the motion in tick 134
+    during = "move {0, 0}\nmove {10, 0}\nsleep 50\nsys.dout.1 = 1\nmove {20, 0}\nsleep 33.2\nsys.dout.1 = 0"
+    np.testing.assert_array_equal(
+        np.flatnonzero(Basic(during, line_time=0.0).setpoints(PERIOD).dispense), np.arange(50, 84)
+    )
     other = Basic(text, output=2).setpoints(PERIOD).dispense
     assert not other[0]
     assert other[-1]

@@ -122,7 +122,8 @@ class Basic(Controller):
         if self.start is None:
             notes.append("starts at the target of its first MOVE; `start` places it elsewhere")
         if task.idle:
-            notes.append(f"without effect here: {', '.join(sorted(task.idle))}")
+            count = sum(task.idle.values())
+            notes.append(f"{count} assignments without effect here, of {', '.join(sorted(task.idle))}")
         if task.prints:
             notes.append(f"prints {task.prints} lines, the first: {task.printed[0]}")
         return tuple(notes)

@@ -180,7 +180,7 @@ class Task:
         if axes and not 2 <= len(axes) <= self.coordinates:
             raise SoftMCError(f"group {name} of {len(axes)} axes: must be 2 to {self.coordinates}")
         self.moved = Element(name, "group", properties.initial(self.group), axes)
-        self.axes = len(axes) or None
+        self.axes = len(axes) or self.axes
         return self.moved
 
     def focus(self) -> Element:

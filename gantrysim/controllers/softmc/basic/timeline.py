@@ -23,7 +23,7 @@ LONGEST = 86_400.0  # [s]
 
 @dataclass(frozen=True)
 class Mark:
-    """An instant: `offset` [s] after the end of the first `steps` legs and rests, or before it where negative."""
+    """An instant: `offset` [s] after the end of the first `steps` legs and rests."""
 
     steps: int
     offset: float
@@ -31,7 +31,7 @@ class Mark:
     def tick(self, ends: NDArray[np.int64], period: float) -> int:
         """Return the index of the first setpoint at or after the instant."""
         end = int(ends[self.steps - 1]) if self.steps else 0
-        return max(end + math.ceil(self.offset / period - 1e-9), 0)
+        return end + math.ceil(self.offset / period - 1e-9)
 
 
 @dataclass
@@ -58,6 +58,7 @@ class Timeline:
     settled: list[int] = field(default_factory=list)
     supervised: Group | None = None
     _begins: list[float] = field(default_factory=list)
+    _legs: list[int] = field(default_factory=list)
     _paths: list[tuple[Floats, Segment, Leg]] = field(default_factory=list)
 
     @property
@@ -96,7 +97,10 @@ class Timeline:
 
     def mark(self) -> Mark:
         """Return the present instant."""
-        return Mark(len(self.steps), self.clock - self.free)
+        if not self.moving:
+            return Mark(len(self.steps), self.clock - self.free)
+        k = bisect_right(self._begins, self.clock) - 1
+        return Mark(self._legs[k], self.clock - self._begins[k])
 
     def wait(self) -> None:
         """Let the program wait until the motion has ended."""
@@ -137,6 +141,7 @@ class Timeline:
         if settled:
             self.settle()
         self._begins.append(self.free)
+        self._legs.append(len(self.steps))
         self._paths.append((start, path, leg))
         self.steps.append(leg)
         self.free += duration
