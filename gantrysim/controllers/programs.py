@@ -21,6 +21,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "trio.Basic": trio.Basic,
     "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
+    "softmc.Basic": softmc.Basic,
     "stage.OutlineTrace": stage.OutlineTrace,
 }
 

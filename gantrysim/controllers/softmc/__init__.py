@@ -1,5 +1,6 @@
-"""The CIRCLE command of MC-Basic, the motion language of Servotronix' softMC controllers."""
+"""MC-Basic, the language of Servotronix' softMC controllers: its CIRCLE and MOVE commands, and whole programs."""
 
+from gantrysim.controllers.softmc.basic import Basic
 from gantrysim.controllers.softmc.commands import Circle, Move, SoftMCError
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.program import Program

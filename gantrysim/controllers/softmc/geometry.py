@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, vector
+from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates, SoftMCError
 
 AXES = "xyzr"
@@ -72,6 +73,27 @@ def segment(command: Command, here: Floats, axes: int, absolute: bool) -> Segmen
             f"must have {AXES[i]} and {AXES[j]}"
         )
     return _by_angle(here, centre, command.angle, (i, j, k), _FRAMES[command.plane])
+
+
+def placed(path: Segment, placement: Placement) -> Segment:
+    """Return a path on the work; the orientation r turns with the placement."""
+    end = np.array([*placement.point(path.end[:3]), path.end[3] + placement.rotate])
+    piece = path.piece
+    if isinstance(piece, Line):
+        return Segment(Line(vector(placement.point(piece.start)), vector(placement.point(piece.end))), end)
+    if isinstance(piece, Coil):
+        radius, scale = piece.radius, placement.scale
+        turned = replace(
+            piece,
+            centre=vector(placement.point(piece.centre)),
+            radius=(scale * radius[0], scale * radius[1]),
+            rise=scale * piece.rise,
+        )
+        if piece.frame == XY:
+            return Segment(replace(turned, begin=piece.begin + math.radians(placement.rotate)), end)
+        first, second = placement.direction(piece.frame) / scale
+        return Segment(replace(turned, frame=(vector(first), vector(second))), end)
+    return Segment(None, end)
 
 
 def _line(here: Floats, end: Floats) -> Segment:

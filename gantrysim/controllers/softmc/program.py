@@ -10,44 +10,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gantrysim.arrays import Floats
 from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.profile import Profile
-from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES, Segment, segment
+from gantrysim.controllers.softmc.geometry import AXES, segment
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.record import Record
+from gantrysim.controllers.softmc.stream import Leg, leg_of, stream
 from gantrysim.controllers.softmc.text import SPEEDS, SourceLine, read
 from gantrysim.errors import InputError, finite
-
-
-@dataclass(frozen=True)
-class Leg:
-    """The motion of one command.
-
-    Attributes:
-        start: x, y, z [mm] and r [deg], (4,).
-        path: its path, and its end.
-        profile: its speed profile along the path [mm], or of r [deg] where only that moves.
-        dispense: whether glue is laid.
-    """
-
-    start: Floats
-    path: Segment
-    profile: Profile
-    dispense: bool
-
-    def coordinates(self, t: Floats) -> Floats:
-        """Return x, y, z [mm] and r [deg] at times since the start of the command, (n, 4)."""
-        s = self.profile.position(t)
-        share = s / self.profile.length if self.profile.length > 0 else np.ones(s.shape)
-        place = np.tile(self.start, (s.size, 1))
-        if self.path.piece is not None:
-            place[:, :3] = Chain([self.path.piece]).position(s)
-        place[:, 3] += share * (self.path.end[3] - self.start[3])
-        return place
 
 
 @dataclass(frozen=True)
@@ -107,7 +79,9 @@ class Program(Controller):
         legs = []
         for line in self._lines():
             try:
-                leg = _leg(line.command, here, len(self.start), self.group)
+                own = self.group.overridden(line.command)
+                path = segment(line.command, here, len(self.start), own.absolute)
+                leg = leg_of(path, here, own, line.command.dispense is not False)
             except InputError as error:
                 raise SoftMCError(f"{line.where}: {error}") from None
             legs.append(leg)
@@ -146,35 +120,19 @@ class Program(Controller):
         return True
 
     def setpoints(self, period: float) -> Setpoints:
-        counts = [ticks(leg.profile.duration, period) for leg in self.legs]
-        if sum(counts) > MAX_TICKS:
-            raise InputError(f"program of {sum(counts):.3g} ticks of {period:g} s: must be at most {MAX_TICKS:g}")
-        position = np.tile(self.legs[0].start, (sum(counts) + 1, 1))
-        for leg, n, last in zip(self.legs, counts, np.cumsum(counts), strict=True):
-            position[last - n + 1 : last] = leg.coordinates(np.arange(1, n, dtype=np.float64) * period)
-            position[last] = leg.path.end
-        dispense = np.repeat([leg.dispense for leg in self.legs], counts)
-        dispense = np.append(dispense, dispense[-1])
-        ends = np.unique(np.cumsum(counts))
+        made = stream(self.legs, period)
+        dispense, ends = made.dispense.copy(), np.unique(made.ends)
         gates = ends[(ends > 0) & (self.group.settle_error < np.inf)]
         dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while a command settles
         return Setpoints(
             period,
             self.axes,
-            position[:, : len(self.start)],
+            made.position[:, : len(self.start)],
             dispense,
             self.requested,
             self.group.supervision,
             gates,
         )
-
-
-def _leg(command: Command, here: Floats, axes: int, group: Group) -> Leg:
-    own = group.overridden(command)
-    path = segment(command, here, axes, own.absolute)
-    rotation = float(path.end[3] - here[3])
-    profile = own.in_place(rotation) if path.piece is None else own.along(Chain([path.piece]).length, rotation)
-    return Leg(here, path, profile, command.dispense is not False)
 
 
 def _command_text(command: Command) -> str:

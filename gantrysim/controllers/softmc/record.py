@@ -52,7 +52,7 @@ class Record:
         """
         columns = {"time": run.time[: self.points * self.gap : self.gap]}
         for name in self.what:
-            values = _evaluated(name, run, whole("delay", delay, 0))[: self.points * self.gap : self.gap]
+            values = evaluated(name, run, whole("delay", delay, 0))[: self.points * self.gap : self.gap]
             for a, axis in enumerate("xyz" if name == "SETPOINT" else run.axes):
                 columns[f"{name} {axis}"] = values[:, a]
         return columns
@@ -70,7 +70,8 @@ class Record:
             writer.writerows(np.column_stack(list(columns.values())).tolist())
 
 
-def _evaluated(name: str, run: Recorded, delay: int) -> Floats:
+def evaluated(name: str, run: Recorded, delay: int) -> Floats:
+    """Return an expression at every tick of a run, (n, axes); PE with the command of `delay` ticks before."""
     if name == "SETPOINT":
         return run.commanded_tip
     if name == "PE":

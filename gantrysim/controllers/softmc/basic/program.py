@@ -1,0 +1,227 @@
+"""The controller that runs an MC-Basic program."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gantrysim.controllers.controller import Controller, Recorded
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.controllers.softmc.basic.declarations import routine
+from gantrysim.controllers.softmc.basic.expressions import trees
+from gantrysim.controllers.softmc.basic.statements import LocatedError, block, interpreted, line_of, statement
+from gantrysim.controllers.softmc.basic.syntax import Node, parse
+from gantrysim.controllers.softmc.basic.task import Block, Frame, Task
+from gantrysim.controllers.softmc.basic.values import Variable
+from gantrysim.controllers.softmc.commands import SoftMCError
+from gantrysim.controllers.softmc.geometry import AXES
+from gantrysim.controllers.softmc.group import Group
+from gantrysim.controllers.softmc.stream import Leg, Stream, stream
+from gantrysim.errors import InputError, at_least, finite, positive, whole
+
+
+@dataclass(frozen=True)
+class Basic(Controller):
+    """An MC-Basic program: variables, loops, subs and functions that move one group of axes.
+
+    Attributes:
+        text: the program; the files of a project stand one after the other, and their programs run in that order.
+        group: properties of the group before the program sets them; its `vrot` and `arot` limit the orientation.
+        coordinates: names of the machine's axes in the order of a point's coordinates; a group of fewer has the first.
+        start: initial position, 2 to 4 numbers [mm, mm, mm, deg]; by default the target of the program's first MOVE.
+        line_time: time that the interpreter takes for a statement; an assumption [s].
+        output: number of the digital output, `sys.dout.1`, that dispenses in a program that switches it; in others
+            glue is laid during every motion command without `Dispense=0`.
+        override: velocity override of the controller, on all speeds [%].
+        max_statements: number of statements after which a program is refused.
+        placement: where the program's coordinates lie on the work.
+
+    Raises:
+        InputError: a program that cannot be run, with its line.
+    """
+
+    speed_scaling: ClassVar[str] = "the controller's velocity override, on all speeds of the program"
+    suffixes: ClassVar[tuple[str, ...]] = (".prg",)
+
+    text: str
+    group: Group = field(default_factory=Group)
+    coordinates: tuple[str, ...] = ("x", "y", "z", "r")
+    start: tuple[float, ...] | None = None
+    line_time: float = 1e-5
+    output: int = 1
+    override: float = 100.0
+    max_statements: int = 10_000_000
+    placement: Placement = field(default_factory=Placement)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coordinates", tuple(self.coordinates))
+        if not 2 <= len(self.coordinates) <= len(AXES) or len(set(self.coordinates)) < len(self.coordinates):
+            raise InputError(f"coordinates = {self.coordinates}: must be 2 to {len(AXES)} different names of axes")
+        if self.start is not None:
+            start = tuple(finite("start", value, "mm") for value in self.start)
+            if not 2 <= len(start) <= len(self.coordinates):
+                raise InputError(f"start = {start}: must be 2 to {len(self.coordinates)} numbers")
+            object.__setattr__(self, "start", start)
+        at_least("line_time", self.line_time, 0, "s")
+        whole("output", self.output, 0)
+        positive("override", self.override, "%")
+        whole("max_statements", self.max_statements, 1)
+        if all(leg.path.piece is None for leg in self._legs):
+            raise SoftMCError("program moves none of x, y, z: must have at least one command that does")
+
+    @property
+    def task(self) -> Task:
+        """The program after it has run: its printed lines, records and motions."""
+        return _run(
+            self.text,
+            self.group,
+            self.start,
+            len(self.coordinates),
+            self.line_time,
+            self.output,
+            self.override,
+            self.max_statements,
+            self.placement,
+        )
+
+    @cached_property
+    def _legs(self) -> tuple[Leg, ...]:
+        return tuple(step for step in self.task.time.steps if isinstance(step, Leg))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return self.coordinates[: self.task.axes or 2]
+
+    @cached_property
+    def requested(self) -> Chain:
+        """The path of all commands."""
+        return Chain(leg.path.piece for leg in self._legs if leg.path.piece is not None)
+
+    @property
+    def duration(self) -> float:
+        """Duration of the motions and the rests between them, without waits for settling [s]."""
+        return sum(step.duration for step in self.task.time.steps)
+
+    @property
+    def printed(self) -> tuple[str, ...]:
+        """What the program prints, at most a thousand lines."""
+        return tuple(self.task.printed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        task = self.task
+        notes = []
+        if self.start is None:
+            notes.append("starts at the target of its first MOVE; `start` places it elsewhere")
+        if task.idle:
+            count = sum(task.idle.values())
+            notes.append(f"{count} assignments without effect here, of {', '.join(sorted(task.idle))}")
+        if task.prints:
+            notes.append(f"prints {task.prints} lines, the first: {task.printed[0]}")
+        return tuple(notes)
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """As VelocityOverride on the controller does; ramps and limits stay."""
+        fastest = max(self.task.speeds)
+        return {"override": self.override * change(fastest) / fastest}
+
+    def line_at(self, time: float, period: float = 1e-3) -> int | None:
+        """Return the line of the program that moves the group, or lets it rest, at a time [s]; None after its end."""
+        steps = self.task.time.steps
+        ends = np.cumsum([ticks(step.duration, period) for step in steps]) * period
+        k = int(np.searchsorted(ends, time - 1e-9 * period))
+        return steps[k].line if k < len(steps) else None
+
+    def setpoints(self, period: float) -> Setpoints:
+        task, made = self.task, self._stream(period)
+        supervised = task.time.supervised
+        assert supervised is not None
+        gates = made.ends[[k - 1 for k in task.time.settled if k > 0]]
+        gates = np.unique(gates[gates > 0]) if supervised.settle_error < np.inf else gates[:0]
+        dispense = made.dispense.copy()
+        dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while the axes settle
+        if task.switched:
+            dispense[:] = False
+            for mark, on in task.switched:
+                dispense[mark.tick(made.ends, period) :] = on
+        return Setpoints(
+            period,
+            self.axes,
+            made.position[:, : len(self.axes)],
+            dispense,
+            self.requested,
+            supervised.supervision,
+            gates,
+        )
+
+    def _stream(self, period: float) -> Stream:
+        return stream(self.task.time.steps, positive("period", period, "s"))
+
+    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+        """Write what the program records; of several records the later ones to numbered files beside the first."""
+        records = [record for record in self.task.records if record.spans]
+        if not records:
+            return False
+        setpoints, ends = self.setpoints(run.period), self._stream(run.period).ends
+        first = Path(file)
+        for k, record in enumerate(records, 1):
+            target = first if k == 1 else first.with_name(f"{first.stem}-{k}{first.suffix}")
+            delay = setpoints.supervision.position_error_delay
+            record.write(run, target, self.axes, setpoints, ends, delay)
+        return True
+
+
+@lru_cache(maxsize=8)
+def _run(
+    text: str,
+    group: Group,
+    start: tuple[float, ...] | None,
+    coordinates: int,
+    line_time: float,
+    output: int,
+    override: float,
+    most: int,
+    placement: Placement,
+) -> Task:
+    """Return a program after it has run."""
+    first = None if start is None else np.array([*start, *[0.0] * (len(AXES) - len(start))])
+    task = Task(group, placement, first, coordinates, line_time, override, most, output, interpreted)
+    task.axes = None if start is None else len(start)
+    try:
+        _run_all(parse(text), task)
+    except LocatedError:
+        raise
+    except InputError as error:
+        raise SoftMCError(f"line {task.line}: {error}" if task.line else str(error)) from None
+    except RecursionError:
+        raise SoftMCError(f"line {task.line}: must be less deeply nested") from None
+    return task
+
+
+def _run_all(tree: Node, task: Task) -> None:
+    items = trees(tree)
+    for item in items:
+        if item.data in ("sub", "function"):
+            made = routine(item)
+            if made.name.lower() in task.routines:
+                raise LocatedError(f"line {line_of(item)}: {made.name} is declared twice")
+            task.routines[made.name.lower()] = made
+    parts: list[tuple[dict[str, Variable], Block]] = []
+    for item in items:
+        if item.data in ("sub", "function"):
+            task.routines[str(item.children[0]).lower()].block = block(trees(item)[-1])
+        elif item.data == "program":
+            parts.append(({}, block(trees(item)[-1])))
+        else:
+            parts.append((task.shared, [(line_of(item), statement(item))]))
+    for local, statements in parts:
+        task.run(statements, Frame(task, local))
+    task.time.rest(task.line)

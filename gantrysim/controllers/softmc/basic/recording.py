@@ -1,0 +1,144 @@
+"""RECORD of a program: which of its columns are sampled, and from when to when."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Recorded
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.softmc.basic.timeline import Mark
+from gantrysim.controllers.softmc.record import evaluated
+from gantrysim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Column:
+    """An expression of RecData.
+
+    Attributes:
+        name: as the program writes it.
+        what: "clock", or one of PCMD, PFB, PE, VCMD, VFB and SETPOINT, in lower case.
+        index: of the coordinate, from 0.
+    """
+
+    name: str
+    what: str
+    index: int = 0
+
+
+@dataclass
+class Recording:
+    """A RECORD of the program.
+
+    Attributes:
+        file: as the program names it.
+        points: maximum number of samples.
+        gap: servo ticks per sample.
+        columns: what is sampled.
+        spans: instants of RECORDON and RECORDOFF, or RECORDCLOSE; None where the program ended before.
+        closed: whether RECORDCLOSE was run.
+    """
+
+    file: str
+    points: int
+    gap: int
+    columns: tuple[Column, ...]
+    spans: list[tuple[Mark, Mark | None]] = field(default_factory=list)
+    closed: bool = False
+
+    @property
+    def running(self) -> bool:
+        """Whether samples are taken."""
+        return bool(self.spans) and self.spans[-1][1] is None
+
+    def stop(self, mark: Mark) -> None:
+        """Take no more samples from an instant on."""
+        if self.running:
+            self.spans[-1] = (self.spans[-1][0], mark)
+
+    def write(
+        self,
+        run: Recorded,
+        file: str | os.PathLike[str],
+        coordinates: Sequence[str],
+        setpoints: Setpoints,
+        ends: NDArray[np.int64],
+        delay: int,
+    ) -> None:
+        """Write the samples as CSV, one row each, with units in the header.
+
+        Args:
+            run: to sample.
+            file: to write.
+            coordinates: names of the group's axes.
+            setpoints: those of the run.
+            ends: setpoints at the ends of the program's steps.
+            delay: age of the command in PE, in servo periods.
+        """
+        rows = rows_of(run, setpoints)
+        taken: list[NDArray[np.int64]] = []
+        for begin, end in self.spans:
+            first = _row(rows, begin.tick(ends, run.period))
+            last = len(run.time) - 1 if end is None else _row(rows, end.tick(ends, run.period))
+            taken.append(np.arange(first, min(last, len(run.time) - 1) + 1, self.gap))
+        samples = np.concatenate([*taken, np.zeros(0, np.int64)])[: self.points]
+        values = [_column(column, run, coordinates, delay) for column in self.columns]
+        with Path(file).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([f"{column.name} [{unit}]" for column, (unit, _) in zip(self.columns, values, strict=True)])
+            writer.writerows(np.column_stack([of[samples] for _, of in values]).tolist())
+
+
+def rows_of(run: Recorded, setpoints: Setpoints) -> NDArray[np.int64]:
+    """Return the row of a run at which each setpoint is reached, (n,).
+
+    At a gate the run has further rows, during which the command rests: the k-th change of the command in the run is
+    the k-th change in the setpoints, and what the rests between two changes have in excess lies at the gate.
+    """
+    rows = np.arange(len(setpoints.position), dtype=np.int64)
+    if not len(setpoints.gates):
+        return rows
+    changes = _changes(setpoints.position)
+    seen = _changes(run.commanded)
+    shift, extra = 0, np.zeros(len(rows), np.int64)
+    for gate in setpoints.gates.tolist():
+        following = int(np.searchsorted(changes, gate, side="right"))
+        if following < len(changes):
+            if following >= len(seen):
+                break
+            waited = int(seen[following] - changes[following]) - shift
+        else:
+            waited = len(run.time) - len(rows) - shift
+        shift += max(waited, 0)
+        extra[gate + 1 :] = shift
+    return rows + extra
+
+
+def _changes(position: Floats) -> NDArray[np.int64]:
+    return np.flatnonzero(np.any(np.diff(position, axis=0) != 0, axis=1)) + 1
+
+
+def _row(rows: NDArray[np.int64], tick: int) -> int:
+    return int(rows[min(tick, len(rows) - 1)])
+
+
+def _column(column: Column, run: Recorded, coordinates: Sequence[str], delay: int) -> tuple[str, Floats]:
+    if column.what == "clock":
+        return "ms", np.round(1e3 * run.time, 9)
+    if column.what == "setpoint" and column.index < 3:
+        return "mm", run.commanded_tip[:, column.index]
+    name = coordinates[column.index] if column.index < len(coordinates) else ""
+    axis = run.axes.index(name) if name in run.axes else column.index
+    if axis >= len(run.axes):
+        raise InputError(f"{column.name}: must be a coordinate of the axes {', '.join(run.axes)}")
+    what = "PCMD" if column.what == "setpoint" else column.what.upper()
+    unit = run.units[axis] + ("/s" if what in ("VCMD", "VFB") else "")
+    return unit, evaluated(what, run, delay)[:, axis]

@@ -1,0 +1,127 @@
+"""Motions and rests of a program, one after the other, and their setpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.profile import Profile
+from gantrysim.controllers.setpoints import MAX_TICKS, ticks
+from gantrysim.controllers.softmc.geometry import Segment, placed
+from gantrysim.controllers.softmc.group import Group
+from gantrysim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Leg:
+    """The motion of one command.
+
+    Attributes:
+        start: x, y, z [mm] and r [deg], (4,).
+        path: its path, and its end.
+        profile: its speed profile along the path [mm], or of r [deg] where only that moves.
+        dispense: whether glue is laid.
+        line: of the program.
+    """
+
+    start: Floats
+    path: Segment
+    profile: Profile
+    dispense: bool
+    line: int = 0
+
+    @property
+    def duration(self) -> float:
+        """Time of the motion [s]."""
+        return self.profile.duration
+
+    def coordinates(self, t: Floats) -> Floats:
+        """Return x, y, z [mm] and r [deg] at times since the start of the command, (n, 4)."""
+        s = self.profile.position(t)
+        share = s / self.profile.length if self.profile.length > 0 else np.ones(s.shape)
+        place = np.tile(self.start, (s.size, 1))
+        if self.path.piece is not None:
+            place[:, :3] = Chain([self.path.piece]).position(s)
+        place[:, 3] += share * (self.path.end[3] - self.start[3])
+        return place
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A standstill between two motions.
+
+    Attributes:
+        duration: [s].
+        line: of the program.
+    """
+
+    duration: float
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What becomes of legs and rests at a servo period.
+
+    Attributes:
+        position: x, y, z [mm] and r [deg] at every servo period, (n, 4).
+        dispense: whether glue is laid, (n,).
+        ends: setpoints at the ends of the legs and rests, (m,).
+    """
+
+    position: Floats
+    dispense: NDArray[np.bool_]
+    ends: NDArray[np.int64]
+
+
+def leg_of(
+    path: Segment, here: Floats, own: Group, dispense: bool, placement: Placement | None = None, line: int = 0
+) -> Leg:
+    """Return the motion along a path.
+
+    Args:
+        path: in the program's coordinates.
+        here: its start, x, y, z [mm] and r [deg], (4,).
+        own: properties of the group for this motion.
+        dispense: whether glue is laid.
+        placement: of the program's coordinates on the work.
+        line: of the program.
+    """
+    if placement is not None and placement != Placement():
+        path, here = placed(path, placement), placed(Segment(None, here), placement).end
+    rotation = float(path.end[3] - here[3])
+    profile = own.in_place(rotation) if path.piece is None else own.along(Chain([path.piece]).length, rotation)
+    return Leg(here, path, profile, dispense, line)
+
+
+def stream(steps: Sequence[Leg | Rest], period: float) -> Stream:
+    """Return the setpoints of legs and rests, each of which starts at the first servo tick after the one before.
+
+    Args:
+        steps: at least one leg.
+        period: servo period [s].
+
+    Raises:
+        InputError: too many ticks.
+    """
+    counts = [ticks(step.duration, period) for step in steps]
+    if sum(counts) > MAX_TICKS:
+        raise InputError(f"program of {sum(counts):.3g} ticks of {period:g} s: must be at most {MAX_TICKS:g}")
+    here = next(step.start for step in steps if isinstance(step, Leg))
+    position = np.tile(here, (sum(counts) + 1, 1))
+    ends = np.cumsum(counts)
+    for step, n, last in zip(steps, counts, ends, strict=True):
+        if isinstance(step, Leg):
+            position[last - n + 1 : last] = step.coordinates(np.arange(1, n, dtype=np.float64) * period)
+            here = step.path.end
+            position[last] = here
+        else:
+            position[last - n + 1 : last + 1] = here
+    dispense = np.repeat([isinstance(step, Leg) and step.dispense for step in steps], counts)
+    return Stream(position, np.append(dispense, dispense[-1:]), ends.astype(np.int64))
