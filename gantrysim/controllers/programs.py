@@ -14,6 +14,7 @@ from pydantic.dataclasses import dataclass as validated
 
 from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.gcode import linuxcnc, slicer
 from gantrysim.errors import unknown
 
 PROGRAMS: dict[str, type[Controller]] = {
@@ -21,6 +22,8 @@ PROGRAMS: dict[str, type[Controller]] = {
     "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
     "stage.OutlineTrace": stage.OutlineTrace,
+    "linuxcnc.Program": linuxcnc.Program,
+    "slicer.Program": slicer.Program,
 }
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
