@@ -53,7 +53,7 @@ LINUXCNC = Dialect(
         63: "NURBS",
     },
     unheeded=frozenset({0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, *range(62, 69), *range(100, 200)}),
-    letters="STD",
+    letters="STD$",
     dwell={"P": 1.0},
 )
 

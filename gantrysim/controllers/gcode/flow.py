@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -36,16 +36,25 @@ class Flow:
         system: parameters that the controller provides.
         steps: most lines that may run.
         skip: whether lines that begin with a slash are skipped.
+        left: called with the depth of a subroutine that ends.
     """
 
-    def __init__(self, text: str, others: Mapping[str, str], system: System, steps: int, skip: bool) -> None:
+    def __init__(
+        self,
+        text: str,
+        others: Mapping[str, str],
+        system: System,
+        steps: int,
+        skip: bool,
+        left: Callable[[int], None],
+    ) -> None:
         self._lines = text.splitlines()
         self._main = len(self._lines)
         self._files: list[tuple[int, str]] = []
         for name, other in others.items():
             self._files.append((len(self._lines), name))
             self._lines += other.splitlines()
-        self._steps, self._skip = steps, skip
+        self._steps, self._skip, self._left = steps, skip, left
         self._labels: dict[str, list[tuple[int, str]]] = {}
         self._statements: dict[int, Statement] = {}
         self._frames = [_Frame(0, 0, Scope())]
@@ -67,6 +76,11 @@ class Flow:
                     found = label_of(plain) if re.match(r"(N[0-9.]+)?O", plain) else None
                     if found:
                         self._labels.setdefault(found[0], []).append((k, found[1]))
+
+    @property
+    def depth(self) -> int:
+        """Number of calls that have not returned."""
+        return len(self._frames) - 1
 
     @property
     def line(self) -> int:
@@ -168,6 +182,7 @@ class Flow:
         return frame
 
     def _leave(self) -> int:
+        self._left(self.depth)
         frame = self._frames.pop()
         self.parameters.scope = frame.scope
         return frame.back

@@ -80,7 +80,21 @@ class Frames:
             if letter in values:
                 value = self.axis(i, values.pop(letter))
                 place[i] = value if self.absolute or in_machine else place[i] + value
+        if "@" in values or "^" in values:
+            self._polar(values, place)
         return [place[0], place[1], place[2] - self.tool] if in_machine else self.machine(place)
+
+    def _polar(self, values: dict[str, float], place: Three) -> None:
+        """Take the words @, distance from the origin, and ^, angle, of a place in X and Y."""
+        distance, angle = math.hypot(place[0], place[1]), math.degrees(math.atan2(place[1], place[0]))
+        if "@" in values:
+            r = values.pop("@") * self.unit
+            distance = r if self.absolute else distance + r
+        if "^" in values:
+            a = values.pop("^")
+            angle = a if self.absolute else angle + a
+        c, s = _turn(angle)
+        place[0], place[1] = distance * c, distance * s
 
     def set_offset(self, number: float, values: dict[str, float], current: bool) -> None:
         """Set a work offset, G10 L2, or so that the current position has the given coordinates, G10 L20."""

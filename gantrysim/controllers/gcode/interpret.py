@@ -51,10 +51,10 @@ def interpret(
     """
     moves = Moves(start)
     state = modal(moves)
-    flow = Flow(text, others, state.provided, steps, skip)
+    flow = Flow(text, others, state.provided, steps, skip, state.left)
     try:
         for words in flow.words():
-            state.line = flow.line
+            state.line, state.depth = flow.line, flow.depth
             if not state.run(words):
                 break
     except InputError as error:

@@ -13,7 +13,7 @@ Words = list[tuple[str, float]]
 
 LONGEST = 1000  # characters of a line
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
-_PLAIN_WORD = re.compile(r"([A-Z@^])([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
 _KEYWORD = re.compile(
     r"SUB|ENDSUB|RETURN|CALL|IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|DO|REPEAT|ENDREPEAT|BREAK|CONTINUE"
@@ -89,7 +89,7 @@ def statement(text: str) -> Statement:
             settings.append((target, scanner.value("=")))
             continue
         letter = scanner.rest[0]
-        if not ("A" <= letter <= "Z" or letter in "@^"):
+        if not ("A" <= letter <= "Z" or letter in "@^$"):
             raise InputError(f"{scanner.rest[:12]!r}: must begin with a letter or #")
         scanner.at += 1
         words.append((letter, scanner.value(letter)))

@@ -29,6 +29,7 @@ _MOTION = {0, 10, 20, 30, 50, 51}
 _LENGTHS = "IJKR"
 _RELATIVE = 1e-3  # difference of an arc's radii, of the radius
 _WORST = 100  # times the tolerance, which the relative one does not excuse
+_COARSE = 2.54  # times the tolerance, in inches
 _FARTHEST = 1e7  # [mm]
 
 
@@ -65,6 +66,8 @@ class Modal:
         tolerance: of an arc's radius at its end [mm].
         lacking: letters of axes that the machine lacks, which are counted and skipped.
         tools: lengths of tools by number [mm].
+        path: initial mode of corners, as of `Moves` [mm].
+        given: parameters by name.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class Modal:
         lacking: str,
         tools: dict[int, float],
         path: float,
+        given: dict[str, float],
     ) -> None:
         self.moves, self.dialect, self.dispense = moves, dialect, dispense
         self.tolerance, self.lacking = tolerance, lacking
@@ -86,9 +90,11 @@ class Modal:
         self.motion: int | None = 10 if dialect.extrudes else 0
         self.glue = False
         self.extruder, self.relative_extruder = 0.0, False
-        self._saved: list[tuple[Modes, float, bool]] = []
+        self._saved: dict[int, tuple[Modes, float, bool]] = {}  # by the depth of calls
+        self._restored: set[int] = set()  # depths at whose end they come back
         self._control: complex | None = None  # of the cubic before, to the next one's first
-        self.line = 0
+        self.line = self.depth = 0
+        self._given = given
 
     def run(self, words: Words) -> bool:
         """Apply a block; return whether the program goes on.
@@ -142,7 +148,7 @@ class Modal:
                 self.ignored[f"axis {letter}"] += 1
         if special:
             self._special(special, values)
-        elif values:
+        if values and (not special or (special == 40 and not _MOTION.isdisjoint(codes))):
             self._move(values, in_machine)
         if values:
             self._left(values)
@@ -186,22 +192,31 @@ class Modal:
             if 62 <= code <= 68 or 100 <= code < 200 or code in (19, 50, 51, 52, 53, 61):
                 for letter in "PQERL":
                     values.pop(letter, None)
-            elif code in (3, 4, 5):
-                values.pop("$", None)
         if self.dialect.extrudes and codes and not {82, 83} & set(codes):
             values.clear()
         return going
 
     def _memory(self, code: int) -> None:
         if code in (70, 73):
-            self._saved = [(replace(self.modes), self.frames.unit, self.frames.absolute)]
+            self._saved[self.depth] = replace(self.modes), self.frames.unit, self.frames.absolute
+            self._restored.discard(self.depth)
+            if code == 73:
+                self._restored.add(self.depth)
         elif code == 71:
-            self._saved = []
-        elif self._saved:
-            modes, self.frames.unit, self.frames.absolute = self._saved[0]
+            self._saved.pop(self.depth, None)
+        elif self.depth in self._saved:
+            modes, self.frames.unit, self.frames.absolute = self._saved[self.depth]
             self.modes = replace(modes)
         else:
-            raise InputError("M72: must follow M70 or M73")
+            raise InputError("M72: must follow M70 or M73 in the same subroutine")
+
+    def left(self, depth: int) -> None:
+        """Note that a subroutine ends, at the depth of its call."""
+        self.depth = depth
+        if depth in self._restored and depth in self._saved:
+            self._memory(72)
+        self._restored.discard(depth)
+        self._saved.pop(depth, None)
 
     def _mode(self, code: int, values: dict[str, float]) -> None:
         modes, frames = self.modes, self.frames
@@ -307,7 +322,7 @@ class Modal:
 
     def _move(self, values: dict[str, float], in_machine: bool) -> None:
         letters = values.keys()
-        moves = not letters.isdisjoint("XYZ") or (self.motion in (20, 30) and not letters.isdisjoint("IJKR"))
+        moves = not letters.isdisjoint("XYZ@^") or (self.motion in (20, 30) and not letters.isdisjoint("IJKR"))
         if self.motion in (50, 51):
             moves = moves or not letters.isdisjoint("IJPQ")
         fed = self._fed(values) if self.dialect.extrudes and "E" in values else 0.0
@@ -417,10 +432,11 @@ class Modal:
         if min(radius, reached) < 1e-6:
             raise InputError("radius = 0 mm: must be greater than 0 mm")
         error = abs(radius - reached)
-        if error > _WORST * self.tolerance or (error > self.tolerance and error > _RELATIVE * max(radius, reached)):
+        tolerance = self.tolerance * (1.0 if self.frames.unit == 1.0 else _COARSE)
+        if error > _WORST * tolerance or (error > tolerance and error > _RELATIVE * max(radius, reached)):
             raise InputError(
                 f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: difference {error:.4g} mm must be "
-                f"at most arc_tolerance, {self.tolerance:g} mm"
+                f"at most arc_tolerance, {tolerance:g} mm"
             )
         return swept_angle(begin, end, clockwise, turns)
 
@@ -452,11 +468,13 @@ class Modal:
     def provided(self, key: float | str) -> float | None:
         """Return a parameter of the controller; None for others."""
         modes = self.modes
+        if isinstance(key, str) and key in self._given:
+            return self._given[key]
         if key == "_line":
             return float(self.line)
         if key in ("_feed", "_rpm", "_plane"):
             return {"_feed": modes.feed, "_rpm": modes.spindle, "_plane": 170.0 + 10 * modes.plane}[str(key)]
-        if key in ("_vmajor", "_vminor", "_task", "_call_level", "_remap_level", "_motion_mode"):
+        if key in ("_vmajor", "_vminor", "_task", "_call_level", "_remap_level", "_motion_mode", "_value", "_value_returned"):
             return {"_vmajor": 2.9, "_motion_mode": float(self.motion or 0)}.get(str(key), 0.0)
         return self.frames.shown(key)
 

@@ -59,11 +59,10 @@ class Parameters:
         return provided
 
     def exists(self, key: float | str) -> bool:
-        """Return whether a parameter was set."""
+        """Return whether a named parameter was set, or a number is one."""
         if isinstance(key, str):
             return key in self._names(key) or self._system(key) is not None
-        k = self._checked(key)
-        return k in (self.scope if k <= self._local else self._all).numbered or self._system(k) is not None
+        return 1 <= key <= self._highest
 
     def set(self, target: Target, value: float) -> None:
         """Set a parameter."""

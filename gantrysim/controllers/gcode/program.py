@@ -40,11 +40,12 @@ class GCode(Controller):
     cycle: float = 0.001
     feed_override: float = 1.0
     dispense: Dispense = Dispense()
-    arc_tolerance: float = 0.0127
+    arc_tolerance: float = 0.02828
     block_skip: bool = False
     skip_axes: str = ""
     subprograms: dict[str, str] = field(default_factory=dict)
     tool_lengths: dict[str, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
     max_steps: int = 10_000_000
 
     def __post_init__(self) -> None:
@@ -65,6 +66,8 @@ class GCode(Controller):
             if not number.isdigit():
                 raise InputError(f"tool_lengths {number!r}: must be the number of a tool")
             finite(f"tool_lengths {number}", length, "mm")
+        for name, value in self.parameters.items():
+            finite(f"parameters {name}", value)
 
     @property
     @abstractmethod
@@ -81,8 +84,9 @@ class GCode(Controller):
 
         def modal(moves: Moves) -> Modal:
             tools = {int(number): length for number, length in self.tool_lengths.items()}
+            given = {name.strip("#<>").lower(): value for name, value in self.parameters.items()}
             return Modal(
-                moves, self.dialect, self.dispense, self.arc_tolerance, self.skip_axes, tools, self.path_mode
+                moves, self.dialect, self.dispense, self.arc_tolerance, self.skip_axes, tools, self.path_mode, given
             )
 
         others = {name.lower(): text for name, text in self.subprograms.items()}

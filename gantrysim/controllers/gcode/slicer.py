@@ -32,6 +32,7 @@ class Program(GCode):
         skip_axes: letters of axes that the machine lacks, whose words are counted and skipped.
         subprograms: not used.
         tool_lengths: not used.
+        parameters: not used.
         max_steps: most lines that may run.
         corner_tolerance: largest distance of the rounded corners from the path; an assumption [mm].
 
