@@ -102,6 +102,10 @@ def _safe(name: str, function: Callable[[float], float]) -> Callable[[float], fl
     return call
 
 
+_TRUNCATING: dict[str, Callable[[float], float]] = {
+    "FIX": lambda x: float(math.trunc(x)),
+    "FUP": lambda x: math.copysign(math.ceil(abs(x)), x),
+}
 _SAFE = {name: _safe(name, function) for name, function in _UNARY.items()}
 
 
@@ -111,10 +115,11 @@ class Scanner:
     Args:
         text: of the line.
         at: where to begin.
+        truncating: whether FIX and FUP round towards and away from 0, instead of down and up.
     """
 
-    def __init__(self, text: str, at: int = 0) -> None:
-        self.text, self.at = text, at
+    def __init__(self, text: str, at: int = 0, truncating: bool = False) -> None:
+        self.text, self.at, self._truncating = text, at, truncating
         self._depth = self._operators = 0
 
     @property
@@ -198,7 +203,7 @@ class Scanner:
                 return lambda p: math.degrees(math.atan(first(p)))
             second = self._closed()
             return lambda p: math.degrees(math.atan2(first(p), second(p)))
-        function = _SAFE[name]
+        function = (_TRUNCATING if self._truncating else {}).get(name) or _SAFE[name]
         return lambda p: function(first(p))
 
     def expression(self) -> Value:

@@ -44,6 +44,11 @@ class Parameters:
         provided = self._system(k)
         return self._all.numbered.get(k, 0.0) if provided is None else provided
 
+    def vacant(self, number: float) -> bool:
+        """Return whether a numbered parameter was never set."""
+        k = self._checked(number)
+        return k not in (self.scope if k <= self._local else self._all).numbered and self._system(k) is None
+
     def named(self, name: str) -> float:
         """Return a named parameter.
 
