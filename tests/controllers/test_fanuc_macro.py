@@ -94,9 +94,7 @@ def test_blocks_overlap_only_where_the_look_ahead_is_on():
     assert [leg.exact_stop for leg in switched.legs] == [False, False, True]
 
 
-@given(
-    st.floats(-180, 180), st.floats(0.1, 5), st.floats(-50, 50), st.sampled_from(["G17", "G18 K3 Z4", "G19 K3 Z4"])
-)
+@given(st.floats(-180, 180), st.floats(0.1, 5), st.floats(-50, 50), st.sampled_from(["G17", "G18 K3 Z4", "G19 K3 Z4"]))
 def test_a_placed_program_is_the_program_placed(turn, scale, x, plane):
     text = f"{plane[:3]} G01 X3 Y4 Z1 F600\nG02 X8 Y4 Z1 {'I2.5' if plane == 'G17' else 'R4'}"
     if plane != "G17":

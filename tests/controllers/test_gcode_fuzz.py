@@ -12,13 +12,16 @@ from gantrysim.errors import InputError
 SEEDS = [
     "G21 G90 G64 P0.05 Q0.01\nG0 X1 Y2\nG1 X5 F600\nG2 X9 Y6 I2 J2 P2\nG4 P0.1\nG61 G3 X1 Y1 R9\nM2",
     "#1=3 #<a>=[#1*2+SIN[30]]\no1 while [#1 gt 0]\nG91 G1 X1 F[60+#1]\n#1=[#1-1]\no1 endwhile\nG90",
-    "o<s> sub\no1 if [#1 eq 2]\nG0 X#1\no1 else\nG0 Y[ATAN[1]/[#2]]\no1 endif\no<s> endsub [5]\no<s> call [2] [3]\nG0 Z#<_value>",
+    "o<s> sub\no1 if [#1 eq 2]\nG0 X#1\no1 else\nG0 Y[ATAN[1]/[#2]]\no1 endif\no<s> endsub [5]\n"
+    "o<s> call [2] [3]\nG0 Z#<_value>",
     "G10 L2 P2 X1 R45\nG55 G0 X1\nG92 X3\nG5 I1 J1 P2 Q2 X9 Y9 F60\nG28 X1\no2 repeat [2]\nG53 G0 X1\no2 endrepeat",
     "M82\nG92 E0\nG0 X1 Y1 F6000\nG1 X2 E1\nG1 E0\nG2 X5 Y1 I1.5 E2\nM83\nG91\nG1 X1 E.5",
-    "O1\n#1=1\nWHILE[#1LE3]DO1\nG01 X#1 F600\n#1=#1+1\nEND1\nM98 P2 L2\nIF[#1EQ4]GOTO9\nN9 G65 P2 A1\nM30\nO2\nG91 Y1\nM99",
+    "O1\n#1=1\nWHILE[#1LE3]DO1\nG01 X#1 F600\n#1=#1+1\nEND1\nM98 P2 L2\nIF[#1EQ4]GOTO9\n"
+    "N9 G65 P2 A1\nM30\nO2\nG91 Y1\nM99",
     "G17 G02 X0 Y-30 I0 J-100 Q-20 F300\nG41 D1 G01 X9\nG40 X0\nG04 P100\nG05.1 Q1\nG28 X0\nG10 L2 P1 X1",
 ]
-PIECES = [*"GXYZFIJKRPQE#<>[]()%/;.-+=0123456789 \n", "o1 ", "call", "while", "endsub", "**", "MOD", "WHILE", "GOTO", "9e9", "\x00", "é"]
+PIECES = [*"GXYZFIJKRPQE#<>[]()%/;.-+=0123456789 \n", "o1 ", "call", "while", "endsub", "**", "MOD", "WHILE"]
+PIECES += ["GOTO", "9e9", "\x00", "é"]
 
 
 def damaged(rng):
@@ -49,11 +52,11 @@ def survives(text, plan):
         try:
             controller = make()
             if plan:
-                controller.duration
+                assert controller.duration > 0
             elif not isinstance(controller, Fanuc):
-                controller.program
-        except InputError as error:
-            assert "\n" not in str(error).strip()
+                assert controller.program.moves.ndim == 2
+        except InputError:
+            continue
 
 
 @pytest.mark.parametrize("seed", range(3))

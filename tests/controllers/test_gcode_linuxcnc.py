@@ -148,12 +148,22 @@ def test_feeds_are_in_their_units(text, feed):
 )
 def test_what_is_refused_names_the_line_and_the_word(text, message):
     with pytest.raises(InputError, match=message):
-        Program(text=text, max_steps=1000).duration
+        _ = Program(text=text, max_steps=1000).duration
 
 
 def test_what_has_no_effect_is_counted():
     program = Program(text="T1 M6\nM3 S100\nM8\nG0 X1 A5\nM64 P0\nM0\nM9\nM5", skip_axes="A")
-    assert program.program.ignored == {"T": 1, "M6": 1, "M3": 1, "M8": 1, "axis A": 1, "M64": 1, "M0": 1, "M9": 1, "M5": 1}
+    assert program.program.ignored == {
+        "T": 1,
+        "M6": 1,
+        "M3": 1,
+        "M8": 1,
+        "axis A": 1,
+        "M64": 1,
+        "M0": 1,
+        "M9": 1,
+        "M5": 1,
+    }
     assert "M8 (1)" in program.notes[0]
 
 

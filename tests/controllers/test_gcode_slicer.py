@@ -15,6 +15,8 @@ from gantrysim.errors import InputError
 PART = """; layer 0
 M104 S210 T0
 M117 Laying glue (slowly
+START_PRINT BED=60 ; a macro
+N7 M105*36
 G28 ; home
 G21
 G90
@@ -61,8 +63,11 @@ def test_a_part_s_moves_are_its_words():
 
 def test_what_is_not_simulated_is_counted_and_said():
     program = Program(text=PART)
-    assert program.program.ignored == {"M104": 1, "M117": 1, "G28": 1, "M106": 1}
-    assert program.notes[0] == "Words without an effect on the path: G28 (1), M104 (1), M106 (1), M117 (1)."
+    assert program.program.ignored == {"M104": 1, "M117": 1, "G28": 1, "M106": 1, "M105": 1, "START_PRINT": 1}
+    assert (
+        program.notes[0]
+        == "Words without an effect on the path: G28 (1), M104 (1), M105 (1), M106 (1), M117 (1), START_PRINT (1)."
+    )
     assert "E feeds 4.5 mm" in program.notes[-1]
 
 
@@ -89,7 +94,7 @@ def test_travel_is_dry_and_extrusion_is_not():
 )
 def test_what_would_change_the_path_is_refused(text, message):
     with pytest.raises(InputError, match=message):
-        Program(text=text).duration
+        _ = Program(text=text).duration
 
 
 def test_a_corner_tolerance_must_be_positive():
@@ -99,7 +104,7 @@ def test_a_corner_tolerance_must_be_positive():
 
 def test_a_hundred_thousand_lines_are_planned_in_seconds():
     text = circle(100_000)
-    Program(text=circle(10)).duration  # compile
+    assert Program(text=circle(10)).duration > 0  # compiled
     begun = time.process_time()
     program = Program(text=text)
     length = program.requested.length
@@ -111,7 +116,7 @@ def test_memory_grows_by_few_numbers_per_line():
     def peak(count):
         text = circle(count)
         tracemalloc.start()
-        Program(text=text).program
+        _ = Program(text=text).program
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return most

@@ -109,7 +109,7 @@ class Program(Controller):
     rotary_axis: str = "r"
     rotary_word: str = "C"
     block_skip: bool = False
-    placement: Placement = Placement()
+    placement: Placement = field(default_factory=Placement)
     max_steps: int = 1_000_000
 
     def __post_init__(self) -> None:

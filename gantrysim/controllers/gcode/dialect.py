@@ -34,9 +34,9 @@ class Dialect:
     lenient: bool = False
 
 
-_CYCLES = {code: "milling cycle" for code in (730, 740, 760, *range(810, 900, 10))}
-_LATHE = {code: "lathe cycle" for code in (700, 710, 711, 712, 720, 721, 722)}
-_PROBE = {code: "probing" for code in (382, 383, 384, 385)}
+_CYCLES = dict.fromkeys((730, 740, 760, *range(810, 900, 10)), "milling cycle")
+_LATHE = dict.fromkeys((700, 710, 711, 712, 720, 721, 722), "lathe cycle")
+_PROBE = dict.fromkeys((382, 383, 384, 385), "probing")
 
 LINUXCNC = Dialect(
     name="LinuxCNC",
@@ -52,7 +52,9 @@ LINUXCNC = Dialect(
         62: "NURBS",
         63: "NURBS",
     },
-    unheeded=frozenset({0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, *range(62, 69), *range(100, 200)}),
+    unheeded=frozenset(
+        {0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, *range(62, 69), *range(100, 200)}
+    ),
     letters="STD$",
     dwell={"P": 1.0},
 )

@@ -1,6 +1,7 @@
 """Expressions in brackets, parameters and numbers, compiled to functions of the parameters.
 
-The operators bind, from the strongest: `**`; `* / MOD`; `+ -`; `EQ NE GT GE LT LE`; `AND OR XOR`. Angles are in degrees.
+The operators bind, from the strongest: `**`; `* / MOD`; `+ -`; `EQ NE GT GE LT LE`; `AND OR XOR`. Angles are in
+degrees.
 """
 
 from __future__ import annotations

@@ -13,7 +13,9 @@ from gantrysim.errors import InputError, unknown
 
 _DEEPEST = 10  # calls
 _ARGUMENTS = 30
-_O_LINE = re.compile(r"^[^\S\n]*/?[^\S\n]*(?:[nN][^\S\n]*[0-9.]+)?[^\S\n]*(?:\([^()\n]*\)[^\S\n]*)*[oO].*", re.MULTILINE)
+_O_LINE = re.compile(
+    r"^[^\S\n]*/?[^\S\n]*(?:[nN][^\S\n]*[0-9.]+)?[^\S\n]*(?:\([^()\n]*\)[^\S\n]*)*[oO].*", re.MULTILINE
+)
 
 
 @dataclass
@@ -37,6 +39,7 @@ class Flow:
         steps: most lines that may run.
         skip: whether lines that begin with a slash are skipped.
         left: called with the depth of a subroutine that ends.
+        compact: makes a line compact.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Flow:
         steps: int,
         skip: bool,
         left: Callable[[int], None],
+        compact: Callable[[str], str] = compact,
     ) -> None:
         self._lines = text.splitlines()
         self._main = len(self._lines)
@@ -55,6 +59,7 @@ class Flow:
             self._files.append((len(self._lines), name))
             self._lines += other.splitlines()
         self._steps, self._skip, self._left = steps, skip, left
+        self._compact = compact
         self._labels: dict[str, list[tuple[int, str]]] = {}
         self._statements: dict[int, Statement] = {}
         self._frames = [_Frame(0, 0, Scope())]
@@ -109,7 +114,7 @@ class Flow:
             count += 1
             if count > self._steps:
                 raise InputError(f"{self._steps} lines have run: must end before; is there an endless loop?")
-            text = compact(lines[self._at])
+            text = self._compact(lines[self._at])
             if not text:
                 continue
             if text[0] == "/":
@@ -191,7 +196,7 @@ class Flow:
         """Run an O word; return the line that follows, -1 for the program's end."""
         store, keyword, after = self.parameters, made.keyword, self._at + 1
         label = made.label
-        assert label is not None  # noqa: S101 - the caller has looked
+        assert label is not None
         key = label if isinstance(label, str) else str(round(label(store)))
         if keyword == "CALL":
             values = [value(store) for value in made.arguments]

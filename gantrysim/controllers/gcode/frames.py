@@ -72,10 +72,7 @@ class Frames:
 
     def end(self, values: dict[str, float], in_machine: bool) -> Three:
         """Take the axis words of a move and return its end in the machine's coordinates."""
-        if in_machine:
-            place = [self.here[0], self.here[1], self.here[2] + self.tool]
-        else:
-            place = self.program(self.here)
+        place = [self.here[0], self.here[1], self.here[2] + self.tool] if in_machine else self.program(self.here)
         for i, letter in enumerate("XYZ"):
             if letter in values:
                 value = self.axis(i, values.pop(letter))
@@ -170,4 +167,3 @@ def _turn(degrees: float) -> tuple[float, float]:
 def unit_of(code: int) -> float:
     """Return the unit of G20 and G21 [mm]."""
     return _INCH if code == 200 else 1.0
-

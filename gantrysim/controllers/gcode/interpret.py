@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.gcode.flow import Flow
+from gantrysim.controllers.gcode.lines import compact, compact_firmware
 from gantrysim.controllers.gcode.modal import Modal
 from gantrysim.controllers.gcode.moves import Moves
 from gantrysim.errors import InputError
@@ -51,7 +53,8 @@ def interpret(
     """
     moves = Moves(start)
     state = modal(moves)
-    flow = Flow(text, others, state.provided, steps, skip, state.left)
+    read = partial(compact_firmware, ignored=state.ignored) if state.dialect.lenient else compact
+    flow = Flow(text, others, state.provided, steps, skip, state.left, read)
     try:
         for words in flow.words():
             state.line, state.depth = flow.line, flow.depth

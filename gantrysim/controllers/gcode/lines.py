@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 from gantrysim.controllers.gcode.expressions import Scanner, Store, Target, Value
@@ -15,10 +16,10 @@ LONGEST = 1000  # characters of a line
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
-_KEYWORD = re.compile(
-    r"SUB|ENDSUB|RETURN|CALL|IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|DO|REPEAT|ENDREPEAT|BREAK|CONTINUE"
-)
+_KEYWORD = re.compile(r"SUB|ENDSUB|RETURN|CALL|IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|DO|REPEAT|ENDREPEAT|BREAK|CONTINUE")
 _LABEL = re.compile(r"O(<[^<>]*>|[0-9]+)")
+_MACRO = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
+_MESSAGE = re.compile(r"(?:N[0-9]+)?M[0-9]+")
 CONDITIONS = {"IF", "ELSEIF", "WHILE", "REPEAT"}
 
 
@@ -58,6 +59,25 @@ def compact(line: str) -> str:
         if "(" in line or ")" in line:
             raise InputError("comment: must begin with ( and end with ), without another inside")
     return "".join(line.split()).upper()
+
+
+def compact_firmware(line: str, ignored: Counter[str]) -> str:
+    """Return a line as printers' firmware reads it: macros, messages and checksums do not count.
+
+    Args:
+        line: of the program.
+        ignored: to which macros are added, by name.
+    """
+    text = line.split(";", 1)[0].strip().upper()
+    if len(text) > LONGEST:
+        raise InputError(f"line of {len(text)} characters: must be at most {LONGEST}")
+    macro = _MACRO.match(text)
+    if macro:
+        ignored[macro[0]] += 1
+        return ""
+    plain = "".join(text.split("*", 1)[0].split())
+    message = _MESSAGE.match(plain)
+    return message[0] if message and not _PLAIN.fullmatch(plain) else plain
 
 
 def plain_words(text: str) -> Words | None:

@@ -32,8 +32,8 @@ class Program(GCode):
         cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
         feed_override: factor on all feeds.
         dispense: when the valve is open; by default in all moves at feed.
-        arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this; 2.54 times
-            as much in inches [mm].
+        arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this;
+            2.54 times as much in inches [mm].
         block_skip: whether lines that begin with a slash are skipped.
         skip_axes: letters of axes that the machine lacks, whose words are counted and skipped, as "A"; by default
             they are refused.

@@ -134,7 +134,9 @@ class Modal:
                 in_machine = True
             elif code in (40, 100, 280, 281, 300, 301, 520, 920) and code not in self.dialect.nothing:
                 if special:
-                    raise InputError(f"G{special / 10:g} and G{code / 10:g} in one block: must be in blocks of their own")
+                    raise InputError(
+                        f"G{special / 10:g} and G{code / 10:g} in one block: must be in blocks of their own"
+                    )
                 special = code
             else:
                 self._mode(code, values)
@@ -435,8 +437,8 @@ class Modal:
         tolerance = self.tolerance * (1.0 if self.frames.unit == 1.0 else _COARSE)
         if error > _WORST * tolerance or (error > tolerance and error > _RELATIVE * max(radius, reached)):
             raise InputError(
-                f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: difference {error:.4g} mm must be "
-                f"at most arc_tolerance, {tolerance:g} mm"
+                f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: difference {error:.4g} mm "
+                f"must be at most arc_tolerance, {tolerance:g} mm"
             )
         return swept_angle(begin, end, clockwise, turns)
 
@@ -474,7 +476,15 @@ class Modal:
             return float(self.line)
         if key in ("_feed", "_rpm", "_plane"):
             return {"_feed": modes.feed, "_rpm": modes.spindle, "_plane": 170.0 + 10 * modes.plane}[str(key)]
-        if key in ("_vmajor", "_vminor", "_task", "_call_level", "_remap_level", "_motion_mode", "_value", "_value_returned"):
+        if key in (
+            "_vmajor",
+            "_vminor",
+            "_task",
+            "_call_level",
+            "_remap_level",
+            "_motion_mode",
+            "_value",
+            "_value_returned",
+        ):
             return {"_vmajor": 2.9, "_motion_mode": float(self.motion or 0)}.get(str(key), 0.0)
         return self.frames.shown(key)
-

@@ -65,7 +65,8 @@ class Plan:
         source: row of the moves for every piece of `path`, (n,).
         moves: the rows.
         waits: times of the profile at which the program dwells, and the times of the dwells, (d,) each [s].
-        wait_glue: whether glue is laid in each, (d,).
+        wait_rows: row of the moves of each dwell, (d,).
+        wait_pieces: first piece of `path` after each dwell, (d,).
         stops: corners between moves at feed passed at less than a tenth of the feed.
         small: median length of the moves before those corners; 0 without [mm].
     """
@@ -76,7 +77,8 @@ class Plan:
     source: NDArray[np.intp]
     moves: Floats
     waits: tuple[Floats, Floats]
-    wait_glue: NDArray[np.bool_]
+    wait_rows: NDArray[np.intp]
+    wait_pieces: NDArray[np.intp]
     stops: int
     small: float
 
@@ -87,30 +89,30 @@ class Plan:
 
     def at(self, t: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
         """Return points (n, 3) [mm], and whether glue is laid, (n,), at times (n,) [s]."""
-        s, row, waiting = self._rows(np.asarray(t, float))
-        glue = self.moves[row, GLUE] != 0
-        if self.wait_glue.size:
-            glue = np.where(waiting >= 0, self.wait_glue[waiting], glue)
-        return self.path.position(s), glue
+        s, row = self._rows(np.asarray(t, float))
+        return self.path.position(s), self.moves[row, GLUE] != 0
 
     def lines(self, t: ArrayLike) -> NDArray[np.intp]:
         """Return the program's lines that run at times, (n,)."""
-        _, row, _ = self._rows(np.asarray(t, float))
+        _, row = self._rows(np.asarray(t, float))
         return self.moves[row, SOURCE].astype(np.intp)
 
-    def _rows(self, t: Floats) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp]]:
-        """Arc lengths, rows of the moves, and the dwells, or -1, at times."""
+    def _rows(self, t: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Arc lengths, and rows of the moves or dwells, at times."""
         moving, times = self.waits
-        waiting = np.full(t.shape, -1, np.intp)
-        if times.size:
-            before = np.concatenate([[0.0], np.cumsum(times)])
-            begun = moving + before[:-1]
-            k = np.searchsorted(begun, t, side="right") - 1
-            since = t - np.where(k >= 0, begun[k], np.inf)
-            waiting = np.where((k >= 0) & (since < times[k]), k, -1)
-            t = np.where(k >= 0, np.maximum(moving[k], t - before[k + 1]), t)
-        s = np.asarray(self.profile.position(t))
-        return s, self.source[self.path.locate(s)], waiting
+        if not times.size:
+            s = np.asarray(self.profile.position(t))
+            return s, self.source[self.path.locate(s)]
+        before = np.concatenate([[0.0], np.cumsum(times)])
+        begun = moving + before[:-1]
+        k = np.searchsorted(begun, t, side="right") - 1
+        after, k = k >= 0, np.maximum(k, 0)
+        waiting = after & (t - begun[k] < times[k])
+        s = np.asarray(self.profile.position(np.where(after, np.maximum(moving[k], t - before[k + 1]), t)))
+        # the last piece before a dwell and the first after it meet at one place
+        edges = np.concatenate([[0], self.wait_pieces, [self.source.size]])
+        piece = np.clip(self.path.locate(s), edges[k + after], edges[k + after + 1] - 1)
+        return s, np.where(waiting, self.wait_rows[k], self.source[np.clip(piece, 0, self.source.size - 1)])
 
 
 def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, NDArray[np.intp]]:
@@ -142,7 +144,7 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     """Plan a program."""
     requested, rows = requested_track(program, placement)
     table = program.moves
-    halts, waits, glue = _halts(table, rows)
+    halts, waits, wait_rows = _halts(table, rows)
     base, kept, halts = _simplified(requested, rows, table, halts)
     mode = np.minimum(table[kept[:-1], MODE], table[kept[1:], MODE])
     speed, acceleration = _limits(base, table[kept, FEED], settings)
@@ -153,24 +155,20 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     joint = np.minimum(need, jump_speed(angle, settings.acceleration, settings.cycle))
     joint[halts[1:-1] | (mode < EXACT_PATH)] = 0.0
     profile, source = _profile(path, joint, speed, acceleration, kept, settings)
-    # the moving time at every dwell: that at the end of its piece
-    if waits[0].size:
-        last = np.searchsorted(kept, rows[np.maximum(waits[0] - 1, 0)], side="right") - 1
-        ends = path.ends[1:][np.searchsorted(path.piece + 0.5 * (path.arc >= 0), last, side="right") - 1]
-        moving = np.array([profile.reached(float(s)) if n else 0.0 for s, n in zip(ends, waits[0], strict=True)])
-    else:
-        moving = np.zeros(0)
+    pieces, moving = _waits(path, profile, kept, rows, waits[0])
     at_feed = (table[kept[:-1], FEED] > 0) & (table[kept[1:], FEED] > 0) & ~halts[1:-1]
     stopped = at_feed & (joint < _STOP * need)
     sizes = np.diff(base.ends, prepend=0.0)[:-1][stopped]
     small = float(np.median(sizes)) if sizes.size else 0.0
-    return Plan(requested, path, profile, source, table, (moving, waits[1]), glue, int(stopped.sum()), small)
+    return Plan(
+        requested, path, profile, source, table, (moving, waits[1]), wait_rows, pieces, int(stopped.sum()), small
+    )
 
 
 def _halts(
     table: Floats, rows: NDArray[np.intp]
-) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], Floats], NDArray[np.bool_]]:
-    """Whether the motion halts before each piece and after the last, the pieces before each dwell, and its glue."""
+) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], Floats], NDArray[np.intp]]:
+    """Whether the motion halts before each piece and after the last; of each dwell, the pieces before, time and row."""
     dwell = np.flatnonzero(table[:, KIND] == DWELL)
     before = np.searchsorted(rows, dwell)
     halts = np.zeros(rows.size + 1, bool)
@@ -178,7 +176,18 @@ def _halts(
     times = table[dwell, FEED]
     halts[before[times > 0]] = True
     real = times > 0
-    return halts, (before[real], times[real]), table[dwell[real], GLUE] != 0
+    return halts, (before[real], times[real]), dwell[real]
+
+
+def _waits(
+    path: Rounded, profile: Limited, kept: NDArray[np.intp], rows: NDArray[np.intp], before: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], Floats]:
+    """The first piece after each dwell, and the moving time at it, from the number of moves before it."""
+    last = np.searchsorted(kept, rows[np.maximum(before - 1, 0)], side="right") - 1  # piece of the base
+    order = path.piece + 0.5 * (path.arc >= 0)
+    pieces = np.where(before > 0, np.searchsorted(order, last, side="right"), 0)
+    moving = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
+    return pieces, moving
 
 
 def _simplified(
@@ -196,9 +205,7 @@ def _simplified(
     kept = merged(points, joined, np.append(naive, 0.0))
     last = np.flatnonzero(kept[1:])  # pieces that end at a kept point
     p = track.parameters()
-    simple = Track(
-        p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"]
-    )
+    simple = Track(p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"])
     return simple, rows[last], halts[np.flatnonzero(kept)]
 
 
@@ -206,7 +213,9 @@ def _limits(track: Track, feed: Floats, settings: Settings) -> tuple[Floats, Flo
     """Largest speed and acceleration of every piece."""
     first, _ = track.end_tangents()
     steepest = np.where(track.coil, 1.0, np.maximum(np.abs(first).max(axis=1), 1e-9))
-    speed = np.where(feed > 0, np.minimum(feed * settings.override, settings.rapid / steepest), settings.rapid / steepest)
+    speed = np.where(
+        feed > 0, np.minimum(feed * settings.override, settings.rapid / steepest), settings.rapid / steepest
+    )
     acceleration = settings.acceleration / steepest
     tightest = track.tightest
     round_ = np.isfinite(tightest)
@@ -230,5 +239,3 @@ def _profile(
     plain = ~arcs[:-1] & ~arcs[1:]
     meet[plain] = joint[path.piece[:-1][plain]]
     return planned(path.lengths, top, change, meet), source
-
-

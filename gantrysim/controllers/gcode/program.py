@@ -33,13 +33,13 @@ class GCode(Controller):
     dialect: ClassVar[Dialect]
 
     text: str
-    placement: Placement = Placement()
+    placement: Placement = field(default_factory=Placement)
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rapid: float = 6000.0
     acceleration: float = 1000.0
     cycle: float = 0.001
     feed_override: float = 1.0
-    dispense: Dispense = Dispense()
+    dispense: Dispense = field(default_factory=Dispense)
     arc_tolerance: float = 0.02828
     block_skip: bool = False
     skip_axes: str = ""
@@ -155,8 +155,8 @@ class GCode(Controller):
             found.append(f"Words without an effect on the path: {words}.")
         if self.plan.stops:
             found.append(
-                f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the moves "
-                f"before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
+                f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
+                f"moves before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
             )
         return (*found, *self._flow)
 
@@ -173,5 +173,3 @@ class GCode(Controller):
             return ()
         total = float(table[table[:, FLOW] > 0, FLOW].sum())
         return (f"E feeds {total:.6g} mm; the valve is open or closed, so its amount per path is not simulated.",)
-
-

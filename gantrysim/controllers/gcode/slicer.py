@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar
 
 from gantrysim.controllers.gcode.dialect import SLICER, Dialect, Dispense
@@ -43,7 +44,7 @@ class Program(GCode):
     dialect: ClassVar[Dialect] = SLICER
     suffixes: ClassVar[tuple[str, ...]] = (".gcode",)
 
-    dispense: Dispense = Dispense("extrusion")
+    dispense: Dispense = field(default_factory=partial(Dispense, "extrusion"))
     arc_tolerance: float = 0.05
     corner_tolerance: float = 0.05
 

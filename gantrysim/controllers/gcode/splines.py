@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 from gantrysim.errors import InputError
 
@@ -25,5 +26,5 @@ def chords(points: list[complex]) -> Iterator[tuple[complex, float]]:
     for k in range(1, n + 1):
         level, t = points, k / n
         while len(level) > 1:
-            level = [(1 - t) * a + t * b for a, b in zip(level, level[1:], strict=False)]
+            level = [(1 - t) * a + t * b for a, b in pairwise(level)]
         yield (points[-1] if k == n else level[0]), t

@@ -41,10 +41,7 @@ class Track(Chain):
         begin = np.concatenate([self._start[None], self._end[:-1]])
         coil = self._angle != 0
         count, one = len(coil), np.unique(self._plane)
-        if one.size == 1:
-            frame = np.broadcast_to(self._frames[one[0]], (count, 3, 3))
-        else:
-            frame = self._frames[self._plane]
+        frame = np.broadcast_to(self._frames[one[0]], (count, 3, 3)) if one.size == 1 else self._frames[self._plane]
         lengths = np.sqrt(((self._end - begin) ** 2).sum(axis=1))
         straight = np.where(coil, 1.0, lengths)
         direction = np.where(coil[:, None], 0.0, (self._end - begin) / np.maximum(straight, SHORTEST)[:, None])
