@@ -15,6 +15,7 @@ from pydantic.dataclasses import dataclass as validated
 from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.errors import InputError, unknown
+from gantrysim.controllers.gcode import linuxcnc, slicer
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
@@ -23,6 +24,8 @@ PROGRAMS: dict[str, type[Controller]] = {
     "softmc.Program": softmc.Program,
     "softmc.Basic": softmc.Basic,
     "stage.OutlineTrace": stage.OutlineTrace,
+    "linuxcnc.Program": linuxcnc.Program,
+    "slicer.Program": slicer.Program,
 }
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)

@@ -74,12 +74,13 @@ def test_blocks_after_the_end_do_not_move(end):
         (
             "\nN3 E5",
             "009 ILLEGAL ADDRESS INPUT in block N3 (line 2): address 'E': must be one of A, B, C, D, F, G, "
-            "I, J, K, L, M, N, O, P, Q, R, S, T, X, Y, Z",
+            "H, I, J, K, L, M, N, O, P, Q, R, S, T, X, Y, Z",
         ),
         (
             "G05 X1",
-            "010 IMPROPER G-CODE in block 1 (line 1): G5: must be one of G00, G01, G02, G03, G04, G17, G18, G19, G20, "
-            "G21, G40, G41, G42, G54, G61, G64, G90, G91, G94",
+            "010 IMPROPER G-CODE in block 1 (line 1): G5: must be one of G00, G01, G02, G03, G04, G05.1, G08, G10, "
+            "G17, G18, G19, G20, G21, G28, G40, G41, G42, G43, G44, G49, G52, G53, G54, G55, G56, G57, G58, G59, G61, "
+            "G64, G80, G90, G91, G92, G94",
         ),
         (
             "G01 X10",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
 from gantrysim.controllers.fanuc.geometry import piece_of
 from gantrysim.controllers.fanuc.text import SourceLine
-from gantrysim.controllers.paths.pieces import Coil, Line, Vector
+from gantrysim.controllers.paths.pieces import Coil, Line, Vector, vector
+from gantrysim.controllers.placement import Placement
 
 _SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
 
@@ -106,3 +107,31 @@ def legs_of(
         x, y, z = (there if there is not None else now for there, now in zip(block.end, here, strict=True))
         here, angle = (x, y, z), turned
     return legs
+
+
+def placed(legs: list[Leg], placement: Placement) -> list[Leg]:
+    """Return the motions where a program lies on the work."""
+    if placement == Placement():
+        return legs
+    return [replace(leg, start=_point(leg.start, placement), piece=_piece(leg.piece, placement)) for leg in legs]
+
+
+def _point(point: Vector, placement: Placement) -> Vector:
+    return vector(placement.point(point))
+
+
+def _piece(piece: Line | Coil | None, placement: Placement) -> Line | Coil | None:
+    if piece is None:
+        return None
+    u, v = (vector(placement.direction(axis) / placement.scale) for axis in piece.frame)
+    if isinstance(piece, Line):
+        return Line(_point(piece.start, placement), _point(piece.end, placement), (u, v))
+    first, last = piece.radius
+    scale = placement.scale
+    return replace(
+        piece,
+        centre=_point(piece.centre, placement),
+        radius=(scale * first, scale * last),
+        rise=scale * piece.rise,
+        frame=(u, v),
+    )

@@ -17,14 +17,15 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
-from gantrysim.controllers.fanuc.legs import Leg, legs_of
+from gantrysim.controllers.fanuc.legs import Leg, legs_of, placed
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
 from gantrysim.controllers.fanuc.text import SPEEDS, SourceLine, read
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Vector
+from gantrysim.controllers.paths.pieces import Vector, vector
+from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least, finite, positive
+from gantrysim.errors import InputError, at_least, finite, positive, whole
 
 _WORDS, _LINEAR = "ABC", "xyz"
 
@@ -46,9 +47,11 @@ class _Part:
 class Program(Controller):
     """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
 
-    A text consists of blocks, as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; its words are G00 to G04, G17 to G21,
-    G40 to G42, G54, G61, G64, G90, G91, G94, M02, M03, M05, M30 and X Y Z I J K Q L R F D C. Glue is laid in all
-    motions at feed, unless the program switches it by M03 and M05.
+    A text consists of blocks, as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; its words are G00 to G04, G05.1, G08, G10
+    L2, G17 to G21, G28, G40 to G44, G49, G52 to G59, G61, G64, G80, G90 to G92, G94, M02, M03, M05, M30 and
+    X Y Z I J K Q L R F D H C; subprograms by M98, M99 and G65; macro variables, IF, GOTO and WHILE. Glue is laid in
+    all motions at feed, unless the program switches it by M03 and M05. G28 moves to `start`. Where the program has
+    G05.1 or G08, blocks only overlap where that is on, by `blend_time`; elsewhere the motion stops between them.
 
     F is the constant speed along the path. With a limited acceleration the motion stops before and after a spiral,
     at corners, at G61, and between rapid moves and those at feed. With a `blend_time` it only stops at G61: a moving
@@ -78,6 +81,8 @@ class Program(Controller):
         rotary_axis: the machine's axis of the rotary word.
         rotary_word: A, B or C.
         block_skip: whether blocks that begin with a slash are skipped.
+        placement: of the program on the work; it also places `start`.
+        max_steps: most blocks of a text that may run.
 
     Raises:
         Alarm: a block that the controller refuses, with number, title, block and line.
@@ -104,6 +109,8 @@ class Program(Controller):
     rotary_axis: str = "r"
     rotary_word: str = "C"
     block_skip: bool = False
+    placement: Placement = field(default_factory=Placement)
+    max_steps: int = 1_000_000
 
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
@@ -147,11 +154,12 @@ class Program(Controller):
     def legs(self) -> tuple[Leg, ...]:
         """The motions of the blocks."""
         if isinstance(self.program, str):
-            blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip)
+            blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip, self.max_steps)
         else:
             blocks = tuple(SourceLine(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
-        return tuple(compensated(legs))
+        whole("max_steps", self.max_steps, 1)
+        return tuple(placed(compensated(legs), self.placement))
 
     @cached_property
     def requested(self) -> Chain:
@@ -169,7 +177,7 @@ class Program(Controller):
     def _parts(self) -> tuple[_Part, ...]:
         feeding = Feeding(**{item.name: getattr(self, item.name) for item in fields(Feeding)})
         parts: list[_Part] = []
-        here: Vector = self.start
+        here: Vector = vector(self.placement.point(self.start))
         begun = 0.0
         for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)

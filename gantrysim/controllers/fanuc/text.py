@@ -5,21 +5,18 @@ Numbers are millimetres, or inches after G20, with or without a decimal point (c
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from gantrysim.controllers.fanuc.alarm import Source
 from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, Plane, Rapid, Spiral
+from gantrysim.controllers.fanuc.macro import Macro
+from gantrysim.controllers.fanuc.words import COMMENT, Words
 from gantrysim.controllers.paths.pieces import Vector
 from gantrysim.controllers.speeds import SpeedWords
 
-_COMMENT = r"\([^)]*\)?"
-SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=_COMMENT, key="feed")
-_NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
-_LETTERS = "ABCDFGIJKLMNOPQRSTXYZ"
-_DIGITS = 8
+SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _INCH = 25.4
 _ENDS, _CENTRES = "XYZ", "IJK"
 _LENGTHS = set("XYZIJKQR")
@@ -31,10 +28,14 @@ _UNIT: dict[float, float] = {20: _INCH, 21: 1.0}
 _ABSOLUTE: dict[float, bool] = {90: True, 91: False}
 _EXACT_STOP: dict[float, bool] = {61: True, 64: False}
 _SIDE: dict[float, int] = {40: 0, 41: 1, 42: -1}
-_DWELL, _NOTHING = 4, {54, 94}
-_KNOWN = {*_MOTION, *_PLANE, *_UNIT, *_ABSOLUTE, *_EXACT_STOP, *_SIDE, _DWELL, *_NOTHING}
+_SYSTEMS = {54: 0, 55: 1, 56: 2, 57: 3, 58: 4, 59: 5}
+_CONTOUR: dict[float, str] = {5.1: "Q", 8: "P"}  # look-ahead, and its switch
+_DWELL, _SET, _HOME, _LOCAL, _MACHINE, _SHIFT = 4, 10, 28, 52, 53, 92
+_NOTHING = {43, 44, 49, 80, 94}
+_ALONE = {_SET, _HOME, _LOCAL, _SHIFT}
+_KNOWN = {*_MOTION, *_PLANE, *_UNIT, *_ABSOLUTE, *_EXACT_STOP, *_SIDE, *_SYSTEMS, *_CONTOUR, *_ALONE}
+_KNOWN |= {_DWELL, _MACHINE, *_NOTHING}
 _GLUE: dict[float, bool] = {3: True, 5: False}  # M codes
-_ENDS_PROGRAM = (2, 30)
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,9 @@ class SourceLine(Source):
     block: Block
 
 
-@dataclass(frozen=True)
-class _Words(Source):
-    codes: tuple[float, ...]  # G
-    auxiliary: tuple[float, ...]  # M
-    values: dict[str, float]
-
-
-def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool) -> tuple[SourceLine, ...]:
+def read(
+    text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool, steps: int
+) -> tuple[SourceLine, ...]:
     """Return the motions of a program.
 
     Args:
@@ -60,83 +56,19 @@ def read(text: str, start: Vector, offsets: Mapping[str, float], rotary: str, sk
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
         skip: whether blocks that begin with a slash are skipped.
+        steps: most blocks that may run.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
-    state = _State(list(start), offsets, rotary)
+    state = _State(list(start), offsets, rotary, start)
+    macro = Macro(text, skip, steps, state.provided)
     blocks: list[SourceLine] = []
-    words = list(_blocks(text, skip))
-    state.governed = any(code in _GLUE for block in words for code in block.auxiliary)
-    for block in words:
-        made = state.run(block)
-        if made is not None:
-            blocks.append(SourceLine(block.name, block.line, made))
+    state.governed = macro.has(r"M\s*0*[35](?![0-9])")
+    state.contoured = macro.has(r"G\s*0*(?:5\.1|8)(?![0-9.])")
+    for block in macro.blocks():
+        blocks += [SourceLine(block.name, block.line, made) for made in state.run(block)]
     return tuple(blocks)
-
-
-def _blocks(text: str, skip: bool) -> Iterator[_Words]:
-    """The blocks up to M02 or M30."""
-    count = 0
-    for line, written in enumerate(text.splitlines(), 1):
-        for part in re.sub(_COMMENT, " ", written).split(";"):
-            plain = part.strip().upper()
-            if not plain or plain.startswith("%"):
-                continue
-            if plain.startswith("/"):
-                if skip:
-                    continue
-                plain = plain[1:].lstrip()
-            count += 1
-            words = _words(plain, f"block {count}", line)
-            if words.codes or words.auxiliary or words.values:
-                yield words
-            if any(code in _ENDS_PROGRAM for code in words.auxiliary):
-                return
-
-
-def _words(text: str, name: str, line: int) -> _Words:
-    label = re.match(r"N\s*([0-9]+)", text)
-    if label:
-        name = f"N{label[1]}"
-    codes: list[float] = []
-    auxiliary: list[float] = []
-    values: dict[str, float] = {}
-
-    fail = Source(name, line).fail
-    at = 0
-    while at < len(text):
-        letter = text[at]
-        if letter.isspace():
-            at += 1
-            continue
-        if letter in "+-" and at > 0 and text[at - 1] in ".0123456789":
-            raise fail(6, f"{text[at:]!r} after a number: must be one sign at most, before the number")
-        if letter in "+-.0123456789":
-            raise fail(4, f"{text[at:]!r} has no address: must begin with a letter")
-        if letter not in _LETTERS:
-            raise fail(9, f"address {letter!r}: must be one of {', '.join(_LETTERS)}")
-        found = _NUMBER.match(text, at + 1)
-        if not found:
-            follows = text[at + 1 :].lstrip()
-            if follows[:2] in ("--", "+-", "-+", "++") or follows[:1] in ("-", "+"):
-                raise fail(6, f"{letter}{follows[:2]}: must be one sign at most, before the number")
-            raise fail(5, f"address {letter} has no number")
-        at = found.end()
-        if text[at : at + 1] == ".":
-            raise fail(7, f"{letter}{found[1]}.: must have one decimal point at most")
-        if sum(digit.isdigit() for digit in found[1]) > _DIGITS:
-            raise fail(3, f"{letter}{found[1]}: must have {_DIGITS} digits at most")
-        value = float(found[1])
-        if letter == "G":
-            codes.append(value)
-        elif letter == "M":
-            auxiliary.append(value)
-        elif letter not in "NO":
-            if letter in values:
-                raise fail(9, f"address {letter} is given twice in the block")
-            values[letter] = value
-    return _Words(name, line, tuple(codes), tuple(auxiliary), values)
 
 
 @dataclass
@@ -146,6 +78,12 @@ class _State:
     here: list[float]
     offsets: Mapping[str, float]
     rotary: str
+    home: Vector
+    system: int = 0
+    systems: list[list[float]] = field(default_factory=lambda: [[0.0] * 3 for _ in _SYSTEMS])
+    shift: list[float] = field(default_factory=lambda: [0.0] * 3)
+    contoured: bool = False  # whether G05.1 or G08 switch the look-ahead
+    ahead: bool = False
     angle: float = 0.0
     motion: float = 0
     plane: Plane = "xy"
@@ -158,12 +96,16 @@ class _State:
     governed: bool = False  # whether M03 and M05 switch the dispenser
     glue: bool = False
 
-    def run(self, block: _Words) -> Block | None:
-        """Apply a block's codes, and return its motion, if any."""
+    def run(self, block: Words) -> list[Block]:
+        """Apply a block's codes, and return its motions."""
         self._set_modes(block)
         values = dict(block.values)
+        values.pop("H", None)
+        alone = [code for code in block.codes if code in _ALONE]
+        if alone:
+            return self._alone(block, alone[0], values)
         if _DWELL in block.codes:
-            return self._dwell(block, values)
+            return [self._dwell(block, values)]
         if "F" in values:
             self.feed = values.pop("F") * self.unit
             if self.feed <= 0:
@@ -174,13 +116,50 @@ class _State:
             if values:
                 letter = next(iter(values))
                 raise block.fail(9, f"address {letter} is not used in this block")
-            return None
-        return self._motion(block, values)
+            return []
+        return [self._motion(block, values)]
 
-    def _set_modes(self, block: _Words) -> None:
+    def provided(self, key: float | str) -> float | None:
+        """Return a variable of the controller, as the position at the end of the block before; None for others."""
+        if isinstance(key, str):
+            return None
+        if 5001 <= key <= 5003:
+            i = int(key) - 5001
+            return (self.here[i] - self._origin(i)) / self.unit
+        if 5041 <= key <= 5043:
+            return self.here[int(key) - 5041] / self.unit
+        return None
+
+    def _origin(self, i: int) -> float:
+        """Position of the program's zero [mm]."""
+        return self.systems[self.system][i] + self.shift[i]
+
+    def _alone(self, block: Words, code: float, values: dict[str, float]) -> list[Block]:
+        """G10 L2, G28, G52 and G92."""
+        given = {i: values.pop(letter) * self.unit for i, letter in enumerate(_ENDS) if letter in values}
+        moves: list[Block] = []
+        if code == _SET:
+            number = values.pop("P", 0.0)
+            if values.pop("L", None) != 2 or not 1 <= number <= len(_SYSTEMS) or number != int(number):
+                raise block.fail(9, f"G10 must be with L2 and P1 to P{len(_SYSTEMS)}, the coordinate systems")
+            for i, value in given.items():
+                self.systems[int(number) - 1][i] = value + (0.0 if self.absolute else self.systems[int(number) - 1][i])
+        elif code == _HOME:
+            over = tuple(self._place(given.get(i), i) for i in range(3))
+            there = tuple(self.home[i] if i in given else None for i in range(3))
+            moves = [Rapid(end=end, plane=self.plane, exact_stop=True, dispense=False) for end in (over, there)]
+            self.here = [self.home[i] if i in given else self.here[i] for i in range(3)]
+        else:
+            for i, value in given.items():
+                self.shift[i] = value if code == _LOCAL else self.here[i] - self.systems[self.system][i] - value
+        if values:
+            raise block.fail(9, f"address {next(iter(values))} is not used in G{code:g}")
+        return moves
+
+    def _set_modes(self, block: Words) -> None:
         for code in block.codes:
             if code not in _KNOWN:
-                known = ", ".join(f"G{known:02}" for known in sorted(_KNOWN))
+                known = ", ".join(f"G{known:0{2 if known == int(known) else 4}}" for known in sorted(_KNOWN))
                 raise block.fail(10, f"G{code:g}: must be one of {known}")
             if code in _MOTION:
                 self.motion = code
@@ -189,6 +168,12 @@ class _State:
             self.absolute = _ABSOLUTE.get(code, self.absolute)
             self.exact_stop = _EXACT_STOP.get(code, self.exact_stop)
             self.side = _SIDE.get(code, self.side)
+            self.system = _SYSTEMS.get(int(code), self.system)
+            if code in _CONTOUR:
+                switch = block.values.pop(_CONTOUR[code], None)
+                if switch not in (0, 1):
+                    raise block.fail(9, f"G{code:g} must have {_CONTOUR[code]}0 or {_CONTOUR[code]}1")
+                self.ahead = switch == 1
         if "D" in block.values:
             number = f"{block.values.pop('D'):g}"
             if number not in self.offsets and number != "0":
@@ -198,7 +183,7 @@ class _State:
         for code in block.auxiliary:
             self.glue = _GLUE.get(code, self.glue)
 
-    def _dwell(self, block: _Words, values: dict[str, float]) -> Dwell:
+    def _dwell(self, block: Words, values: dict[str, float]) -> Dwell:
         seconds = values.pop("X", None)
         milliseconds = values.pop("P", None)
         time = seconds if seconds is not None else (milliseconds or 0.0) * 1e-3
@@ -206,10 +191,15 @@ class _State:
             raise block.fail(9, "G04 must have X [s] or P [ms], at least 0, and no other address")
         return Dwell(time=time, dispense=self.glue)
 
-    def _motion(self, block: _Words, values: dict[str, float]) -> Block:
+    def _motion(self, block: Words, values: dict[str, float]) -> Block:
         for letter in _LENGTHS & values.keys():
             values[letter] *= self.unit
-        end = [self._place(values.pop(letter, None), i) for i, letter in enumerate(_ENDS)]
+        if _MACHINE in block.codes:
+            if self.motion not in (0, 1):
+                raise block.fail(10, "G53 must be with G00 or G01")
+            end = [values.pop(letter, None) for letter in _ENDS]
+        else:
+            end = [self._place(values.pop(letter, None), i) for i, letter in enumerate(_ENDS)]
         rotary = values.pop(self.rotary, None)
         if rotary is not None:
             self.angle = rotary if self.absolute else self.angle + rotary
@@ -219,7 +209,7 @@ class _State:
             "rotary": rotary,
             "compensation": self.side * self.offset,
             "plane": self.plane,
-            "exact_stop": self.exact_stop,
+            "exact_stop": self.exact_stop or (self.contoured and not self.ahead),
             "dispense": self.glue if self.governed else None,
         }
         if self.motion in (0, 1):
@@ -233,21 +223,21 @@ class _State:
         return made
 
     def _place(self, value: float | None, i: int) -> float | None:
-        if value is None or self.absolute:
-            return value
-        return self.here[i] + value
+        if value is None:
+            return None
+        return value + (self._origin(i) if self.absolute else self.here[i])
 
-    def _straight(self, block: _Words, values: dict[str, float], common: dict[str, Any]) -> Block:
+    def _straight(self, block: Words, values: dict[str, float], common: dict[str, Any]) -> Block:
         if self.motion == 0:
             return Rapid(**{**common, "dispense": common["dispense"] and self.governed})
         return Line(feed=self._required_feed(block), **common)
 
-    def _required_feed(self, block: _Words) -> float:
+    def _required_feed(self, block: Words) -> float:
         if self.feed is None:
             raise block.fail(11, "a motion at feed must have an F, in its block or before")
         return self.feed
 
-    def _round(self, block: _Words, values: dict[str, float], common: dict[str, Any], end: list[float | None]) -> Block:
+    def _round(self, block: Words, values: dict[str, float], common: dict[str, Any], end: list[float | None]) -> Block:
         turning: dict[str, Any] = {"clockwise": self.motion == 2, "feed": self._required_feed(block)}
         first, second, across = PLANES[self.plane]
         i, j = values.pop(_CENTRES[first], None), values.pop(_CENTRES[second], None)

@@ -1,0 +1,169 @@
+"""Coordinate systems: work offsets with a turn, G92, tool length, units; the parameters that show them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from gantrysim.errors import InputError
+
+Three = list[float]
+_SYSTEMS = 9
+_INCH = 25.4
+
+
+@dataclass
+class Frames:
+    """The coordinate systems of a program, in millimetres and degrees.
+
+    The nozzle's tip is at the program's coordinates plus G92, turned, plus the work offset; the tool length moves
+    the spindle only.
+
+    Attributes:
+        here: position of the tip in the machine's coordinates.
+        unit: of the program's lengths.
+        absolute: whether coordinates are (G90).
+        diameter: whether X is one (G7).
+        system: number of the work offset in force.
+        offsets, turns: of each system.
+        shift: of G92 and G52.
+        kept: a shift that G92.2 suspends.
+        tool: length in force.
+        tools: lengths by number.
+        stored: positions of G28 and G30.
+    """
+
+    here: Three
+    unit: float = 1.0
+    absolute: bool = True
+    diameter: bool = False
+    system: int = 1
+    offsets: list[Three] = field(default_factory=lambda: [[0.0] * 3 for _ in range(_SYSTEMS + 1)])
+    turns: Three = field(default_factory=lambda: [0.0] * (_SYSTEMS + 1))
+    shift: Three = field(default_factory=lambda: [0.0] * 3)
+    kept: Three = field(default_factory=lambda: [0.0] * 3)
+    tool: float = 0.0
+    tools: dict[int, float] = field(default_factory=dict)
+    stored: dict[int, Three] = field(default_factory=dict)
+
+    def axis(self, i: int, value: float) -> float:
+        """Return a word of an axis in millimetres."""
+        return value * self.unit * (0.5 if self.diameter and i == 0 else 1.0)
+
+    def machine(self, program: Three) -> Three:
+        """Return a point of the program in the machine's coordinates."""
+        x, y, z = (a + b for a, b in zip(program, self.shift, strict=True))
+        if self.turns[self.system]:
+            c, s = _turn(self.turns[self.system])
+            x, y = c * x - s * y, s * x + c * y
+        a, b, h = self.offsets[self.system]
+        return [x + a, y + b, z + h]
+
+    def program(self, machine: Three, shifted: bool = True) -> Three:
+        """Return a point of the machine in the program's coordinates, with or without G92."""
+        x, y, z = (a - b for a, b in zip(machine, self.offsets[self.system], strict=True))
+        if self.turns[self.system]:
+            c, s = _turn(self.turns[self.system])
+            x, y = c * x + s * y, c * y - s * x
+        if not shifted:
+            return [x, y, z]
+        a, b, h = self.shift
+        return [x - a, y - b, z - h]
+
+    def end(self, values: dict[str, float], in_machine: bool) -> Three:
+        """Take the axis words of a move and return its end in the machine's coordinates."""
+        place = [self.here[0], self.here[1], self.here[2] + self.tool] if in_machine else self.program(self.here)
+        for i, letter in enumerate("XYZ"):
+            if letter in values:
+                value = self.axis(i, values.pop(letter))
+                place[i] = value if self.absolute or in_machine else place[i] + value
+        if "@" in values or "^" in values:
+            self._polar(values, place)
+        return [place[0], place[1], place[2] - self.tool] if in_machine else self.machine(place)
+
+    def _polar(self, values: dict[str, float], place: Three) -> None:
+        """Take the words @, distance from the origin, and ^, angle, of a place in X and Y."""
+        distance, angle = math.hypot(place[0], place[1]), math.degrees(math.atan2(place[1], place[0]))
+        if "@" in values:
+            r = values.pop("@") * self.unit
+            distance = r if self.absolute else distance + r
+        if "^" in values:
+            a = values.pop("^")
+            angle = a if self.absolute else angle + a
+        c, s = _turn(angle)
+        place[0], place[1] = distance * c, distance * s
+
+    def set_offset(self, number: float, values: dict[str, float], current: bool) -> None:
+        """Set a work offset, G10 L2, or so that the current position has the given coordinates, G10 L20."""
+        k = int(number) or self.system
+        if not 1 <= k <= _SYSTEMS or number != int(number):
+            raise InputError(f"G10 P{number:g}: must be a coordinate system, 0 to {_SYSTEMS}")
+        if "R" in values:
+            if current:
+                raise InputError("G10 L20 with R: must not have it")
+            self.turns[k] = values.pop("R")
+        given = {i: self.axis(i, values.pop(letter)) for i, letter in enumerate("XYZ") if letter in values}
+        if not current:
+            for i, value in given.items():
+                self.offsets[k][i] = value
+            return
+        in_force, self.system = self.system, k
+        place = self.program(self.here)
+        reached = self.machine([given.get(i, place[i]) for i in range(3)])
+        self.offsets[k] = [o + h - r for o, h, r in zip(self.offsets[k], self.here, reached, strict=True)]
+        self.system = in_force
+
+    def set_shift(self, values: dict[str, float], local: bool) -> None:
+        """Set the shift so that the current position has the given coordinates, G92, or as given, G52."""
+        place = self.program(self.here, shifted=False)
+        for i, letter in enumerate("XYZ"):
+            if letter in values:
+                value = self.axis(i, values.pop(letter))
+                self.shift[i] = value if local else place[i] - value
+        self.kept = list(self.shift)
+
+    def shown(self, key: float | str) -> float | None:
+        """Return a parameter that shows the frames; None for others."""
+        if isinstance(key, str):
+            if key in ("_x", "_y", "_z"):
+                return self.program(self.here)["xyz".index(key[1])] / self.unit
+            if key in ("_abs_x", "_abs_y", "_abs_z"):
+                return self.here["xyz".index(key[5])] / self.unit
+            flags = {
+                "_metric": self.unit == 1.0,
+                "_imperial": self.unit != 1.0,
+                "_absolute": self.absolute,
+                "_incremental": not self.absolute,
+                "_lathe_diameter_mode": self.diameter,
+                "_lathe_radius_mode": not self.diameter,
+                "_coord_system": 540 + 10 * (self.system - 1) if self.system <= 6 else 584 + self.system,
+            }
+            return float(flags[key]) if key in flags else None
+        number = int(key)
+        if 5420 <= number <= 5422:
+            return self.program(self.here)[number - 5420] / self.unit
+        if number == 5220:
+            return float(self.system)
+        if 5221 <= number <= 5390 and (number - 5221) // 20 < _SYSTEMS:
+            k, i = divmod(number - 5221, 20)
+            if i < 3:
+                return self.offsets[k + 1][i] / self.unit
+            return self.turns[k + 1] if i == 9 else None
+        if 5211 <= number <= 5213:
+            return self.kept[number - 5211] / self.unit
+        if number == 5403:
+            return self.tool / self.unit
+        for code, first in ((280, 5161), (300, 5181)):
+            if first <= number < first + 3 and code in self.stored:
+                return self.stored[code][number - first] / self.unit
+        return None
+
+
+def _turn(degrees: float) -> tuple[float, float]:
+    angle = math.radians(degrees)
+    return round(math.cos(angle), 15), round(math.sin(angle), 15)
+
+
+def unit_of(code: int) -> float:
+    """Return the unit of G20 and G21 [mm]."""
+    return _INCH if code == 200 else 1.0

@@ -1,0 +1,58 @@
+"""LinuxCNC's dialect of G-code."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from gantrysim.controllers.gcode.dialect import LINUXCNC, Dialect
+from gantrysim.controllers.gcode.program import GCode
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program(GCode):
+    """A program in LinuxCNC's dialect of G-code.
+
+    Its words are G0 to G5.1, G7, G8, G10, G17 to G21, G28, G30, G40, G43, G49, G52 to G59.3, G61, G61.1, G64, G80,
+    G90 to G95 and their fractions, M0 to M9, M19, M30, M48 to M53, M60 to M68, M70 to M73, M98, M99, M100 to M199,
+    subroutines, branches and loops by O words, numbered and named parameters, and expressions. Cutter compensation,
+    milling and lathe cycles, probing, NURBS and motion synchronised with the spindle are refused by name.
+
+    In G64 corners between straight moves are rounded by arcs within the tolerance P; without P an arc takes at most
+    half of each move. Lines within Q of a longer one are merged. Elsewhere the velocity may jump by acceleration x
+    cycle. The tool length moves the spindle, not the nozzle's tip.
+
+    Args:
+        text: the program.
+        placement: of the program on the work.
+        start: initial position, also the position of G28 and G30 [mm].
+        rapid: largest speed of each axis, at which G0 runs; an assumption [mm/min].
+        acceleration: of x, y and z each; an assumption [mm/s²].
+        cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
+        feed_override: factor on all feeds.
+        dispense: when the valve is open; by default in all moves at feed.
+        arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this;
+            2.54 times as much in inches [mm].
+        block_skip: whether lines that begin with a slash are skipped.
+        skip_axes: letters of axes that the machine lacks, whose words are counted and skipped, as "A"; by default
+            they are refused.
+        subprograms: texts of subroutines in files of their own, by file name without its suffix.
+        tool_lengths: by the number H, as {"1": 50.0}; 0 for others [mm].
+        parameters: values of named parameters that the machine provides, as {"_hal[feed]": 900.0}.
+        max_steps: most lines that may run.
+
+    Raises:
+        InputError: a line that is refused, or a parameter out of bounds.
+    """
+
+    dialect: ClassVar[Dialect] = LINUXCNC
+    suffixes: ClassVar[tuple[str, ...]] = (".ngc", ".nc", ".tap")
+
+    @property
+    def path_mode(self) -> float:
+        return math.inf
+
+    @property
+    def _remedy(self) -> str:
+        return "G64 P0.05 passes corners within 0.05 mm; add Q0.01 to merge lines."

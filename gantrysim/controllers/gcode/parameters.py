@@ -1,0 +1,91 @@
+"""The parameters of a program: numbered and named, local to a subroutine or global."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from gantrysim.controllers.gcode.expressions import Target
+from gantrysim.errors import InputError, unknown
+
+_MOST = 100_000  # parameters in use
+
+System = Callable[[float | str], float | None]  # a parameter that the controller provides; None for others
+
+
+@dataclass
+class Scope:
+    """The parameters of one call of a subroutine."""
+
+    numbered: dict[int, float] = field(default_factory=dict)
+    named: dict[str, float] = field(default_factory=dict)
+
+
+class Parameters:
+    """Numbered parameters, of which the first are local, and named ones, global if they begin with `_`.
+
+    Args:
+        system: values that the controller provides.
+        local: numbers up to which a parameter is local.
+        highest: largest number.
+    """
+
+    def __init__(self, system: System, local: int, highest: int) -> None:
+        self._system, self._local, self._highest = system, local, highest
+        self._all = Scope()
+        self.scope = Scope()
+
+    def numbered(self, number: float) -> float:
+        """Return a parameter; 0 where it was never set."""
+        k = self._checked(number)
+        if k <= self._local:
+            return self.scope.numbered.get(k, 0.0)
+        provided = self._system(k)
+        return self._all.numbered.get(k, 0.0) if provided is None else provided
+
+    def vacant(self, number: float) -> bool:
+        """Return whether a numbered parameter was never set."""
+        k = self._checked(number)
+        return k not in (self.scope if k <= self._local else self._all).numbered and self._system(k) is None
+
+    def named(self, name: str) -> float:
+        """Return a named parameter.
+
+        Raises:
+            InputError: it was never set.
+        """
+        names = self._names(name)
+        if name in names:
+            return names[name]
+        provided = self._system(name)
+        if provided is None:
+            raise unknown("parameter", f"#<{name}>", [f"#<{known}>" for known in names])
+        return provided
+
+    def exists(self, key: float | str) -> bool:
+        """Return whether a named parameter was set, or a number is one."""
+        if isinstance(key, str):
+            return key in self._names(key) or self._system(key) is not None
+        return 1 <= key <= self._highest
+
+    def set(self, target: Target, value: float) -> None:
+        """Set a parameter."""
+        if not math.isfinite(value):
+            raise InputError(f"parameter = {value:g}: must be finite")
+        if isinstance(target, str):
+            self._names(target)[target] = value
+        else:
+            k = self._checked(target(self))
+            (self.scope if k <= self._local else self._all).numbered[k] = value
+        if len(self._all.numbered) + len(self._all.named) + len(self.scope.named) > _MOST:
+            raise InputError(f"more than {_MOST} parameters")
+
+    def _names(self, name: str) -> dict[str, float]:
+        return (self._all if name.startswith("_") else self.scope).named
+
+    def _checked(self, number: float) -> int:
+        k = round(number) if math.isfinite(number) else 0
+        if not 1 <= k <= self._highest or abs(number - k) > 1e-4:
+            raise InputError(f"parameter #{number:g}: must be a whole number from 1 to {self._highest}")
+        return k

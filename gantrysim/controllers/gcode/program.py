@@ -1,0 +1,175 @@
+"""The base of the controllers that read G-code: text in, setpoints out."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.gcode.dialect import Dialect, Dispense
+from gantrysim.controllers.gcode.interpret import Interpreted, interpret
+from gantrysim.controllers.gcode.modal import Modal
+from gantrysim.controllers.gcode.moves import FEED, FLOW, GLUE, KIND, LINE, Moves
+from gantrysim.controllers.gcode.planned import Plan, Settings, plan
+from gantrysim.controllers.gcode.track import Track
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.errors import InputError, at_least, finite, positive, whole
+
+PER_MINUTE = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GCode(Controller):
+    """A program of G-code; the subclasses' docstrings describe the arguments."""
+
+    speed_scaling: ClassVar[str] = "feed_override, a factor on all feeds F; rapid moves stay"
+    dialect: ClassVar[Dialect]
+
+    text: str
+    placement: Placement = field(default_factory=Placement)
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rapid: float = 6000.0
+    acceleration: float = 1000.0
+    cycle: float = 0.001
+    feed_override: float = 1.0
+    dispense: Dispense = field(default_factory=Dispense)
+    arc_tolerance: float = 0.02828
+    block_skip: bool = False
+    skip_axes: str = ""
+    subprograms: dict[str, str] = field(default_factory=dict)
+    tool_lengths: dict[str, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
+    max_steps: int = 10_000_000
+
+    def __post_init__(self) -> None:
+        start = tuple(self.start)
+        if len(start) not in (2, 3):
+            raise InputError(f"start of {len(start)} numbers: must be x, y[, z]")
+        start = tuple(finite(f"start {name}", value, "mm") for name, value in zip("xyz", start, strict=False))
+        object.__setattr__(self, "start", (*start, 0.0)[:3])
+        positive("rapid", self.rapid, "mm/min")
+        positive("acceleration", self.acceleration, "mm/s²")
+        positive("cycle", self.cycle, "s")
+        positive("feed_override", self.feed_override)
+        at_least("arc_tolerance", self.arc_tolerance, 0, "mm")
+        whole("max_steps", self.max_steps, 1)
+        if set(self.skip_axes) - set("ABCUVW"):
+            raise InputError(f"skip_axes = {self.skip_axes!r}: must be letters of A, B, C, U, V, W")
+        for number, length in self.tool_lengths.items():
+            if not number.isdigit():
+                raise InputError(f"tool_lengths {number!r}: must be the number of a tool")
+            finite(f"tool_lengths {number}", length, "mm")
+        for name, value in self.parameters.items():
+            finite(f"parameters {name}", value)
+
+    @property
+    @abstractmethod
+    def path_mode(self) -> float:
+        """Initial tolerance of rounded corners, as the mode of `Moves` [mm]."""
+
+    @cached_property
+    def program(self) -> Interpreted:
+        """The moves of the text.
+
+        Raises:
+            InputError: a line that is refused.
+        """
+
+        def modal(moves: Moves) -> Modal:
+            tools = {int(number): length for number, length in self.tool_lengths.items()}
+            given = {name.strip("#<>").lower(): value for name, value in self.parameters.items()}
+            return Modal(
+                moves, self.dialect, self.dispense, self.arc_tolerance, self.skip_axes, tools, self.path_mode, given
+            )
+
+        others = {name.lower(): text for name, text in self.subprograms.items()}
+        return interpret(self.text, others, self.start, modal, self.max_steps, self.block_skip)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The program's path and speed.
+
+        Raises:
+            InputError: a line that is refused, or a program without moves.
+        """
+        settings = Settings(self.rapid / PER_MINUTE, self.acceleration, self.cycle, self.feed_override)
+        return plan(self.program, self.placement, settings)
+
+    @property
+    def requested(self) -> Track:
+        """The path of all moves."""
+        return self.plan.requested
+
+    @property
+    def duration(self) -> float:
+        return self.plan.duration
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes: x, y, and z if the program moves it."""
+        flat = np.ptp(self.requested.points[:, 2]) == 0 and not self.requested.parameters()["plane"].any()
+        return ("x", "y") if flat else ("x", "y", "z")
+
+    @cached_property
+    def _fastest(self) -> float:
+        table = self.program.moves
+        return float(table[table[:, KIND] <= 1.0, FEED].max(initial=0.0)) * self.feed_override
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        """As the feed override on the operator's panel does, from the fastest feed of the program."""
+        fastest = self._fastest
+        return {"feed_override": self.feed_override * change(fastest) / fastest} if fastest else {}
+
+    def setpoints(self, period: float) -> Setpoints:
+        positive("period", period, "s")
+        time = self._times(period)
+        place, dispense = self.plan.at(time)
+        return Setpoints(period, self.axes, place[:, : len(self.axes)], dispense, self.requested)
+
+    def _times(self, period: float) -> NDArray[np.float64]:
+        time = np.arange(ticks(self.duration, period) + 1) * period
+        time[-1] = self.duration
+        return time
+
+    def lines(self, period: float) -> NDArray[np.intp]:
+        """Return the line of the text that runs at every setpoint, (n,)."""
+        return self.plan.lines(self._times(positive("period", period, "s")))
+
+    def line_at(self, time: float) -> int | None:
+        """Return the line of the text that runs at a time [s]."""
+        return int(self.plan.lines(np.array([time]))[0]) or None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was ignored, where the path slows down, and how much material E feeds."""
+        found = []
+        if self.program.ignored:
+            words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
+            found.append(f"Words without an effect on the path: {words}.")
+        if self.plan.stops:
+            found.append(
+                f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
+                f"moves before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
+            )
+        return (*found, *self._flow)
+
+    @property
+    @abstractmethod
+    def _remedy(self) -> str:
+        """What keeps the speed at corners."""
+
+    @property
+    def _flow(self) -> tuple[str, ...]:
+        table = self.program.moves
+        laid = (table[:, KIND] == LINE) & (table[:, GLUE] != 0) & (table[:, FLOW] > 0)
+        if not laid.any():
+            return ()
+        total = float(table[table[:, FLOW] > 0, FLOW].sum())
+        return (f"E feeds {total:.6g} mm; the valve is open or closed, so its amount per path is not simulated.",)

@@ -1,0 +1,61 @@
+"""The dialect of slicers and of the firmware of 3D printers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import ClassVar
+
+from gantrysim.controllers.gcode.dialect import SLICER, Dialect, Dispense
+from gantrysim.controllers.gcode.program import GCode
+from gantrysim.errors import positive
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program(GCode):
+    """A program as slicers write it for 3D printers.
+
+    G0 and G1 run at the feed F, G2 and G3 have their centre by I and J; E feeds material, absolute (M82) or relative
+    (M83), and G92 sets it. Moves that feed none are travel, without glue; moves of E alone take their time at
+    standstill. Temperatures, fans, homing and all other M and G codes are counted.
+
+    Args:
+        text: the program.
+        placement: of the program on the work.
+        start: initial position [mm].
+        rapid: largest speed of each axis; an assumption [mm/min].
+        acceleration: of x, y and z each; an assumption [mm/s²].
+        cycle: period in which the velocity may jump at a corner that is not rounded; an assumption [s].
+        feed_override: factor on all feeds.
+        dispense: when the valve is open; by default in moves that feed material.
+        arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this [mm].
+        block_skip: whether lines that begin with a slash are skipped.
+        skip_axes: letters of axes that the machine lacks, whose words are counted and skipped.
+        subprograms: not used.
+        tool_lengths: not used.
+        parameters: not used.
+        max_steps: most lines that may run.
+        corner_tolerance: largest distance of the rounded corners from the path; an assumption [mm].
+
+    Raises:
+        InputError: a line that is refused, or a parameter out of bounds.
+    """
+
+    dialect: ClassVar[Dialect] = SLICER
+    suffixes: ClassVar[tuple[str, ...]] = (".gcode",)
+
+    dispense: Dispense = field(default_factory=partial(Dispense, "extrusion"))
+    arc_tolerance: float = 0.05
+    corner_tolerance: float = 0.05
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("corner_tolerance", self.corner_tolerance, "mm")
+
+    @property
+    def path_mode(self) -> float:
+        return self.corner_tolerance
+
+    @property
+    def _remedy(self) -> str:
+        return "A larger corner_tolerance passes corners faster."

@@ -1,0 +1,147 @@
+"""Chains of lines and arcs built from arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.arrays import Floats, LastCall, dot
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.lengths import arc_length
+from gantrysim.controllers.paths.pieces import SHORTEST
+from gantrysim.errors import InputError
+
+
+class Track(Chain):
+    """Consecutive lines and coils, each from the end of the one before.
+
+    Args:
+        start: first point, (3,) [mm].
+        end: of every piece, (m, 3) [mm].
+        angle: swept by every coil, counter-clockwise positive; 0 for a line, (m,) [rad].
+        centre: of every coil, at the height of its start, (m, 3) [mm].
+        plane: index of every piece's plane, (m,).
+        frames: directions u, v, w of the planes, (p, 3, 3).
+
+    Raises:
+        InputError: no piece, or one of zero length.
+    """
+
+    def __init__(
+        self, start: ArrayLike, end: ArrayLike, angle: ArrayLike, centre: ArrayLike, plane: ArrayLike, frames: ArrayLike
+    ) -> None:
+        self._start, self._end = np.asarray(start, float), np.asarray(end, float).reshape(-1, 3)
+        self._angle, self._centre = np.asarray(angle, float), np.asarray(centre, float)
+        self._plane, self._frames = np.asarray(plane, np.intp), np.asarray(frames, float)
+        self._swept = LastCall(self._sweep)
+        if not len(self._end):
+            raise InputError("track: must have a piece of positive length")
+        begin = np.concatenate([self._start[None], self._end[:-1]])
+        coil = self._angle != 0
+        count, one = len(coil), np.unique(self._plane)
+        frame = np.broadcast_to(self._frames[one[0]], (count, 3, 3)) if one.size == 1 else self._frames[self._plane]
+        lengths = np.sqrt(((self._end - begin) ** 2).sum(axis=1))
+        straight = np.where(coil, 1.0, lengths)
+        direction = np.where(coil[:, None], 0.0, (self._end - begin) / np.maximum(straight, SHORTEST)[:, None])
+        columns: dict[str, NDArray[Any]] = {
+            "coil": coil,
+            "frame": frame,
+            "origin": np.where(coil[:, None], self._centre, begin),
+            "direction": direction,
+            "straight": np.einsum("ij,ij->i", frame[:, 2], direction),
+            "heading": np.where(coil, 0.0, np.arctan2(dot(direction, frame[:, 1]), dot(direction, frame[:, 0]))),
+        }
+        for name in ("radius", "growth", "rise", "begin", "turn", "angle"):
+            columns[name] = np.zeros(count)
+        if coil.any():
+            lengths[coil] = self._coils(columns, coil, begin)
+        self._columns = columns
+        if lengths.min() <= SHORTEST:
+            raise InputError(f"track: piece {int(lengths.argmin()) + 1} of zero length: must be longer")
+        self._s = np.concatenate([[0.0], np.cumsum(lengths)])
+        self._continue_headings(lengths)
+
+    def _coils(self, columns: dict[str, NDArray[Any]], coil: NDArray[np.bool_], begin: Floats) -> Floats:
+        """Fill in the columns of the coils and return their lengths."""
+        frame, angle = columns["frame"][coil], np.abs(self._angle[coil])
+        arms = [np.einsum("ijk,ik->ij", frame, p - self._centre[coil]) for p in (begin[coil], self._end[coil])]
+        radii = [np.hypot(arm[:, 0], arm[:, 1]) for arm in arms]
+        columns["radius"][coil] = radii[0]
+        columns["growth"][coil] = growth = (radii[1] - radii[0]) / angle
+        columns["rise"][coil] = rise = (arms[1][:, 2] - arms[0][:, 2]) / angle
+        columns["begin"][coil] = np.arctan2(arms[0][:, 1], arms[0][:, 0])
+        columns["turn"][coil] = np.sign(self._angle[coil])
+        columns["angle"][coil] = angle
+        return arc_length(radii[0], growth, np.hypot(growth, rise), angle)
+
+    def _continue_headings(self, lengths: Floats) -> None:
+        """Make the headings continuous except at corners; lines along the normal keep that of the piece before."""
+        k = np.arange(lengths.size)
+        first, last = self._heading_of(k, 0 * lengths), self._heading_of(k, lengths)
+        level = self._columns["coil"] | (np.abs(self._columns["straight"]) < 1 - 1e-12)
+        of = np.flatnonzero(level)
+        jumps = np.round((last[of[:-1]] - first[of[1:]]) / (2 * np.pi))
+        turns = 2 * np.pi * np.concatenate([np.zeros(min(of.size, 1)), np.cumsum(jumps)])
+        heading = self._columns["heading"]
+        heading[of] += turns
+        if of.size < k.size:
+            before = np.searchsorted(of, k[~level]) - 1
+            ends = np.append(last[of] + turns, 0.0)  # the last stands for none before
+            heading[~level] = ends[before]
+
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "start": self._start,
+            "end": self._end,
+            "angle": self._angle,
+            "centre": self._centre,
+            "plane": self._plane,
+            "frames": self._frames,
+        }
+
+    @property
+    def turn_spacing(self) -> float | None:
+        return None
+
+    def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
+        at = np.atleast_1d(np.asarray(s, float))
+        k = np.clip(np.searchsorted(self._s, at, side="right") - 1, 0, self._angle.size - 1)
+        return k, at - self._s[k]
+
+    def place(self, k: NDArray[np.intp], rest: Floats) -> Floats:
+        """Return the points at distances from the starts of pieces, (n, 3) [mm]."""
+        return self._place(k, rest)
+
+    @property
+    def coil(self) -> NDArray[np.bool_]:
+        """Whether each piece is a coil, (m,)."""
+        coil: NDArray[np.bool_] = self._columns["coil"]
+        return coil
+
+    @property
+    def points(self) -> Floats:
+        """Starts of all pieces and the end of the last, (m + 1, 3) [mm]."""
+        return np.concatenate([self._start[None], self._end])
+
+    @property
+    def tightest(self) -> Floats:
+        """Smallest radius of every piece, inf for a line, (m,) [mm]."""
+        c = self._columns
+        ends = np.minimum(c["radius"], c["radius"] + c["growth"] * c["angle"])
+        return np.where(self.coil, ends, np.inf)
+
+    def end_tangents(self) -> tuple[Floats, Floats]:
+        """Unit tangents at the start and at the end of every piece, (m, 3) each."""
+        first = self._columns["direction"].copy()
+        last = first.copy()
+        k = np.flatnonzero(self.coil)
+        if k.size:
+            lengths = np.diff(self._s)[k]
+            for tangent, rest in ((first, 0 * lengths), (last, lengths)):
+                theta, sine = self._heading_of(k, rest), self._climb_of(k, rest)
+                cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
+                local = np.stack([cosine * np.cos(theta), cosine * np.sin(theta), sine], axis=1)
+                tangent[k] = np.einsum("ij,ijk->ik", local, self._columns["frame"][k])
+        return first, last

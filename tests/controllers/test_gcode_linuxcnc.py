@@ -1,0 +1,229 @@
+"""LinuxCNC's dialect: programs of every word, with end points from their arithmetic."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gantrysim.controllers.gcode.dialect import Dispense
+from gantrysim.controllers.gcode.expressions import Scanner
+from gantrysim.controllers.gcode.linuxcnc import Program
+from gantrysim.controllers.gcode.moves import ANGLE, END, FEED, GLUE, KIND, SOURCE
+from gantrysim.errors import InputError
+
+
+def moves(text, **settings):
+    return Program(text=text, **settings).program.moves
+
+
+def ends(text, **settings):
+    """End points of the moves."""
+    return np.round(moves(text, **settings)[:, END : END + 3], 9).tolist()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("G0 X1 Y2 Z3", [(1, 2, 3)]),
+        ("%\nG0 X1\n%\nX2", [(1, 0, 0)]),
+        ("n10 g 0 x 1 . 5 (a comment) y-2 ; the rest", [(1.5, -2, 0)]),
+        ("/G0 X5\nG0 X1", [(5, 0, 0), (1, 0, 0)]),
+        ("G20 G0 X1\nG21 X1", [(25.4, 0, 0), (1, 0, 0)]),
+        ("G91 G0 X1\nX1\nG90 X1", [(1, 0, 0), (2, 0, 0), (1, 0, 0)]),
+        ("G7 G0 X10\nG8 X10", [(5, 0, 0), (10, 0, 0)]),
+        ("G0 @10 ^90", [(0, 10, 0)]),
+        ("G0 X3 Y4\n@10", [(3, 4, 0), (6, 8, 0)]),
+        ("#1=2 #<a>=3\nG0 X#1 Y#<a> Z[#1+#<a>*2]", [(2, 3, 8)]),
+        ("#1=1\n#1=5 G0 X#1\nX#1", [(1, 0, 0), (5, 0, 0)]),  # a line's parameters are set after its values are taken
+        ("#1=2 #2=7\nG0 X##1", [(7, 0, 0)]),
+        ("#<n>=1\nG0 X EXISTS[#<n>] Y EXISTS[#<m>]", [(1, 0, 0)]),
+        ("G0 X[atan[1]/[1]] Y[2**3] Z[7 mod 4]", [(45, 8, 3)]),
+        ("G0 X[fix[-1.5]] Y[fup[1.2]] Z[round[2.5]]", [(-2, 2, 3)]),
+        ("G0 X[1 lt 2] Y[[1 gt 2] or [2 eq 2]] Z[1 xor 1]", [(1, 1, 0)]),
+        ("G10 L2 P2 X10 Y20\nG55 G0 X1 Y1\nG54 X0", [(11, 21, 0), (0, 21, 0)]),
+        ("G10 L2 P1 R90\nG0 X1", [(0, 1, 0)]),
+        ("G0 X5\nG10 L20 P1 X1\nG0 X2", [(5, 0, 0), (6, 0, 0)]),
+        ("G59.3 G10 L2 P0 X7\nG0 X1\nG0 X[#5381+#5220]", [(8, 0, 0), (23, 0, 0)]),
+        ("G52 X4\nG0 X1\nG52 X0\nX1", [(5, 0, 0), (1, 0, 0)]),
+        ("G10 L2 P1 X9\nG53 G0 X1\nX1", [(1, 0, 0), (10, 0, 0)]),
+        ("G10 L1 P3 Z50\nG43 H3 G0 Z1\nG53 Z60\nG49", [(0, 0, 1), (0, 0, 10)]),
+        ("G0 X5 Y5\nG28.1\nX9\nG28 X8\nG0 X0", [(5, 5, 0), (9, 5, 0), (8, 5, 0), (5, 5, 0), (0, 5, 0)]),
+        ("G0 X5\nG30", [(5, 0, 0), (0, 0, 0)]),
+        ("o1 repeat [3]\nG91 G0 X1\no1 endrepeat", [(1, 0, 0), (2, 0, 0), (3, 0, 0)]),
+        ("#1=0\no1 while [#1 lt 2]\n#1=[#1+1]\nG0 X#1\no1 endwhile", [(1, 0, 0), (2, 0, 0)]),
+        ("#1=0\no1 do\n#1=[#1+1]\nG0 X#1\no1 while [#1 lt 2]", [(1, 0, 0), (2, 0, 0)]),
+        ("#1=5\no1 if [#1 eq 4]\nG0 X1\no1 elseif [#1 eq 5]\nG0 X2\no1 else\nG0 X3\no1 endif", [(2, 0, 0)]),
+        ("o1 if [0]\nG0 X1\no1 else\nG0 X3\no1 endif", [(3, 0, 0)]),
+        ("o1 repeat [9]\nG91 G0 X1\no2 if [#5420 ge 2]\no1 break\no2 endif\no1 endrepeat", [(1, 0, 0), (2, 0, 0)]),
+        ("o1 repeat [2]\no1 continue\nG0 X1\no1 endrepeat\nG0 X2", [(2, 0, 0)]),
+        ("o<s> sub\nG0 X#1 Y#2\no<s> endsub [#1*2]\no<s> call [3] [4]\nX#<_value>", [(3, 4, 0), (6, 4, 0)]),
+        ("#1=7\no1 sub\n#1=9\no1 endsub\no1 call\nG0 X#1", [(7, 0, 0)]),  # the first thirty are local
+        ("o1 sub\no2 if [#1 gt 2]\no1 return [5]\no2 endif\no1 endsub\no1 call [3]\nG0 X#<_value>", [(5, 0, 0)]),
+        ("M98 P5 L2\nM2\nO5\nG91 G0 X1\nM99", [(1, 0, 0), (2, 0, 0)]),
+        ("M70 G20\nM72 G0 X1", [(1, 0, 0)]),
+        ("o1 sub\nM73 G91\nG0 X1\no1 endsub\no1 call\no1 call\nG0 X3", [(1, 0, 0), (2, 0, 0), (3, 0, 0)]),
+        ("G0 X1\nM2\nX5", [(1, 0, 0)]),
+    ],
+)
+def test_moves_end_where_the_arithmetic_says(text, expected):
+    assert ends(text) == [list(map(float, end)) for end in expected]
+
+
+def test_suspended_shifts_come_back():
+    assert ends("G0 X5\nG92 X1\nG0 X2\nG92.2\nG0 X2\nG92.3\nG0 X2\nG92.1\nG0 X2") == [
+        [x, 0, 0] for x in (5.0, 6.0, 2.0, 6.0, 2.0)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "angle", "length"),
+    [
+        ("G2 X10 Y10 I10 J0", -math.pi / 2, 5 * math.pi),
+        ("G3 X10 Y10 I10 J0", 1.5 * math.pi, 15 * math.pi),
+        ("G2 X10 Y10 R10", -math.pi / 2, 5 * math.pi),
+        ("G2 X10 Y10 R-10", -1.5 * math.pi, 15 * math.pi),
+        ("G3 I10", 2 * math.pi, 20 * math.pi),
+        ("G3 I10 P3 Z30", 6 * math.pi, math.hypot(60 * math.pi, 30)),
+        ("G90.1 G2 X10 Y10 I10 J0", -math.pi / 2, 5 * math.pi),
+        ("G18 G2 X10 Z10 I10 K0", -1.5 * math.pi, 15 * math.pi),
+        ("G19 G3 Y10 Z10 J10 K0", 1.5 * math.pi, 15 * math.pi),
+        ("G10 L2 P1 R30\nG2 X10 Y10 I10 J0", -math.pi / 2, 5 * math.pi),
+    ],
+)
+def test_arcs_sweep_the_angle_of_their_words(text, angle, length):
+    program = Program(text="F600\n" + text)
+    assert program.program.moves[0, ANGLE] == pytest.approx(angle)
+    assert program.requested.length == pytest.approx(length)
+    np.testing.assert_allclose(
+        program.requested.position(program.requested.length)[0], program.program.moves[0, END : END + 3], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "feed"),
+    [("F600 G1 X10", 10), ("G20 F60 G1 X1", 25.4), ("G93 F6 G1 X10", 1), ("S20 M3\nG95 F0.5 G1 X10", 1 / 6)],
+)
+def test_feeds_are_in_their_units(text, feed):
+    assert moves(text)[0, FEED] == pytest.approx(feed)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("G1 X1", "line 1: .*must have an F"),
+        ("G0 X1\nG81 Z-1 R1 F1", "line 2: G81: milling cycle is not simulated"),
+        ("G38.2 X1 F1", "line 1: G38.2: probing"),
+        ("G33 Z1 K1", "line 1: G33: motion synchronised"),
+        ("G41 D1", "line 1: G41: cutter compensation"),
+        ("G6.2", "line 1: G6.2: NURBS"),
+        ("G76", "line 1: G76: milling cycle"),
+        ("G47", "line 1: G47: is no word of LinuxCNC"),
+        ("M450", "line 1: M450: is no word"),
+        ("G0 A1", "line 1: A: the machine has the axes x, y, z; skip_axes"),
+        ("G0 X1 X2", "line 1: X is given twice"),
+        ("G0 X1 K", "line 1: K.*must be followed by a number"),
+        ("G0 X[1+", "line 1: "),
+        ("G0 X[1/0]", "line 1: .*divisor"),
+        ("G0 X[sqrt[-1]]", "line 1: SQRT"),
+        ("G0 X#<none>", "line 1: unknown parameter '#<none>'"),
+        ("G0 X1 (open", "line 1: comment"),
+        ("F1 G2 X10", "line 1: arc without I, J and R"),
+        ("F1 G2 X10 I1", "line 1: radius = 1 mm at the start, 9 mm at the end"),
+        ("F1 G2 X10 R1", "line 1: R = 1 mm: must be at least half the chord, 5 mm"),
+        ("F1 G2 X10 I5 K1", "line 1: K in G17"),
+        ("o1 call", "line 1: unknown subprogram '1'"),
+        ("o1 while [1]\no1 endwhile", "lines have run"),
+        ("o1 sub\no1 call\no1 endsub\no1 call", "deeper than 10"),
+        ("o1 if [1]\no1 elseif [2]", "line 2: O word 1: must be followed by endif"),
+        ("G4", "line 1: G4: must have P"),
+        ("M72", "line 1: M72"),
+        ("G0 X" + "[" * 100 + "1" + "]" * 100, "nested deeper than 60"),
+        ("G0 X[" + "1+" * 300 + "1]", "more than 200 operators"),
+        ("G0 X1" + " " * 2000, "line of 2005 characters"),
+        ("G0 X99999999", "must be within 1e"),
+        ("G0", "moves none of x, y, z"),
+    ],
+)
+def test_what_is_refused_names_the_line_and_the_word(text, message):
+    with pytest.raises(InputError, match=message):
+        _ = Program(text=text, max_steps=1000).duration
+
+
+def test_what_has_no_effect_is_counted():
+    program = Program(text="T1 M6\nM3 S100\nM8\nG0 X1 A5\nM64 P0\nM0\nM9\nM5", skip_axes="A")
+    assert program.program.ignored == {
+        "T": 1,
+        "M6": 1,
+        "M3": 1,
+        "M8": 1,
+        "axis A": 1,
+        "M64": 1,
+        "M0": 1,
+        "M9": 1,
+        "M5": 1,
+    }
+    assert "M8 (1)" in program.notes[0]
+
+
+def test_spindle_words_open_the_valve_only_where_the_job_says_so():
+    text = "G1 X1 F600\nM3 S1000\nX2\nM64 P1\nG0 X3\nG1 X4\nM65 P1\nX5\nM5\nX6"
+    assert moves(text)[:, GLUE].tolist() == [1, 1, 0, 1, 1, 1]
+    assert moves(text, dispense=Dispense("codes"))[:, GLUE].tolist() == [0, 1, 1, 1, 1, 0]
+    outputs = Dispense("codes", on=("M64 P1",), off=("M65 P1",))
+    assert moves(text, dispense=outputs)[:, GLUE].tolist() == [0, 0, 1, 1, 0, 0]
+    for bad in ("3", "M", "M3 Q1", "M64 P1 2"):
+        with pytest.raises(InputError, match="must be an M code"):
+            Dispense("codes", on=(bad,))
+
+
+def test_subprograms_in_files_of_their_own_are_called_by_name():
+    files = {"Dot": "o<dot> sub\nG0 X#1\no<dot> endsub\nM2"}
+    table = moves("G0 X1\no<dot> call [7]", subprograms=files)
+    assert table[:, END].tolist() == [1, 7]
+    assert table[:, SOURCE].tolist() == [1, 2]  # the line of the call
+    with pytest.raises(InputError, match=r"line 2 of dot: G81"):
+        moves("o<dot> call", subprograms={"dot": "o<dot> sub\nG81\no<dot> endsub"})
+
+
+def test_parameters_of_the_machine_come_from_the_job():
+    assert ends("G0 X#<_hal[gun.feed]>", parameters={"#<_hal[gun.feed]>": 4.0}) == [[4, 0, 0]]
+
+
+def test_a_quadratic_stays_within_a_micrometre_of_its_closed_form():
+    path = Program(text="F600 G5.1 X10 Y0 I5 J10").requested
+    points = path.position(np.linspace(0, path.length, 2000))
+    t = points[:, 0] / 10
+    assert np.abs(points[:, 1] - 20 * t * (1 - t)).max() < 1.1e-3 * math.hypot(1, 2)
+
+
+def test_a_cubic_runs_along_its_closed_form():
+    table = moves("F600 G5 I0 J10 P0 Q10 X10 Y0")
+    t = np.arange(1, len(table) + 1) / len(table)
+    expected = np.column_stack([10 * (3 * t**2 - 2 * t**3), 30 * t * (1 - t)])
+    np.testing.assert_allclose(table[:, END : END + 2], expected, atol=1e-9)
+    assert set(table[:, KIND]) == {0.0}
+
+
+_NUMBERS = st.integers(0, 99).map(str)
+_SUMS = st.recursive(
+    _NUMBERS,
+    lambda inner: st.tuples(inner, st.sampled_from(["+", "-", "*"]), inner).map(lambda t: f"{t[0]}{t[1]}[{t[2]}]"),
+    max_leaves=12,
+)
+
+
+@given(_SUMS)
+def test_expressions_have_the_value_that_python_gives(text):
+    value = Scanner(f"[{text}]").value("")
+    assert value(None) == pytest.approx(eval(text.replace("[", "(").replace("]", ")")))
+
+
+@given(st.integers(1, 9), st.integers(0, 3))
+def test_recursion_counts_as_it_should(n, extra):
+    text = (
+        "o<f> sub\no1 if [#1 le 1]\no<f> return [1]\no1 endif\n"
+        f"o<f> call [#1-1]\no<f> endsub [#1*#<_value>]\no<f> call [{n}]\nG0 X#<_value> Y{extra}"
+    )
+    assert ends(text)[0][0] == math.factorial(n)

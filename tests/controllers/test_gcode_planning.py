@@ -1,0 +1,216 @@
+"""Look-ahead: closed forms of durations and rounded corners, limits of the axes, tracks from arrays."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim.controllers.gcode.linuxcnc import Program
+from gantrysim.controllers.gcode.track import Track
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil, Line
+from gantrysim.controllers.placement import Placement
+from gantrysim.errors import InputError
+
+A = 500.0  # acceleration of every test [mm/s²]
+PERIOD = 1e-3
+
+
+def lines(points, head="G64 P0.05", feed=3000):
+    rows = [f"G1 X{x:.6f} Y{y:.6f}" for x, y in points]
+    return f"F{feed} {head}\n" + "\n".join(rows)
+
+
+def program(text, **changes):
+    return Program(text=text, **{"acceleration": A, **changes})
+
+
+def samples(controller, period=PERIOD):
+    """Positions at whole periods, without the last setpoint, which may be nearer."""
+    return controller.setpoints(period).position[:-1]
+
+
+def deviation(controller):
+    s = samples(controller)
+    return controller.requested.follow(np.column_stack([s, np.zeros((len(s), 3 - s.shape[1]))])).distance.max()
+
+
+@pytest.mark.parametrize(("length", "feed"), [(100, 3000), (2, 3000), (0.01, 60000)])
+def test_a_line_takes_the_time_of_a_trapezoid(length, feed):
+    v = feed / 60
+    expected = length / v + v / A if length > v**2 / A else 2 * math.sqrt(length / A)
+    assert program(f"F{feed} G1 X{length}", rapid=1e6).duration == pytest.approx(expected)
+
+
+def test_a_rapid_move_uses_every_axis_to_its_limit():
+    controller = program("G0 X300 Y300", rapid=6000)
+    assert controller.duration == pytest.approx(300 / 100 + 100 / A)
+    assert controller.setpoints(PERIOD).dispense.sum() == 0
+
+
+def test_feeds_are_kept_within_the_axes():
+    controller = program("F60000 G1 X300 Y400", rapid=6000)
+    v = np.abs(np.diff(samples(controller), axis=0)).max(axis=0) / PERIOD
+    assert v[1] == pytest.approx(100, rel=1e-6)
+    assert v[0] == pytest.approx(75, rel=1e-6)
+
+
+@pytest.mark.parametrize("turn", [20, 60, 90, 150])
+@pytest.mark.parametrize("tolerance", [0.01, 0.2])
+def test_a_corner_is_passed_on_an_arc_of_the_tolerance(turn, tolerance):
+    angle = math.radians(turn)
+    points = [(50, 0), (50 + 50 * math.cos(angle), 50 * math.sin(angle))]
+    controller = program(lines(points, f"G64 P{tolerance}", 60000), rapid=1e5)
+    path = controller.plan.path
+    # the arc's middle is r (1 / cos(angle / 2) - 1) from the corner; its speed needs sqrt(3) / 2 of the acceleration
+    radius = tolerance / (1 / math.cos(angle / 2) - 1)
+    assert path.radius == pytest.approx([radius])
+    middle = path.position(np.array([path.ends[1] + 0.5 * path.lengths[1]]))[0]
+    assert math.dist(middle, (50, 0, 0)) == pytest.approx(tolerance)
+    at = controller.plan.profile.reached(path.ends[1] + 0.5 * path.lengths[1])
+    assert controller.plan.profile.velocity(at) == pytest.approx(math.sqrt(math.sqrt(0.75) * A * radius))
+    assert deviation(controller) <= tolerance * 1.001
+
+
+@pytest.mark.parametrize(("head", "stops"), [("G61.1", True), ("G61", True), ("G64", False), ("G64 P0.1", False)])
+def test_modes_decide_whether_corners_stop(head, stops):
+    controller = program(lines([(20, 0), (20, 20)], head))
+    v = np.linalg.norm(np.diff(samples(controller), axis=0), axis=1) / PERIOD
+    slowest = v[20:-20].min()
+    assert (slowest < 2) == stops
+    assert bool([note for note in controller.notes if "less than a tenth" in note]) == stops
+    assert not stops or any("G64 P0.05" in note for note in controller.notes)
+
+
+def test_exact_stops_take_the_time_of_their_pieces():
+    points = [(0.1 * k, 0) for k in range(1, 201)]
+    assert program(lines(points, "G61.1")).duration == pytest.approx(200 * 2 * math.sqrt(0.1 / A))
+
+
+@pytest.mark.parametrize("head", ["G64 P0.01", "G64"])
+def test_thousands_of_tenths_of_a_millimetre_keep_the_feed(head):
+    angles = np.arange(1, 6001) * 0.1 / 60
+    points = [(60 * math.sin(a), 60 - 60 * math.cos(a)) for a in angles]
+    controller = program(lines(points, head, 3000))
+    length = controller.requested.length
+    assert controller.duration == pytest.approx(length / 50 + 50 / A, rel=1e-3)
+    assert deviation(controller) < 0.01
+    assert not controller.notes
+    stopping = program(lines(points, "G61.1", 3000))
+    assert stopping.duration > 2 * controller.duration
+    assert "5999 corners" in stopping.notes[0]
+
+
+@given(
+    st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=2, max_size=12),
+    st.sampled_from(["G64 P0.02", "G64 P0.5", "G64"]),
+    st.sampled_from([600, 6000, 60000]),
+)
+@settings(max_examples=60)
+def test_axes_keep_their_acceleration_where_corners_are_rounded(points, head, feed):
+    points = [(round(x, 3), round(y, 3)) for x, y in points]
+    try:
+        controller = program(lines(points, head, feed), cycle=1e-9)
+    except InputError:
+        return
+    if all(point == (0, 0) for point in points):
+        return
+    acceleration = np.diff(samples(controller, 1e-3), n=2, axis=0) / 1e-3**2
+    assert np.abs(acceleration).max(initial=0) <= A * 1.001 + 1e-6 / 1e-3**2 * 1e-3
+    velocity = np.diff(samples(controller), axis=0) / PERIOD
+    assert np.linalg.norm(velocity, axis=1).max(initial=0) <= feed / 60 * (1 + 1e-9) + 1e-6
+
+
+def test_axes_keep_their_acceleration_on_arcs():
+    text = "F30000 G64 P0.1\nG2 X20 Y0 R10\nG3 X30 Y0 I5\nG1 X40 Y-5\nG2 I4"
+    acceleration = np.diff(samples(program(text)), n=2, axis=0) / PERIOD**2
+    inside = np.sort(np.abs(acceleration).max(axis=1))[:-12]  # but at the three corners with arcs
+    assert inside.max() <= A * 1.001
+
+
+def test_lines_within_q_are_merged():
+    rng = np.random.default_rng(3)
+    points = [(0.1 * k, 0.002 * rng.uniform(-1, 1)) for k in range(1, 501)]
+    merged, apart = program(lines(points, "G64 P0.01 Q0.01")), program(lines(points, "G64 P0.01 Q0"))
+    assert merged.plan.path.base.ends.size < 10 < apart.plan.path.base.ends.size == 500
+    assert deviation(merged) <= 0.01
+    np.testing.assert_allclose(merged.requested.position(1e9), apart.requested.position(1e9))
+
+
+def test_a_dwell_holds_its_time_at_its_place():
+    controller = program("F3000 G1 X10\nG4 P0.5\nX20\nG4 P0.25\nG0 X0")
+    plain = program("F3000 G61.1 G1 X10\nX20\nG0 X0")
+    assert controller.duration == pytest.approx(plain.duration + 0.75)
+    points = controller.setpoints(PERIOD)
+    for place, time in ((10, 0.5), (20, 0.25)):
+        assert np.sum(np.abs(points.position[:, 0] - place) < 1e-9) * PERIOD == pytest.approx(time, abs=3 * PERIOD)
+        assert not points.dispense[np.abs(points.position[:, 0] - place) < 1e-9][2:-2].any()
+    assert [controller.line_at(t) for t in (0.01, 0.4, 0.9)] == [1, 2, 3]
+    assert controller.line_at(controller.duration - 0.01) == 5
+    at = controller.lines(PERIOD)
+    assert at.size == len(points.position)
+    assert (np.diff(at) >= 0).all()
+
+
+def test_dwells_at_both_ends_belong_to_the_duration():
+    controller = program("G4 P1\nF600 G1 X1\nG4 P2\nG4 P3")
+    assert controller.duration == pytest.approx(program("F600 G1 X1").duration + 6)
+    position = controller.setpoints(PERIOD).position[:, 0]
+    assert np.sum(position == 0) * PERIOD == pytest.approx(1, abs=2 * PERIOD)
+    assert np.sum(position > 1 - 1e-12) * PERIOD == pytest.approx(5, abs=2 * PERIOD)
+
+
+def test_the_override_changes_feeds_but_not_rapid_moves():
+    controller = program("F600 G1 X100\nF300 X0\nG0 X50")
+    changed = controller.with_speeds(lambda speed: 2 * speed)
+    assert changed == {"feed_override": 2.0}
+    assert controller.programmed_speed == pytest.approx(10)
+    fast = program(controller.text, **changed)
+    assert fast.programmed_speed == pytest.approx(20)
+    rapid = program("G0 X50").duration
+    assert fast.duration - rapid == pytest.approx((controller.duration - rapid) / 2, rel=0.02)
+
+
+@given(
+    st.floats(-180, 180),
+    st.floats(0.1, 3),
+    st.sampled_from(["G17 G2 X9 Y9 R20 Z3", "G18 G3 X9 Z4 R20", "G19 G2 Y9 R9"]),
+)
+@settings(max_examples=30)
+def test_a_placed_program_is_the_program_placed(turn, scale, arc):
+    text = f"F600 G1 X1 Y2\n{arc}\nG17 G1 X0 Y0 Z0"
+    placement = Placement(x=3.0, y=-4.0, rotate=turn, scale=scale)
+    plain, placed = program(text).requested, program(text, placement=placement).requested
+    s = np.linspace(0, plain.length, 60)
+    np.testing.assert_allclose(placed.position(scale * s), placement.point(plain.position(s)), atol=1e-8)
+
+
+def test_a_track_is_the_chain_of_its_pieces():
+    frames = {0: XY, 1: ZX, 2: YZ}
+    pieces = [
+        Line((0, 0, 0), (3, 4, 1)),
+        Line((3, 4, 1), (3, 4, 6)),
+        Coil((3, 9, 6), (5.0, 5.0), -math.pi / 2, 2.5 * math.pi, 2.0),
+        Coil((8, 9, 11), (3.0, 4.0), -math.pi / 2, -math.pi, 1.0, ZX),
+    ]
+    chain = Chain(pieces[:3])
+    end = [chain.position(s)[0] for s in chain.ends]
+    track = Track((0, 0, 0), end, [0, 0, 2.5 * math.pi], [(0, 0, 0)] * 2 + [(3, 9, 6)], [0] * 3, [np.eye(3)])
+    s = np.linspace(0, chain.length, 301)
+    for name in ("position", "heading", "curvature", "climb", "tangent", "normal"):
+        np.testing.assert_allclose(getattr(track, name)(s), getattr(chain, name)(s), atol=1e-9, err_msg=name)
+    np.testing.assert_allclose(track.corners, chain.corners)
+    np.testing.assert_allclose(track.length, chain.length)
+    again = Path.build("Track", track.parameters())
+    np.testing.assert_allclose(again.position(s), track.position(s))
+    assert frames[0] == XY
+
+
+def test_programs_without_a_move_are_refused():
+    with pytest.raises(InputError, match="moves none of x, y, z"):
+        _ = program("M3\nG4 P1").duration
+    with pytest.raises(InputError, match="must have a piece"):
+        Track((0, 0, 0), np.zeros((0, 3)), [], np.zeros((0, 3)), [], [np.eye(3)])
