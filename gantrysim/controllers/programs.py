@@ -12,7 +12,7 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
-from gantrysim.controllers import fanuc, softmc, stage, trio
+from gantrysim.controllers import cad, fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.errors import unknown
 
@@ -21,6 +21,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "fanuc.Program": fanuc.Program,
     "softmc.Program": softmc.Program,
     "stage.OutlineTrace": stage.OutlineTrace,
+    "cad.Drawing": cad.Drawing,
 }
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
