@@ -12,7 +12,7 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
-from gantrysim.controllers import fanuc, softmc, stage, trio
+from gantrysim.controllers import cad, fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.errors import InputError, unknown
 from gantrysim.controllers.gcode import linuxcnc, slicer
@@ -26,6 +26,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "stage.OutlineTrace": stage.OutlineTrace,
     "linuxcnc.Program": linuxcnc.Program,
     "slicer.Program": slicer.Program,
+    "cad.Drawing": cad.Drawing,
 }
 
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)

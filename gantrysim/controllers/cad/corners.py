@@ -1,0 +1,222 @@
+"""Corners of a path, rounded within a tolerance.
+
+Between two lines that turn by theta a corner becomes an arc that leaves them at the distance d: its radius is
+d / tan(theta / 2), and the corner is d tan(theta / 4) from it, which is the largest deviation. Between other pieces of
+a level plane it becomes a biarc, whose deviation is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.cad.fitting import arc_to, middle
+from gantrysim.controllers.paths.pieces import XY, Coil, Line, length_of, vector
+
+SMOOTH = 1e-5  # turn that is no corner [rad]
+_SHARPEST = math.radians(175)  # turn that is rounded
+_SAMPLES = np.linspace(0.0, 1.0, 41)  # of an arc, for its deviation
+_SAFETY = 0.99  # share of the tolerance at the samples
+_SHRINK = 0.85
+_TRIALS = 60
+_LEVEL = 1e-9  # [mm]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A piece of the path and how it is run.
+
+    Attributes:
+        piece: a line, or an arc.
+        glue: whether glue is laid.
+        speed: programmed speed [mm/s].
+        travel: whether it is the way between two strokes.
+        pause: time of rest at its end [s].
+        dot: whether glue is laid in that time.
+    """
+
+    piece: Line | Coil
+    glue: bool
+    speed: float
+    travel: bool = False
+    pause: float = 0.0
+    dot: bool = False
+
+    @property
+    def length(self) -> float:
+        return length_of(self.piece)
+
+    @property
+    def start(self) -> Floats:
+        return place(self.piece, np.zeros(1))[0]
+
+    @property
+    def end(self) -> Floats:
+        return place(self.piece, np.ones(1))[0]
+
+
+@dataclass
+class Count:
+    """Corners that were found.
+
+    Attributes:
+        rounded: number of those that are rounded.
+        sharp: number of the others.
+    """
+
+    rounded: int = 0
+    sharp: int = 0
+
+
+def place(piece: Line | Coil, share: Floats) -> Floats:
+    """Return points at shares of a line's or an arc's length, (n, 3) [mm]."""
+    if isinstance(piece, Line):
+        begin = np.array(piece.start)
+        return begin + share[:, None] * (np.array(piece.end) - begin)
+    psi = piece.begin + share * piece.angle
+    u, v = np.array(piece.frame)
+    return np.array(piece.centre) + piece.radius[0] * (np.cos(psi)[:, None] * u + np.sin(psi)[:, None] * v)
+
+
+def tangent(piece: Line | Coil, share: float) -> Floats:
+    """Return the unit tangent of a line or an arc at a share of its length, (3,)."""
+    if isinstance(piece, Line):
+        direction = np.subtract(piece.end, piece.start)
+        return direction / np.linalg.norm(direction)
+    psi = piece.begin + share * piece.angle
+    u, v = np.array(piece.frame)
+    return math.copysign(1.0, piece.angle) * (math.cos(psi) * v - math.sin(psi) * u)
+
+
+def part(piece: Line | Coil, low: float, high: float) -> Line | Coil:
+    """Return the part of a line or an arc between two shares of its length."""
+    if isinstance(piece, Line):
+        begin, end = place(piece, np.array([low, high]))
+        return Line(vector(begin), vector(end), piece.frame)
+    return replace(piece, begin=piece.begin + low * piece.angle, angle=(high - low) * piece.angle)
+
+
+def turn(before: Floats, after: Floats) -> float:
+    """Return the angle between two unit vectors [rad]."""
+    return math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
+
+
+def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
+    """Return legs with their corners rounded where both sides lay glue or neither does.
+
+    A blend takes at most the whole of a piece, and half of one with a corner at its other end too.
+
+    Args:
+        legs: one from the end of the other.
+        tolerance: largest deviation [mm]; 0 rounds nothing.
+        count: is added to.
+    """
+    turns = np.array(
+        [turn(tangent(a.piece, 1.0), tangent(b.piece, 0.0)) for a, b in zip(legs[:-1], legs[1:], strict=True)]
+    )
+    corner = turns > SMOOTH
+    length = np.array([leg.length for leg in legs])
+    sides = np.append(corner, False).astype(int) + np.append(False, corner)
+    room = np.where(sides == 2, 0.5, 1.0) * length
+    cut = np.zeros((len(legs), 2))
+    blends: dict[int, list[Line | Coil]] = {}
+    for k in np.flatnonzero(corner):
+        blend = None
+        before, after = legs[k], legs[k + 1]
+        if tolerance > 0 and turns[k] < _SHARPEST and before.glue == after.glue and not before.pause:
+            blend = _blend(before.piece, after.piece, turns[k], min(room[k], room[k + 1]), tolerance)
+        if blend is None:
+            count.sharp += 1
+            continue
+        count.rounded += 1
+        distance, blends[int(k)] = blend
+        cut[k, 1] = cut[k + 1, 0] = distance
+    made: list[Leg] = []
+    for k, leg in enumerate(legs):
+        if cut[k].any():
+            low, high = cut[k, 0] / length[k], 1 - cut[k, 1] / length[k]
+            if high - low > 1e-9:
+                made.append(replace(leg, piece=part(leg.piece, low, high)))
+        else:
+            made.append(leg)
+        for piece in blends.get(k, ()):
+            made.append(replace(leg, piece=piece, speed=min(leg.speed, legs[k + 1].speed)))
+    return made
+
+
+def _blend(
+    before: Line | Coil, after: Line | Coil, theta: float, room: float, tolerance: float
+) -> tuple[float, list[Line | Coil]] | None:
+    """Distance from the corner at which the pieces are left, and the arcs between, or None."""
+    distance = min(room, tolerance / math.tan(0.25 * theta))
+    z = _level(before)
+    level = z is not None and _level(after) == z
+    if isinstance(before, Line) and isinstance(after, Line):
+        return distance, [_fillet(before, after, theta, distance, z if level else None)]
+    if not level or z is None:
+        return None
+    for _ in range(_TRIALS):
+        if distance < 1e-7:
+            return None
+        first, last = part(before, 1 - distance / length_of(before), 1.0), part(after, 0.0, distance / length_of(after))
+        arcs = _arcs(first, last, z)
+        if _deviation(arcs, first, last) <= _SAFETY * tolerance:
+            return distance, arcs
+        distance *= _SHRINK
+    return None
+
+
+def _fillet(before: Line, after: Line, theta: float, distance: float, z: float | None) -> Line | Coil:
+    corner, ahead = np.array(after.start), tangent(before, 1.0)
+    begin, end = corner - distance * ahead, corner + distance * tangent(after, 0.0)
+    if z is not None:
+        return arc_to(complex(*begin[:2]), complex(*ahead[:2]), complex(*end[:2]), z)
+    radius = distance / math.tan(0.5 * theta)
+    inward = tangent(after, 0.0) - math.cos(theta) * ahead
+    inward -= (inward @ ahead) * ahead
+    inward /= np.linalg.norm(inward)
+    return Coil(
+        vector(begin + radius * inward), (radius, radius), -0.5 * math.pi, theta, frame=(vector(ahead), vector(inward))
+    )
+
+
+def _arcs(first: Line | Coil, last: Line | Coil, z: float) -> list[Line | Coil]:
+    """Biarc from the start of one piece to the end of another."""
+    begin, end = complex(*place(first, np.zeros(1))[0, :2]), complex(*place(last, np.ones(1))[0, :2])
+    ahead, onward = complex(*tangent(first, 0.0)[:2]), complex(*tangent(last, 1.0)[:2])
+    join = complex(middle(*(np.array([value]) for value in (begin, ahead, end, onward)))[0])
+    chord = join - begin
+    return [arc_to(begin, ahead, join, z), arc_to(join, (chord / abs(chord)) ** 2 * ahead.conjugate(), end, z)]
+
+
+def _deviation(arcs: list[Line | Coil], first: Line | Coil, last: Line | Coil) -> float:
+    """Largest distance between a biarc and the two pieces that it replaces."""
+    blend = np.concatenate([place(arc, _SAMPLES) for arc in arcs])
+    corner = np.concatenate([place(first, _SAMPLES), place(last, _SAMPLES)])
+    there = np.minimum(_distance(blend, first), _distance(blend, last)).max()
+    back = np.minimum(_distance(corner, arcs[0]), _distance(corner, arcs[1])).max()
+    return float(max(there, back))
+
+
+def _distance(points: Floats, piece: Line | Coil) -> Floats:
+    """Distance of points from a line or an arc, (n,)."""
+    begin, end = place(piece, np.array([0.0, 1.0]))
+    if isinstance(piece, Line):
+        chord = end - begin
+        share = np.clip((points - begin) @ chord / (chord @ chord), 0.0, 1.0)
+        return np.linalg.norm(points - begin - share[:, None] * chord, axis=1)
+    out = points - np.array(piece.centre)
+    sense = math.copysign(1.0, piece.angle)
+    swept = np.mod(sense * (np.arctan2(out[:, 1], out[:, 0]) - piece.begin), 2 * math.pi)
+    ends = np.minimum(np.linalg.norm(points - begin, axis=1), np.linalg.norm(points - end, axis=1))
+    return np.where(swept <= abs(piece.angle), np.abs(np.hypot(out[:, 0], out[:, 1]) - piece.radius[0]), ends)
+
+
+def _level(piece: Line | Coil) -> float | None:
+    """Height of a piece in a level plane, None of any other."""
+    if isinstance(piece, Line):
+        return piece.start[2] if abs(piece.end[2] - piece.start[2]) < _LEVEL else None
+    return piece.centre[2] if piece.frame == XY else None

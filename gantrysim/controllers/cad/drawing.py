@@ -1,0 +1,305 @@
+"""A drawing traced by the axes: text in, setpoints out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.cad.dxf import BINARY, read_dxf
+from gantrysim.controllers.cad.planning import Paused, planned
+from gantrysim.controllers.cad.routing import Manner, Route, routed
+from gantrysim.controllers.cad.shapes import Sheet, Stroke, checked
+from gantrysim.controllers.cad.svg import read_svg
+from gantrysim.controllers.cad.table import read_points, with_speeds
+from gantrysim.controllers.cad.units import millimetres
+from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.errors import InputError, at_least, finite, point, positive, unknown
+
+Three = tuple[float, float, float]
+
+FINE = 1e-4  # largest deviation of the requested path from a drawn curve [mm]
+_CHOICES = {
+    "format": ("auto", "dxf", "svg", "csv"),
+    "curve": ("lines", "spline"),
+    "order": ("drawn", "nearest"),
+}
+_SHOWN = 30  # names in a message
+
+
+@dataclass(frozen=True)
+class Drawing(Controller):
+    """Traces the lines and curves of a drawing at the fastest speed within the limits of the axes.
+
+    Read are DXF (LINE, ARC, CIRCLE, ELLIPSE, LWPOLYLINE, POLYLINE, SPLINE, POINT, and INSERT of these), SVG (all shapes
+    and transforms) and CSV (a point in every line: x, y[, z][, glue][, speed]). Strokes are traced in the order and the
+    direction in which they are drawn. A stroke that begins where the one before ends continues it; between others the
+    axes travel with the dispenser off.
+
+    Lines and arcs are exact, other curves become arcs within a tolerance. Corners are rounded within a tolerance, or
+    passed at a limited jump of the axes' velocities. The speed is the highest that the programmed one and the limits of
+    the axes allow; the first and the last speed are 0.
+
+    Attributes:
+        text: the drawing.
+        placement: of the drawing on the work.
+        format: "dxf", "svg", "csv", or "auto" to tell it by the text.
+        unit: "mm", "cm", "m", "um", "in", "ft", "pt", "px", or "auto" for that of the drawing.
+        layers: those that are traced, by layer, group or colour; all by default.
+        glue: layers, groups or colours that lay glue, as a list, or as a table of true and false; all by default. The
+            others are traced at the travel speed with the dispenser off.
+        curve: "lines" or "spline" through the points of a CSV.
+        order: "drawn", or "nearest" to go on with the nearest stroke.
+        reverse: whether strokes may be traced backwards, where that joins them or is nearer.
+        speed: along the path where glue is laid [mm/s].
+        travel_speed: where none is [mm/s].
+        height: of the drawing's zero plane [mm].
+        lift: height of the travel above the strokes; 0 stays at their height [mm].
+        start: x and y where the motion begins; by default at the first stroke [mm].
+        join_tolerance: largest gap between strokes that are joined [mm].
+        corner_tolerance: largest deviation by which corners are rounded; 0 rounds none [mm].
+        chord_tolerance: largest deviation of the arcs that approximate a curve [mm].
+        corner_speed: largest jump of an axis' velocity where a corner is not rounded; 0 stops there [mm/s].
+        velocity: limits of x, y and z; inf for none [mm/s].
+        acceleration: limits of x, y and z; inf for none [mm/s²].
+        dot_time: time for which a POINT is dispensed; 0 ignores points [s].
+
+    Raises:
+        InputError: a value out of bounds, or a drawing that cannot be read.
+    """
+
+    speed_scaling: ClassVar[str] = "speed and the speeds of a CSV, changed in one proportion; travel_speed stays"
+    suffixes: ClassVar[tuple[str, ...]] = (".dxf", ".svg", ".csv")
+
+    text: str
+    placement: Placement = Placement()
+    format: str = "auto"
+    unit: str = "auto"
+    layers: tuple[str, ...] | None = None
+    glue: tuple[str, ...] | dict[str, bool] | None = None
+    curve: str = "lines"
+    order: str = "drawn"
+    reverse: bool = False
+    speed: float = 50.0
+    travel_speed: float = 200.0
+    height: float = 0.0
+    lift: float = 0.0
+    start: tuple[float, float] | None = None
+    join_tolerance: float = 0.01
+    corner_tolerance: float = 0.05
+    chord_tolerance: float = 0.01
+    corner_speed: float = 0.0
+    velocity: Three = (500.0, 500.0, 200.0)
+    acceleration: Three = (2000.0, 2000.0, 1000.0)
+    dot_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise unknown(name, str(getattr(self, name)), choices)
+        millimetres(self.unit)
+        for name, unit in (("speed", "mm/s"), ("travel_speed", "mm/s"), ("chord_tolerance", "mm")):
+            positive(name, getattr(self, name), unit)
+        finite("height", self.height, "mm")
+        lengths = [(name, "mm") for name in ("lift", "join_tolerance", "corner_tolerance")]
+        for name, unit in (*lengths, ("corner_speed", "mm/s"), ("dot_time", "s")):
+            at_least(name, getattr(self, name), 0, unit)
+        if self.start is not None:
+            object.__setattr__(self, "start", point("start", self.start))
+        for name, unit in (("velocity", "mm/s"), ("acceleration", "mm/s²")):
+            values = tuple(getattr(self, name))
+            if len(values) != 3:
+                raise InputError(f"{name} of {len(values)} values: must be three, of x, y and z")
+            for axis, value in zip("xyz", values, strict=True):
+                if value != math.inf:
+                    positive(f"{name} of {axis}", value, unit)
+            object.__setattr__(self, name, tuple(map(float, values)))
+        for name in ("layers", "glue"):
+            if isinstance(getattr(self, name), list):
+                object.__setattr__(self, name, tuple(getattr(self, name)))
+        if self.curve == "spline" and self.kind != "csv":
+            raise InputError(f'curve = "spline": must be for points of a csv, the drawing is {self.kind}')
+        if not self._strokes:
+            raise InputError(f"drawing: nothing is traced{self._left_out}; must have a line, an arc or a curve")
+
+    @cached_property
+    def kind(self) -> str:
+        """The format of the text."""
+        return kind_of(self.text) if self.format == "auto" else self.format
+
+    @cached_property
+    def sheet(self) -> Sheet:
+        """The drawing, in its own place, in mm."""
+        return _read(self.kind, self.text, self.unit, self.curve, self.dot_time > 0)
+
+    @cached_property
+    def _strokes(self) -> tuple[Stroke, ...]:
+        """Those that are traced, on the work."""
+        raised = np.array([0.0, 0.0, self.height])
+        traced = self._matching("layers", self.layers)
+        glue = self._laying()
+        return tuple(
+            checked(self._with_glue(stroke, lays).moved(lambda points: self.placement.point(points) + raised))
+            for stroke, kept, lays in zip(self.sheet.strokes, traced, glue, strict=True)
+            if kept
+        )
+
+    def _matching(self, key: str, names: tuple[str, ...] | None) -> list[bool]:
+        """Whether each stroke has one of the names."""
+        if names is None:
+            return [True] * len(self.sheet.strokes)
+        known: set[str] = set().union(*(stroke.names for stroke in self.sheet.strokes))
+        wanted: set[str] = set()
+        for name in names:
+            same = {name.lower(), _hex(name)} & known
+            if not same:
+                raise unknown(f"{key}: layer or colour", name, sorted(known)[:_SHOWN])
+            wanted |= same
+        return [bool(stroke.names & wanted) for stroke in self.sheet.strokes]
+
+    def _laying(self) -> list[bool]:
+        if isinstance(self.glue, dict):
+            off = self._matching("glue", tuple(name for name, on in self.glue.items() if not on))
+            self._matching("glue", tuple(self.glue))
+            return [not each for each in off]
+        return self._matching("glue", self.glue)
+
+    @staticmethod
+    def _with_glue(stroke: Stroke, lays: bool) -> Stroke:
+        stated = stroke.glue or (True,) * max(len(stroke.shapes), 1)
+        return replace(stroke, glue=tuple(lays and each for each in stated))
+
+    @cached_property
+    def _manner(self) -> Manner:
+        start = None if self.start is None else np.array([*self.start, self.height])
+        return Manner(
+            self.speed,
+            self.travel_speed,
+            self.lift,
+            self.join_tolerance,
+            self.chord_tolerance,
+            self.corner_tolerance,
+            self.dot_time,
+            self.order == "nearest",
+            self.reverse,
+            start,
+        )
+
+    @cached_property
+    def route(self) -> Route:
+        """The commanded path: curves approximated, corners rounded."""
+        return routed(list(self._strokes), self._manner)
+
+    @cached_property
+    def requested(self) -> Chain:
+        """The path as drawn, with the ways between: its corners are sharp, its curves within a ten-thousandth of a mm."""
+        fine = replace(self._manner, chord=min(self.chord_tolerance, FINE), corner=0.0)
+        return routed(list(self._strokes), fine).chain
+
+    @cached_property
+    def profile(self) -> Paused:
+        """Progress along the commanded path."""
+        return planned(self.route, self.velocity, self.acceleration, self.corner_speed)
+
+    @property
+    def duration(self) -> float:
+        return self.profile.duration
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes: x, y, and z unless everything lies at the height 0."""
+        low = [leg.start for leg in self.route.legs] + [leg.end for leg in self.route.legs]
+        return ("x", "y", "z") if np.abs(np.array(low)[:, 2]).max() > 0 else ("x", "y")
+
+    def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
+        changed: dict[str, Any] = {"speed": change(self.speed)}
+        text = with_speeds(self.text, change) if self.kind == "csv" else None
+        return changed if text is None else {**changed, "text": text}
+
+    def setpoints(self, period: float) -> Setpoints:
+        positive("period", period, "s")
+        profile, chain = self.profile, self.route.chain
+        time = np.arange(ticks(profile.duration, period) + 1) * period
+        s = profile.position(time)
+        s[-1] = chain.length
+        k = np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(self.route.legs) - 1)
+        dispense = np.array([leg.glue for leg in self.route.legs])[k]
+        resting = profile.resting(time)
+        dots = np.array([leg.dot for leg in self.route.legs if leg.pause > 0])
+        dispense[resting >= 0] = dots[resting[resting >= 0]]
+        return Setpoints(period, self.axes, chain.position(s)[:, : len(self.axes)], dispense, self.requested)
+
+    @property
+    def _left_out(self) -> str:
+        counts = dict(self.sheet.ignored)
+        return f"; ignored: {', '.join(f'{n} {kind}' for kind, n in sorted(counts.items()))}" if counts else ""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is traced and what is not, assumptions, corners, and the effect of the axes' limits."""
+        legs, corners = self.route.legs, self.route.corners
+        laid = sum(leg.length for leg in legs if leg.glue)
+        notes = [
+            f"drawing: {self.kind}, {len(self._strokes)} strokes in {self.route.stretches} stretches; "
+            f"{laid:.1f} mm of glue, {self.route.chain.length - laid:.1f} mm of travel"
+        ]
+        ignored = dict(self.sheet.ignored)
+        untraced = len(self.sheet.strokes) - len(self._strokes)
+        if untraced:
+            ignored["stroke of other layers"] = untraced
+        if ignored:
+            notes.append("ignored: " + ", ".join(f"{n} {kind}" for kind, n in sorted(ignored.items())))
+        notes += self.sheet.remarks
+        if corners.rounded or corners.sharp:
+            notes.append(
+                f"corners: {corners.rounded} rounded within {self.corner_tolerance:g} mm, {corners.sharp} not; "
+                f"the axes' velocities jump there by at most {self.corner_speed:g} mm/s"
+            )
+        ideal = sum(leg.length / leg.speed + leg.pause for leg in legs)
+        if self.duration > ideal * (1 + 1e-6):
+            notes.append(
+                f"speed: the axes' limits and stops increase the duration from {ideal:.3f} s to {self.duration:.3f} s"
+            )
+        return tuple(notes)
+
+
+def kind_of(text: str) -> str:
+    """Return the format of a text: svg begins with "<", dxf with a pair of lines, a group code and its value."""
+    lines = [line.strip() for line in text.lstrip("\ufeff \t\r\n")[:10_000].splitlines()[:200]]
+    if text.startswith(BINARY):
+        return "dxf"
+    if lines and lines[0].startswith("<"):
+        return "svg"
+    codes = [code == "0" and value in ("SECTION", "EOF") for code, value in zip(lines[:-1], lines[1:], strict=True)]
+    return "dxf" if any(codes) else "csv"
+
+
+@lru_cache(maxsize=4)
+def _read(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet:
+    text = text.removeprefix("\ufeff")
+    length = millimetres(unit)
+    if kind == "dxf":
+        return read_dxf(text, length, dots)
+    return read_svg(text, length) if kind == "svg" else read_points(text, length or 1.0, curve)
+
+
+def _hex(name: str) -> str:
+    """A colour as its six hexadecimal digits, any other name as it is."""
+    from svgelements import Color
+
+    if not re.fullmatch(r"#\w+|[a-zA-Z]+", name):
+        return name
+    try:
+        colour = Color(name)
+    except ValueError:
+        return name
+    return name if colour.value is None else str(colour.hexrgb).lower()

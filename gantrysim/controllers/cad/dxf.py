@@ -1,0 +1,224 @@
+"""Drawings in DXF: the entities of the model space, in mm."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.cad.shapes import Ellipse, Segment, Shape, Sheet, Spline, Stroke, bulged, point
+from gantrysim.errors import InputError
+
+BINARY = "AutoCAD Binary DXF"
+_NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta", 7: "white"}  # of colour numbers
+_BY_BLOCK, _BY_LAYER = 0, 256
+_DEEPEST = 32  # nested blocks
+_MOST = 200_000  # entities, those of blocks counted each time
+_SPLINE_FRAME = 16  # flag of a vertex that is a control point
+
+
+@dataclass
+class _Reading:
+    """The state of reading a drawing.
+
+    Attributes:
+        document: of ezdxf.
+        dots: whether points are traced.
+        ignored: entities that are not traced, by kind.
+        count: entities so far.
+    """
+
+    document: Any
+    dots: bool
+    ignored: Counter[str] = field(default_factory=Counter)
+    count: int = 0
+
+
+@dataclass(frozen=True)
+class _Block:
+    """What an entity inherits from the block's reference: layer and colours."""
+
+    layer: str
+    colours: frozenset[str]
+
+
+def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
+    """Return the strokes of a DXF drawing.
+
+    Args:
+        text: the file's content.
+        unit: length of a unit of the drawing, instead of $INSUNITS; None for that [mm].
+        dots: whether points are traced.
+
+    Raises:
+        InputError: a drawing that is binary, malformed or too large.
+    """
+    import ezdxf
+
+    if text.startswith(BINARY):
+        raise InputError("dxf: binary: must be saved as an ASCII DXF")
+    try:
+        document = ezdxf.read(io.StringIO(text))  # type: ignore[attr-defined]
+    except Exception as error:  # whatever the library makes of a malformed drawing
+        raise InputError(f"dxf: {_short(error)}: must be a valid ASCII DXF") from None
+    try:
+        reading = _Reading(document, dots)
+        strokes = tuple(_strokes(reading, document.modelspace(), None, 1))
+        factor, remarks = _unit(document, unit)
+    except InputError:
+        raise
+    except Exception as error:  # likewise
+        raise InputError(f"dxf: {_short(error)}: must be a valid drawing") from None
+    scaled = tuple(stroke.moved(lambda points: factor * points) for stroke in strokes)
+    return Sheet(scaled, dict(reading.ignored), remarks)
+
+
+def _short(error: Exception) -> str:
+    return (str(error).splitlines() or [""])[0][:80] or type(error).__name__
+
+
+def _unit(document: Any, unit: float | None) -> tuple[float, tuple[str, ...]]:
+    from ezdxf import units
+
+    if unit is not None:
+        return unit, ()
+    code = document.header.get("$INSUNITS", 0)
+    if code == 0:
+        return 1.0, ("unit: the drawing states none ($INSUNITS); taken as mm",)
+    try:
+        return float(units.conversion_factor(code, units.MM)), ()
+    except (KeyError, ValueError, IndexError, TypeError):
+        raise InputError(f"dxf: $INSUNITS = {code}: must be from 1 to 24; unit states another") from None
+
+
+def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int) -> Iterator[Stroke]:
+    if depth > _DEEPEST:
+        raise InputError(f"dxf: blocks nested more than {_DEEPEST} deep: must be at most so")
+    for entity in entities:
+        reading.count += 1
+        if reading.count > _MOST:
+            raise InputError(f"dxf: more than {_MOST} entities, those of blocks counted each time: must be fewer")
+        kind = entity.dxftype()
+        layer = str(entity.dxf.get("layer", "0"))
+        own = _Block(block.layer if block is not None and layer == "0" else layer, _colours(reading, entity, block))
+        if not _seen(reading, entity, own.layer):
+            reading.ignored["invisible"] += 1
+        elif kind == "INSERT":
+            references = entity.multi_insert() if entity.mcount > 1 else (entity,)
+            for reference in references:
+                yield from _strokes(reading, reference.virtual_entities(), own, depth + 1)
+            reading.ignored.update(["ATTRIB"] * len(entity.attribs))
+        else:
+            names = frozenset({own.layer.lower()}) | own.colours
+            where = f"dxf: {kind} {entity.dxf.get('handle') or ''}".strip()
+            try:
+                stroke = _stroke(reading, entity, where, names)
+            except InputError as error:
+                raise InputError(f"{where}: {error}") from None
+            if stroke is None:
+                reading.ignored[kind] += 1
+            else:
+                yield stroke
+
+
+def _seen(reading: _Reading, entity: Any, layer: str) -> bool:
+    table = reading.document.layers
+    hidden = layer in table and (table.get(layer).is_off() or table.get(layer).is_frozen())
+    return not hidden and not entity.dxf.get("invisible", 0)
+
+
+def _colours(reading: _Reading, entity: Any, block: _Block | None) -> frozenset[str]:
+    from ezdxf.colors import aci2rgb, int2rgb
+
+    number, true = entity.dxf.get("color", _BY_LAYER), entity.dxf.get("true_color")
+    if number == _BY_BLOCK and block is not None:
+        return block.colours
+    layer = entity.dxf.get("layer", "0")
+    if number == _BY_LAYER and true is None:
+        if block is not None and layer == "0":
+            return block.colours
+        table = reading.document.layers
+        number = abs(table.get(layer).dxf.get("color", 7)) if layer in table else 7
+        true = table.get(layer).dxf.get("true_color") if layer in table else None
+    if true is not None:
+        return frozenset({"#{:02x}{:02x}{:02x}".format(*int2rgb(true))})
+    if not 1 <= number <= 255:
+        return frozenset()
+    names = {f"aci:{number}", "#{:02x}{:02x}{:02x}".format(*aci2rgb(number))}
+    return frozenset(names | ({_NAMES[number]} if number in _NAMES else set()))
+
+
+def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -> Stroke | None:
+    kind, dxf = entity.dxftype(), entity.dxf
+    shapes: list[Shape]
+    if kind == "LINE":
+        shapes = [Segment(_vector(dxf.start), _vector(dxf.end))]
+    elif kind in ("ARC", "CIRCLE"):
+        shapes = [_round(entity)]
+    elif kind == "ELLIPSE":
+        begin, end = float(dxf.start_param), float(dxf.end_param)
+        sweep = math.fmod(end - begin, 2 * math.pi)
+        minor = _vector(entity.minor_axis)
+        shapes = [
+            Ellipse(_vector(dxf.center), _vector(dxf.major_axis), minor, begin, begin + (sweep if sweep > 1e-12 else sweep + 2 * math.pi))
+        ]
+    elif kind == "SPLINE":
+        tool = entity.construction_tool()
+        weights = np.array(tool.weights() or [1.0] * tool.count, float)
+        control = np.array([tuple(at) for at in tool.control_points], float)
+        shapes = [Spline(np.array(tool.knots(), float), control, weights, int(tool.degree))]
+    elif kind == "LWPOLYLINE":
+        z = float(dxf.get("elevation", 0.0))
+        vertices = [(point(x, y, z), bulge) for x, y, bulge in entity.get_points("xyb")]
+        shapes = _polyline(vertices, bool(entity.closed), entity.ocs())
+    elif kind == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline):
+        kept = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & _SPLINE_FRAME]
+        z = _vector(dxf.get("elevation", (0, 0, 0)))[2] if entity.is_2d_polyline else 0.0
+        flat = entity.is_2d_polyline
+        corners = [(_vector(v.location) * [1, 1, not flat] + point(0, 0, z), v.get("bulge", 0) if flat else 0) for v in kept]
+        shapes = _polyline(corners, bool(entity.is_closed), entity.ocs() if flat else None)
+    elif kind == "POINT" and reading.dots:
+        return Stroke((), where, names, dot=_vector(dxf.location))
+    else:
+        return None
+    return Stroke(tuple(shapes), where, names) if shapes else None
+
+
+def _round(entity: Any) -> Ellipse:
+    """An arc or a circle, counter-clockwise about its normal."""
+    dxf, ocs = entity.dxf, entity.ocs()
+    begin, end = 0.0, 360.0
+    if entity.dxftype() == "ARC":
+        begin, end = float(dxf.start_angle), float(dxf.end_angle)
+        end = begin + ((end - begin) % 360.0 or 360.0)
+    radius = float(dxf.radius)
+    if not 0 < radius < math.inf:
+        raise InputError(f"radius = {radius:g}: must be greater than 0")
+    u, v = (_vector(ocs.to_wcs(axis)) for axis in ((radius, 0, 0), (0, radius, 0)))
+    return Ellipse(_vector(ocs.to_wcs(dxf.center)), u, v, math.radians(begin), math.radians(end))
+
+
+def _polyline(vertices: list[tuple[Floats, float]], closed: bool, ocs: Any) -> list[Shape]:
+    if closed and vertices:
+        vertices = [*vertices, vertices[0]]
+    shapes: list[Shape] = []
+    for (first, bulge), (last, _) in zip(vertices[:-1], vertices[1:], strict=True):
+        if not math.isfinite(bulge):
+            raise InputError(f"bulge = {bulge:g}: must be finite")
+        if not np.array_equal(first, last):
+            shapes.append(bulged(first, last, float(bulge)))
+    if ocs is None or not ocs.transform:
+        return shapes
+    turn = np.array([tuple(ocs.to_wcs(axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))])
+    return [shape.moved(lambda points: points @ turn) for shape in shapes]
+
+
+def _vector(value: Any) -> Floats:
+    x, y, *z = value
+    return point(x, y, *z)

@@ -1,0 +1,204 @@
+"""Drawings in SVG: shapes with all transforms applied, in mm, y up from the lower edge of the page."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.cad.shapes import Ellipse, Segment, Shape, Sheet, Stroke, bezier, point
+from gantrysim.errors import InputError
+
+_SPACE = "{http://www.w3.org/2000/svg}"
+_LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+_DEEPEST = 100  # nested elements
+_MOST = 100_000  # elements, those that are reused counted each time
+_ABSOLUTE = re.compile(r"\s*[+]?((?:\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(px|pt|pc|mm|cm|in)?\s*", re.IGNORECASE)
+_IN_PX = {"px": 1.0, "pt": 96 / 72, "pc": 16.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "in": 96.0}
+_CONTAINERS = {"svg", "g", "a", "switch", "symbol", "use", "defs", "style", "title", "desc", "metadata"}
+_SHAPES = {"path", "rect", "circle", "ellipse", "line", "polyline", "polygon"}
+
+
+def read_svg(text: str, unit: float | None) -> Sheet:
+    """Return the strokes of an SVG document.
+
+    Args:
+        text: the file's content.
+        unit: length of a user unit, instead of what width, height and viewBox state; None for that [mm].
+
+    Raises:
+        InputError: a document that is malformed or too large.
+    """
+    import svgelements
+
+    try:
+        root = ElementTree.fromstring(text.strip())
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"svg: {error}: must be well-formed XML") from None
+    if root.tag.removeprefix(_SPACE) != "svg":
+        raise InputError(f"svg: document <{root.tag[:40]}>: must be <svg>")
+    if not root.tag.startswith(_SPACE):
+        raise InputError('svg: must state its namespace, xmlns="http://www.w3.org/2000/svg"')
+    ignored = _check(root)
+    remarks, px = _size(root, unit)
+    plain = ElementTree.tostring(root, encoding="unicode")
+    try:
+        document = svgelements.SVG.parse(io.StringIO(plain), reify=False, ppi=96.0, on_error="raise")
+    except Exception as error:  # whatever the library makes of a malformed attribute
+        raise InputError(f"svg: {_short(error)}: must be a valid drawing") from None
+    height = document.height if isinstance(document.height, int | float) else 0.0
+    strokes: list[Stroke] = []
+    for element, names in _elements(document, frozenset()):
+        try:
+            strokes += _strokes(element, names, px, float(height))
+        except InputError:
+            raise
+        except Exception as error:  # likewise
+            raise InputError(f"svg: {_where(element)}: {_short(error)}: must be a valid shape") from None
+    return Sheet(tuple(strokes), ignored, remarks)
+
+
+def _short(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:80] or type(error).__name__
+
+
+def _check(root: ElementTree.Element) -> dict[str, int]:
+    """Check depth and size of a document, with what it reuses; return the elements that are not traced."""
+    ignored: dict[str, int] = {}
+    named = {item.get("id"): item for item in root.iter() if item.get("id")}
+    count = 0
+    waiting = [(root, 1)]
+    while waiting:
+        item, depth = waiting.pop()
+        count += 1
+        if depth > _DEEPEST:
+            raise InputError(f"svg: elements nested, or reused, more than {_DEEPEST} deep: must be at most so")
+        if count > _MOST:
+            raise InputError(f"svg: more than {_MOST} elements: must be at most so many")
+        kind = str(item.tag).removeprefix(_SPACE)
+        if kind not in _CONTAINERS | _SHAPES and str(item.tag).startswith(_SPACE):
+            ignored[f"<{kind}>"] = ignored.get(f"<{kind}>", 0) + 1
+            if kind not in {"clipPath", "mask", "marker", "pattern"}:
+                continue
+        waiting += [(child, depth + 1) for child in item]
+        if kind == "use":
+            link = item.get("href") or item.get("{http://www.w3.org/1999/xlink}href") or ""
+            target = named.get(link.removeprefix("#"))
+            if target is not None:
+                waiting.append((target, depth + 1))
+    return ignored
+
+
+def _size(root: ElementTree.Element, unit: float | None) -> tuple[tuple[str, ...], float]:
+    """Give the document a size in px; return remarks and the length of a px [mm]."""
+    box = re.split(r"[\s,]+", (root.get("viewBox") or "").strip())
+    stated = [_ABSOLUTE.fullmatch(root.get(name) or "") for name in ("width", "height")]
+    sizes = [float(size[1]) * _IN_PX[(size[3] or "px").lower()] for size in stated if size]
+    remarks: tuple[str, ...] = ()
+    if unit is None and len(sizes) == 2:
+        pass
+    elif len(box) == 4 and all(map(_ABSOLUTE.fullmatch, box[2:])):
+        sizes = [float(length) for length in box[2:]]
+    else:  # user units are px
+        root.attrib.pop("viewBox", None)
+        sizes = sizes if len(sizes) == 2 else [0.0, 0.0]
+    if unit is None and not all(size and size[3] for size in stated):
+        remarks = ("unit: the drawing states no length; a px is taken as 25.4/96 mm",)
+    for name, size in zip(("width", "height"), sizes, strict=True):
+        root.set(name, repr(size))
+    return remarks, 25.4 / 96 if unit is None else unit
+
+
+def _elements(group: Any, names: frozenset[str]) -> Iterator[tuple[Any, frozenset[str]]]:
+    """Shapes in their order, with the names of their groups."""
+    from svgelements import Shape
+
+    for element in group:
+        own = names | _names(element)
+        if isinstance(element, Shape):
+            yield element, own
+        elif isinstance(element, list):
+            yield from _elements(element, own)
+
+
+def _names(element: Any) -> frozenset[str]:
+    own = (getattr(element, "values", None) or {}).get("attributes", {})
+    found = {str(own[name]).lower() for name in ("id", _LABEL) if own.get(name)}
+    colour = getattr(element, "stroke", None)
+    if colour is not None and colour.value is not None:
+        found.add(str(colour.hexrgb).lower())
+    return frozenset(found)
+
+
+def _where(element: Any) -> str:
+    return f"{type(element).__name__.lower()} {getattr(element, 'id', None) or ''}".strip()
+
+
+def _strokes(element: Any, names: frozenset[str], px: float, height: float) -> list[Stroke]:
+    from svgelements import Move
+
+    where = f"svg: {_where(element)}"
+    m = element.transform
+    turn = px * np.array([[m.a, m.c, 0.0], [-m.b, -m.d, 0.0], [0.0, 0.0, 0.0]], float)
+    shift = px * point(m.e, height - m.f)
+
+    def place(points: Floats) -> Floats:
+        return points @ turn.T + shift
+
+    found: list[list[Shape]] = [[]]
+    for segment in element.segments(transformed=False):
+        if isinstance(segment, Move):
+            found.append([])
+            continue
+        if segment.start is None or segment.end is None:
+            raise InputError(f"{where}: must begin with a move")
+        _append(found[-1], _shape(segment).moved(place))
+    return [Stroke(tuple(shapes), where, names) for shapes in found if shapes]
+
+
+def _append(shapes: list[Shape], shape: Shape) -> None:
+    """Append a shape that has a length; an arc continues that of the same ellipse."""
+    before = shapes[-1] if shapes else None
+    if isinstance(shape, Segment):
+        if not np.array_equal(shape.begin, shape.finish):
+            shapes.append(shape)
+    elif isinstance(shape, Ellipse) and not (shape.u.any() or shape.v.any()):
+        return
+    elif isinstance(shape, Ellipse) and isinstance(before, Ellipse) and _continues(before, shape):
+        turned = (shape.finish - shape.begin) + before.finish
+        shapes[-1] = Ellipse(before.centre, before.u, before.v, before.begin, turned)
+    else:
+        shapes.append(shape)
+
+
+def _continues(before: Ellipse, after: Ellipse) -> bool:
+    same = all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("centre", "u", "v"))
+    gap = math.remainder(after.begin - before.finish, 2 * math.pi)
+    return same and abs(gap) < 1e-9 and (after.finish > after.begin) == (before.finish > before.begin)
+
+
+def _shape(segment: Any) -> Shape:
+    from svgelements import Arc, CubicBezier, QuadraticBezier
+
+    begin, end = _point(segment.start), _point(segment.end)
+    if isinstance(segment, QuadraticBezier):
+        return bezier(begin, _point(segment.control), end)
+    if isinstance(segment, CubicBezier):
+        return bezier(begin, _point(segment.control1), _point(segment.control2), end)
+    if isinstance(segment, Arc):
+        turned = float(segment.get_rotation())
+        c, s = math.cos(turned), math.sin(turned)
+        u, v = float(segment.rx) * point(c, s), float(segment.ry) * point(-s, c)
+        first = float(segment.get_start_t())
+        return Ellipse(_point(segment.center), u, v, first, first + float(segment.sweep))
+    return Segment(begin, end)  # a line, or the closing one
+
+
+def _point(place: Any) -> Floats:
+    return point(float(place.x), float(place.y))
