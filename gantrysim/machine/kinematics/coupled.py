@@ -62,20 +62,16 @@ class Coupled(Kinematics):
         for a in tied:
             D[:, a] = rows[:, driven[a]] / per_si_of(model, driven[a])
         constant, gain = np.linalg.solve(F, lengths), -np.linalg.solve(F, D)
-        coordinates, out, origin, rest = [], [], [], []
+        found, rest = [], []
         for f, joint in enumerate(followers):
             per_si = per_si_of(model, joint)
             if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
-                coordinates.append(Coordinate.of(model, joint))
-                out.append(per_si * gain[f])
-                origin.append(per_si * constant[f])
+                found.append((Coordinate.of(model, joint), per_si * gain[f], per_si * constant[f]))
             else:
                 rest.append((gain[f], constant[f]))
-        for a, joint in enumerate(driven):
-            if a not in tied:
-                coordinates.append(Coordinate.of(model, joint))
-                out.append(np.eye(len(driven))[a])
-                origin.append(0.0)
+        free = [a for a in range(len(driven)) if a not in tied]
+        found += [(Coordinate.of(model, driven[a]), np.eye(len(driven))[a], 0.0) for a in free]
+        coordinates, out, origin = zip(*sorted(found, key=lambda one: ("xyz".find(one[0].name) % 4, one[0].name)), strict=True)
         square = np.array([*out, *(row for row, _ in rest)])
         values = np.linalg.svd(square, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
@@ -83,7 +79,7 @@ class Coupled(Kinematics):
         inverse, count = np.linalg.inv(square), len(coordinates)
         level = -inverse[:, count:] @ np.array([at for _, at in rest])
         return cls(
-            coordinates=tuple(coordinates),
+            coordinates=coordinates,
             followers=followers,
             constant=constant,
             gain=gain,
