@@ -42,6 +42,7 @@ class Axis:
         resolution: axis travel per encoder count; 0 for an exact measurement [u].
         motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
             has a delay of its own.
+        chain: that of all axes, where a closed chain couples them; else None.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Axis:
     declared_speed: float
     resolution: float
     motion: Motion | None = field(default=None, repr=False)
+    chain: Motion | None = field(default=None, repr=False)
 
     @property
     def no_load_speed(self) -> float:
@@ -127,13 +129,13 @@ def with_dynamics(
     ]
     closed = np.count_nonzero(moved) > len(axes)
     try:
-        whole = None if closed else motion_of(model, axes, addresses, qpos)
-        return tuple(
-            replace(axis, motion=(whole or _alone(model, axes, addresses, qpos, a)).of_axis(a))
-            for a, axis in enumerate(known)
-        )
+        whole = motion_of(model, axes, addresses, qpos)
     except UnknownLoopError:
         return tuple(known)
+    if not closed:
+        return tuple(replace(axis, motion=whole.of_axis(a)) for a, axis in enumerate(known))
+    alone = [_alone(model, axes, addresses, qpos, a).of_axis(a) for a in range(len(axes))]
+    return tuple(replace(axis, motion=motion, chain=whole) for axis, motion in zip(known, alone, strict=True))
 
 
 def _alone(

@@ -16,6 +16,7 @@ from gantrysim.metrics.analysis import Analysis
 JOBS = (
     "an225",
     "an225-3d",
+    "delta-arc",
     "fanuc-conical",
     "fanuc-spiral",
     "softmc-arc",
@@ -113,7 +114,7 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["job"] == name
     assert written["fault"] is None
-    assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("stage", "xyzr"))
+    assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("delta", "stage", "xyzr"))
     glue = written["bead"]
     assert glue["volume_mm3"] - glue["volume_asked_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
     assert (glue["clearance_of_turns_mm"] is None) == (written["bead_spacing_mm"] is None)
