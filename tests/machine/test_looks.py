@@ -23,7 +23,7 @@ PARTS = {
     "xy": ("x_screw", "y_screw", "x_rail", "y_rail", "carriage", "beam", "x_duct", "y_duct", "gauge", "stop"),
     "xyz": ("x_screw", "y_screw", "z_screw", "x_rail", "y_rail", "carriage", "beam", "x_duct", "y_duct", "gauge"),
     "xyzr": ("x_screw", "y_screw", "z_screw", "x_rail", "y_rail", "carriage", "beam", "r_belt", "gauge", "stop"),
-    "delta": ("base", "platform", "a1_gear", "a1_arm", "a2_arm", "a3_arm", "column", "r_belt", "gauge", "stop"),
+    "delta": ("base", "platform", "a1_gear", "a1_arm", "a2_arm", "a3_arm", "column", "gauge", "stop"),
     "stage": ("x_screw", "y_screw", "x_rail", "y_rail", "column", "gauge", "stop"),
 }
 SEEN = 12  # pixels of a part, in at least one of the cameras
