@@ -28,7 +28,7 @@ from gantrysim.errors import InputError
 from gantrysim.machine.kinematics.base import DEG, MM, Coordinate, Kinematics, UnreachableError
 
 LEAST_ANGLE = 5.0  # between arm and rod in the arm's plane, and a straight line [deg]
-LEAST_VOLUME = 0.1  # |det| of the rods' unit vectors, 1 where they are at right angles to each other
+LEAST_VOLUME = 0.1  # det of the rods' unit vectors, 1 where they are at right angles to each other
 
 _ARMS = 3
 _SAME = 1e-6  # of directions
@@ -52,6 +52,8 @@ class Delta(Kinematics):
         rod: lengths L, (3,) [mm].
         branch: sign of acos of each arm, (3,).
         side: sign of the forward solution.
+        sense: sign of the determinant of the rods' vectors; beyond a position where it is zero, forward kinematics have
+            the other solution.
         slides: direction of each slide, (3, 3).
         work: rotation from the world to the work frame, (3, 3).
         home: nozzle in the work frame with all axes at zero, (3,) [mm].
@@ -69,6 +71,7 @@ class Delta(Kinematics):
     rod: Floats
     branch: Floats
     side: float
+    sense: float
     slides: Floats
     work: Floats
     home: Floats
@@ -113,6 +116,7 @@ class Delta(Kinematics):
             rod=np.linalg.norm(joint - elbow_at, axis=1),
             branch=np.ones(_ARMS),
             side=1.0,
+            sense=float(np.sign(np.linalg.det(joint - elbow_at))),
             slides=slides,
             work=frame,
             home=home,
@@ -205,7 +209,7 @@ class Delta(Kinematics):
         inner = elbow - _dot(elbow, self.hinge)[..., None] * self.hinge
         sine = _dot(np.cross(inner, flat), self.hinge) / np.sqrt(_dot(inner, inner) * _dot(flat, flat))
         straight = DEG * np.arcsin(np.minimum(np.abs(sine), 1.0))
-        volume = np.abs(np.linalg.det(unit))
+        volume = self.sense * np.linalg.det(unit)
         near = (straight < LEAST_ANGLE).any(axis=1) | (volume < LEAST_VOLUME)
         if near.any():
             row = int(near.argmax())
@@ -214,7 +218,7 @@ class Delta(Kinematics):
             if straight[row, k] < LEAST_ANGLE:
                 text += f"{self.names_of_arms[k]} and its rod are {straight[row, k]:.3g} deg from a line, at least {LEAST_ANGLE:g}"
             else:
-                text += f"the rods are almost in one plane, |det| = {volume[row]:.3g}, at least {LEAST_VOLUME:g}"
+                text += f"the rods are almost parallel or in one plane, det = {volume[row]:.3g}, at least {LEAST_VOLUME:g}"
             raise UnreachableError(text, row)
 
 
