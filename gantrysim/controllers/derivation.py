@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple, Protocol
 
@@ -61,6 +62,10 @@ class AxisDynamics(Protocol):
     def motion(self) -> Motion | None:
         """Linear motion of the axis alone; None if it is not known, and no mode is taken into account."""
 
+    @property
+    def chain(self) -> Motion | None:
+        """Linear motion of all axes, where a closed chain couples them; None if none does."""
+
 
 class Loop(NamedTuple):
     """The natural frequency of all axes and the notch of each.
@@ -89,7 +94,8 @@ def loop(
 
     The lags of winding, sampling and output leave room for a natural frequency, see `natural_frequency`. An axis that
     would not keep the margins at it, for it swings on its drive, gets a notch at that mode. Where a notch does not do,
-    or the mode is too near half the servo's frequency, all axes are slowed down until they keep the margins.
+    or the mode is too near half the servo's frequency, all axes are slowed down until they keep the margins. So are
+    axes in a closed chain until each keeps them with all loops closed, and all together a gain margin of 2.
 
     Args:
         axes: the machine's axes.
@@ -106,9 +112,13 @@ def loop(
         slowest = max(axes, key=lambda axis: axis.lag)
         lag = slowest.lag + period + delay
         at = room = natural_frequency(lag, damping)
-        bound = ""
-        while at > _SLOWEST * room and (failing := next((one for one in loops if one.notch_at(at) is None), None)):
-            bound, at = failing.limit(at), at * _SLOWER
+        bound, chain = "", _Chain.of(axes, loops, period, delay)
+        while at > _SLOWEST * room:
+            failing = next((one for one in loops if one.notch_at(at) is None), None)
+            trouble = failing.limit(at) if failing else chain.trouble(at) if chain else ""
+            if not trouble:
+                break
+            bound, at = trouble, at * _SLOWER
         why = f"natural frequency {at:.3g} Hz: "
         if bound:
             why += f"at more, {bound}; the lags alone leave room for {room:.3g} Hz"
@@ -133,6 +143,12 @@ class _AxisLoop:
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law, as `Plant` wants it."""
         return self._laws
+
+    def law(self, frequency: float, mode: float) -> Compensator:
+        """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
+        gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
+        law = compensator(tuple(gains.get(name, 0.0) for name in GAIN_NAMES), self.period)
+        return law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period))
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
@@ -165,9 +181,7 @@ class _AxisLoop:
     def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
         if self._plant is None:
             return _UNBOUNDED
-        gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
-        law = compensator(tuple(gains.get(name, 0.0) for name in GAIN_NAMES), self.period)
-        self._laws = (law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period)),)
+        self._laws = (self.law(frequency, mode),)
         return self._plant.margins(self)[0]
 
     def _mode(self, frequency: float) -> float:
@@ -181,6 +195,36 @@ class _AxisLoop:
         self._margins(frequency)
         beside = below * (1 + _BESIDE)  # the loop has no bound at a mode without damping
         return float(below[np.abs(self._plant.loop(self, beside)[:, 0]).argmax()])
+
+
+class _Chain:
+    """The loops of axes in a closed chain, all closed."""
+
+    def __init__(self, motion: Motion, loops: Sequence[_AxisLoop], period: float, delay: float) -> None:
+        self.period, self.delay, self._loops = period, delay, loops
+        self._plant = Plant(motion, period, delay)
+        self._laws: tuple[Compensator, ...] = ()
+
+    @classmethod
+    def of(cls, axes: Sequence[AxisDynamics], loops: Sequence[_AxisLoop], period: float, delay: float) -> _Chain | None:
+        """Return the chain of the axes, None if there is none."""
+        motion = axes[0].chain
+        return None if motion is None else cls(motion, loops, period, delay)
+
+    def compensators(self) -> tuple[Compensator, ...]:
+        """Return the laws, as `Plant` wants them."""
+        return self._laws
+
+    def trouble(self, frequency: float) -> str:
+        """Return which margin is too small at a natural frequency, in words; empty if none is."""
+        self._laws = tuple(one.law(frequency, one.notch_at(frequency) or notch.NONE) for one in self._loops)
+        for one, found in zip(self._loops, self._plant.margins(self), strict=True):
+            gain, name = min(found.gain, found.together), one.axis.name
+            if gain < LEAST_GAIN_MARGIN:
+                return f"{name} in its chain has a gain margin of {gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"
+            if found.sensitivity > LARGEST_PEAK:
+                return f"{name} in its chain has a peak of |S| of {found.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
+        return ""
 
 
 def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time: float) -> dict[str, float]:

@@ -14,8 +14,8 @@ from pydantic.dataclasses import dataclass as validated
 
 from gantrysim.controllers import cad, fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
-from gantrysim.errors import InputError, unknown
 from gantrysim.controllers.gcode import linuxcnc, slicer
+from gantrysim.errors import InputError, unknown
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,

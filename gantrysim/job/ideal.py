@@ -9,7 +9,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.engine.simulation import axis_positions
+from gantrysim.engine.simulation import axis_positions, program_positions
 from gantrysim.machine.machine import Machine
 
 FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
@@ -30,8 +30,8 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
         machine: the machine, with the axes of the setpoints.
         setpoints: commanded positions.
     """
-    position = axis_positions(machine, setpoints)
-    tip, on = machine.tip(position), np.flatnonzero(setpoints.dispense)
+    kinematics, position = machine.kinematics, program_positions(machine, setpoints)
+    tip, on = machine.tip(kinematics.inverse(position)), np.flatnonzero(setpoints.dispense)
     foot = setpoints.requested.follow(tip[on], begin=0.0)
     if foot.distance.max() < _ON_THE_PATH:
         return setpoints
@@ -39,11 +39,15 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     progress = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
     correction = setpoints.requested.position(progress) - tip[on]
     shift = np.stack([np.interp(np.arange(len(tip)), on, component) for component in correction.T], axis=1)
-    slides = [a for a, axis in enumerate(machine.axes) if axis.unit == "mm" and axis.name in setpoints.axes]
-    # at given angles of the rotary axes the nozzle's position in the work frame is linear in the slides
-    moved = [machine.tip(position + unit) - tip for unit in np.eye(len(machine.axes))[slides]]
+    slides = [
+        k for k, along in enumerate(kinematics.coordinates) if along.unit == "mm" and along.name in setpoints.axes
+    ]
+    if kinematics.followers:  # x, y and z are the nozzle's
+        moved = [np.tile(np.eye(3)["xyz".index(kinematics.names[k])], (len(tip), 1)) for k in slides]
+    else:  # at given angles of the rotary axes the nozzle's position in the work frame is linear in the slides
+        moved = [machine.tip(position + unit) - tip for unit in np.eye(position.shape[1])[slides]]
     position[:, slides] += np.einsum("nai,ni->na", np.linalg.pinv(np.stack(moved, axis=2)), shift)
-    return replace(setpoints, position=position[:, [machine.axis_names.index(name) for name in setpoints.axes]])
+    return replace(setpoints, position=position[:, [kinematics.names.index(name) for name in setpoints.axes]])
 
 
 def unhurried(s: Floats, tip: Floats) -> Floats:
@@ -72,6 +76,8 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     from scipy.interpolate import CubicSpline  # slow to import
 
     n = ticks(servo.period, FINE)
+    if machine.kinematics.followers:  # travel and speed are limits of the axes
+        setpoints = replace(setpoints, axes=machine.axis_names, position=axis_positions(machine, setpoints))
     period, knots = servo.period / n, setpoints.position
     axes = [machine.axes[machine.axis_names.index(name)] for name in setpoints.axes]
     low, high = np.array([axis.travel for axis in axes]).T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,7 @@ from gantrysim.errors import InputError
 from gantrysim.machine.linear_motion import linear_motion
 from gantrysim.stability.motion import Motion, UnknownLoopError
 
+_HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
 
 
@@ -40,6 +42,7 @@ class Axis:
         resolution: axis travel per encoder count; 0 for an exact measurement [u].
         motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
             has a delay of its own.
+        chain: that of all axes, where a closed chain couples them; else None.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Axis:
     declared_speed: float
     resolution: float
     motion: Motion | None = field(default=None, repr=False)
+    chain: Motion | None = field(default=None, repr=False)
 
     @property
     def no_load_speed(self) -> float:
@@ -94,16 +98,54 @@ def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
 
 
 def read_axes(model: mujoco.MjModel) -> tuple[tuple[Axis, ...], tuple[AxisAddress, ...]]:
-    """Return the axes in the order of the actuators, and their addresses."""
-    home, inertia = mujoco.MjData(model), np.zeros((model.nv, model.nv))
-    mujoco.mj_forward(model, home)
-    mujoco.mj_fullM(model, home, inertia)
-    axes, addresses = zip(*(_read_axis(model, inertia, i) for i in range(model.nactuator)), strict=True)
+    """Return the axes in the order of the actuators, without inertia and motion, and their addresses."""
+    axes, addresses = zip(*(_read_axis(model, i) for i in range(model.nactuator)), strict=True)
+    return axes, addresses
+
+
+def with_dynamics(
+    model: mujoco.MjModel, axes: Sequence[Axis], addresses: Sequence[AxisAddress], qpos: Floats, moved: Floats
+) -> tuple[Axis, ...]:
+    """Return the axes with their inertia and motion about a position.
+
+    An axis moves all joints of a closed chain, at the rates N of the rigid machine. Its inertia is then that of
+    N^T M N, with M the mass matrix, and its motion is that with very heavy motors on the others, which MuJoCo solves.
+
+    Args:
+        model: the compiled model.
+        axes: the axes.
+        addresses: their indices.
+        qpos: the position.
+        moved: N, velocity of every degree of freedom per velocity of an axis [SI], (nv, axes).
+    """
+    data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    inertia = np.einsum("ia,ij,ja->a", moved, mass, moved)
+    known = [
+        replace(axis, inertia=float(of_axis) * axis.scale / PER_SI[axis.unit] ** 2)
+        for axis, of_axis in zip(axes, inertia, strict=True)
+    ]
+    closed = np.count_nonzero(moved) > len(axes)
     try:
-        motion = motion_of(model, axes, addresses, home.qpos)
+        whole = motion_of(model, axes, addresses, qpos)
     except UnknownLoopError:
-        return axes, addresses
-    return tuple(replace(axis, motion=motion.of_axis(a)) for a, axis in enumerate(axes)), addresses
+        return tuple(known)
+    if not closed:
+        return tuple(replace(axis, motion=whole.of_axis(a)) for a, axis in enumerate(known))
+    alone = [_alone(model, axes, addresses, qpos, a).of_axis(a) for a in range(len(axes))]
+    return tuple(replace(axis, motion=motion, chain=whole) for axis, motion in zip(known, alone, strict=True))
+
+
+def _alone(
+    model: mujoco.MjModel, axes: Sequence[Axis], addresses: Sequence[AxisAddress], qpos: Floats, axis: int
+) -> Motion:
+    """Return the motion of all axes when the motors of all but one are too heavy to move."""
+    held = copy.copy(model)
+    dofs = model.jnt_dofadr[model.actuator_trnid[: len(axes), 0]]
+    held.dof_armature[np.delete(dofs, axis)] += _HEAVY
+    return motion_of(held, axes, addresses, qpos)
 
 
 def motion_of(model: mujoco.MjModel, axes: Sequence[Axis], addresses: Sequence[AxisAddress], qpos: Floats) -> Motion:
@@ -117,7 +159,7 @@ def motion_of(model: mujoco.MjModel, axes: Sequence[Axis], addresses: Sequence[A
     )
 
 
-def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int) -> tuple[Axis, AxisAddress]:
+def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
     name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
     if not name:
         raise InputError(f"actuator {i} has no name; it must bear the name of its axis' joint")
@@ -145,7 +187,7 @@ def _read_axis(model: mujoco.MjModel, inertia: Floats, i: int) -> tuple[Axis, Ax
         unit=unit,
         travel=(low, high) if model.jnt_limited[joint] else (-math.inf, math.inf),
         scale=scale,
-        inertia=float(inertia[dof, dof]) / (gear * per_si),
+        inertia=math.nan,
         viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),

@@ -10,10 +10,12 @@ from collections.abc import Callable
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
 
+_RIGID = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # solimp of a tendon of constant length
 _TIME_CONSTANT, _CURRENT_RATE = 0, 1  # dynprm of a dcmotor
 
 
@@ -54,14 +56,31 @@ def without_winding(machine: Machine) -> Machine:
 def without_compliance(machine: Machine) -> Machine:
     """Return the machine without the spring joints that no axis drives; the bodies behind them are welded.
 
+    Tendons that are springs, such as belts, keep their length at rest. Joints that follow the axes through a closed
+    chain stay.
+
     Raises:
         InputError: another element of the MJCF refers to such a joint.
     """
+    kept = {*machine.axis_names, *(machine.physics.joint(joint).name for joint in machine.kinematics.followers)}
 
     def springs(spec: mujoco.MjSpec) -> list[Any]:
-        return [joint for joint in spec.joints if joint.name not in machine.axis_names and joint.stiffness[0] > 0]
+        joints = [joint for joint in spec.joints if joint.name not in kept and joint.stiffness[0] > 0]
+        return joints + [tendon for tendon in spec.tendons if tendon.stiffness[0] > 0]
 
-    return _without(machine, springs, lambda spec, joint: spec.delete(joint))
+    def stiffen(spec: mujoco.MjSpec, spring: Any) -> None:
+        if not isinstance(spring, mujoco.MjsTendon):
+            spec.delete(spring)
+            return
+        physics = machine.physics
+        tendon = physics.tendon(spring.name).id
+        rest = float(physics.tendon_lengthspring[tendon].mean() - physics.tendon_length0[tendon])
+        spring.stiffness, spring.damping = np.zeros(3), np.zeros(3)
+        held = spec.add_equality(type=mujoco.mjtEq.mjEQ_TENDON, name1=spring.name)
+        held.data[0] = rest
+        held.solref, held.solimp = [2 * spec.option.timestep, 1.0], _RIGID
+
+    return _without(machine, springs, stiffen)
 
 
 def _without(

@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, expanded, positive, unknown
-from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes
+from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, with_dynamics
+from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
-from gantrysim.machine.kinematics import Kinematics
+from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
 from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
@@ -35,6 +36,7 @@ _MM = 1e3
 _FRAME_TOLERANCE = 1e-3  # [mm], also of unit vectors
 _DEFAULT_GAP = 0.5  # without a work piece [mm]
 _ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
+_SMALL = 1e-3  # difference of positions for slopes [mm or deg]
 _PROBE = 100.0  # displacement of each slide in the test of the rotary axes [mm]
 
 
@@ -55,9 +57,11 @@ class Machine:
     A cylinder or capsule `needle` on the nozzle's body, from the tip upwards, is the needle of runs whose dispenser
     names none. It is drawn in the size of the run's needle.
 
-    The model needs a site `nozzle` and a body `work`. If no driven hinge turns the work, the work frame's origin is the
-    nozzle with all axes at zero, x, y and z move the nozzle along the frame's x, y and z, and every hinge turns the
-    nozzle about its own tip. If one does, the geometry is free, and programs give axis positions.
+    The model needs a site `nozzle` and a body `work`. A custom text `kinematics` names the machine's kinematics, see
+    `gantrysim.machine.kinematics`: "serial", the default, "coupled" or "delta". They turn a program's coordinates into
+    positions of the axes. If no driven hinge turns the work, the coordinates x, y and z are the nozzle in the work
+    frame, zero where there is no such coordinate, and every other one turns the nozzle about its own tip. If one does,
+    the geometry is free, and programs give axis positions.
 
     Args:
         model: name of a built-in machine, or path of an MJCF file.
@@ -71,6 +75,7 @@ class Machine:
         addresses: their indices in MuJoCo's arrays.
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and of the body.
+        kinematics: from a program's coordinates to the positions of the axes, and back.
 
     Raises:
         InputError: an unknown model, an MJCF that MuJoCo rejects, or one that does not meet these requirements.
@@ -92,17 +97,25 @@ class Machine:
         if not 1 <= physics.nactuator <= MAX_AXES:
             raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
         self._perturbations: tuple[Perturbation, ...] = ()
+        axes, self.addresses = read_axes(physics)
+        self.drive_gain: Floats = np.ones(len(axes))
+        self._per_si = np.array([PER_SI[axis.unit] for axis in axes])
+        joints = [int(joint) for joint in physics.actuator_trnid[:, 0]]
+        self.kinematics = kinematics_of(physics, joints, self.nozzle, self.work)
+        self._followers = physics.jnt_qposadr[np.array(self.kinematics.followers, int)].tolist()
+        self._reference: Floats = physics.qpos0.copy()
+        moving = [*(axis.joint for axis in self.addresses), *self._followers]
+        self._chain = Chain(physics, self.nozzle, self.work, moving)
         self._use(physics)
-        self.drive_gain: Floats = np.ones(len(self.axes))
-        self._per_si = np.array([PER_SI[axis.unit] for axis in self.axes])
-        self._kinematics = Kinematics(physics, self.nozzle, self.work, [axis.joint for axis in self.addresses])
         if not self.turns_work:
             self._check_work_frame()
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""
         self.physics = physics
-        self.axes, self.addresses = read_axes(physics)
+        axes, self.addresses = read_axes(physics)
+        zero = np.zeros(len(axes))
+        self.axes = with_dynamics(physics, axes, self.addresses, self.to_qpos(zero), self._moved())
         self._model: mujoco.MjModel | None = None
         self._stepping: dict[float, mujoco.MjModel] = {}
 
@@ -138,8 +151,9 @@ class Machine:
         mujoco.mj_forward(model, data)
         nozzle_body = int(model.site_bodyid[self.nozzle])
         geom = np.full(1, -1, np.int32)
-        down = -data.xmat[self.work].reshape(3, 3)[:, 2]
-        distance = mujoco.mj_ray(model, data, data.xpos[self.work], down, None, 1, nozzle_body, geom, None)
+        up = data.xmat[self.work].reshape(3, 3)[:, 2]
+        above = data.xpos[self.work] + up * (up @ (data.site_xpos[self.nozzle] - data.xpos[self.work]))
+        distance = mujoco.mj_ray(model, data, above, -up, None, 1, nozzle_body, geom, None)
         on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == self.work
         return _MM * float(distance) if on_work else _DEFAULT_GAP
 
@@ -159,9 +173,14 @@ class Machine:
         return springs_have_axes(self.physics, self._joints)
 
     @property
+    def home(self) -> Floats:
+        """The program's coordinates with all axes at zero, (coordinates,) [mm or deg]."""
+        return self.kinematics.forward(np.zeros((1, len(self.axes))))[0]
+
+    @property
     def turns_work(self) -> bool:
         """Whether a driven hinge turns the work: programs then give axis positions, not positions in the work frame."""
-        return self._kinematics.turns_body
+        return self._chain.turns_body
 
     @property
     def _joints(self) -> list[int]:
@@ -212,10 +231,26 @@ class Machine:
         return self._stepping[timestep]
 
     def to_qpos(self, position: ArrayLike) -> Floats:
-        """Return qpos for a position of the axes, (axes,) [mm or deg]; all other joints are at their reference."""
-        qpos: Floats = self.physics.qpos0.copy()
-        qpos[[address.joint for address in self.addresses]] = np.asarray(position, float) / self._per_si
+        """Return qpos for a position of the axes, (axes,) [mm or deg].
+
+        The joints of a closed chain follow the axes; all others are at their reference.
+        """
+        qpos, at = self.physics.qpos0.copy(), np.asarray(position, float)
+        joints = [address.joint for address in self.addresses]
+        qpos[joints] = at / self._per_si
+        offset = (self._reference - self.physics.qpos0)[joints] * self._per_si
+        qpos[self._followers] = self.kinematics.follow((at + offset)[None])[0]
         return qpos
+
+    def _moved(self) -> Floats:
+        """Return the velocity of every degree of freedom per velocity of an axis at zero [SI], (nv, axes)."""
+        physics, steps = self.physics, _SMALL * np.eye(len(self._per_si))
+        moved = np.zeros((physics.nv, len(steps)))
+        joints = [int(joint) for joint in physics.actuator_trnid[:, 0]]
+        moved[physics.jnt_dofadr[joints], np.arange(len(steps))] = 1.0
+        slopes = (self.kinematics.follow(steps) - self.kinematics.follow(-steps)) / (2 * _SMALL)
+        moved[physics.jnt_dofadr[np.array(self.kinematics.followers, int)]] = slopes.T * self._per_si
+        return moved
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
         """Return the linear motion of all axes about rest, torque demands in and motor positions out.
@@ -249,10 +284,14 @@ class Machine:
         Args:
             position: axis positions, (n, axes) [mm or deg].
         """
-        q = np.asarray(position, float) / self._per_si
-        points = self._kinematics(np.atleast_2d(q))
+        at = np.asarray(position, float)
+        rows = np.atleast_2d(at)
+        q = rows / self._per_si
+        if self._followers:
+            q = np.concatenate([q, self.kinematics.follow(rows)], axis=1)
+        points = self._chain(q)
         points *= _MM
-        return points.reshape(*q.shape[:-1], 3)
+        return points.reshape(*at.shape[:-1], 3)
 
     def _perturbed_model(self, model: mujoco.MjModel, perturbation: Perturbation) -> mujoco.MjModel:
         return perturbed_model(
@@ -260,26 +299,35 @@ class Machine:
         )
 
     def _check_work_frame(self) -> None:
-        """Raise InputError unless axis positions are nozzle positions in the work frame, to a micrometre."""
-        home, unit, each = np.zeros((1, len(self.axes))), np.eye(len(self.axes)), np.eye(3)
-        offset = self.tip(home)[0]
+        """Raise InputError unless the coordinates x, y, z are the nozzle in the work frame, to a micrometre."""
+        coordinates, each = self.kinematics.coordinates, np.eye(3)
+        unit, home = np.eye(len(coordinates)), self.home[None]
+        placed = dict(zip(self.kinematics.names, home[0], strict=True))
+        offset = self._nozzle(home)[0] - [placed.get(name, 0.0) for name in "xyz"]
         if np.abs(offset).max() > _FRAME_TOLERANCE:
-            at = f"{_vector(offset)} mm of body {WORK!r}"
+            at = f"{_vector(offset)} mm of {'body' if not self._followers else 'its coordinates in body'} {WORK!r}"
             raise InputError(f"with all axes at zero the nozzle is at {at}: must be its origin")
-        probes = np.concatenate([home, _PROBE * unit[[axis.unit == "mm" for axis in self.axes]]])
-        for axis, along, direction in zip(self.axes, unit, self.tip(unit) - offset, strict=True):
-            for turn in (90.0, 180.0) if axis.unit == "deg" else ():
-                moved = np.linalg.norm(self.tip(probes + turn * along) - self.tip(probes), axis=1).max()
+        # within a closed chain every position has its own reach
+        far = [] if self._followers else [coordinate.unit == "mm" for coordinate in coordinates]
+        probes = np.concatenate([home, home + _PROBE * unit[far]]) if any(far) else home
+        for coordinate, along, at in zip(coordinates, unit, self._nozzle(home + unit), strict=True):
+            name, direction = coordinate.name, at - self._nozzle(home)[0]
+            for turn in (90.0, 180.0) if coordinate.unit == "deg" else ():
+                moved = np.linalg.norm(self._nozzle(probes + turn * along) - self._nozzle(probes), axis=1).max()
                 if moved > _FRAME_TOLERANCE:
                     raise InputError(
-                        f"rotary axis {axis.name!r} moves the nozzle by {moved:.4g} mm "
+                        f"rotary axis {name!r} moves the nozzle by {moved:.4g} mm "
                         f"in {turn:g} deg: must turn it about its own tip"
                     )
-            if axis.name in "xyz" and np.abs(direction - each["xyz".index(axis.name)]).max() > _FRAME_TOLERANCE:
+            if name in "xyz" and np.abs(direction - each["xyz".index(name)]).max() > _FRAME_TOLERANCE:
                 raise InputError(
-                    f"axis {axis.name!r} moves the nozzle along {_vector(direction)} "
-                    f"of body {WORK!r}: must be along its {axis.name}"
+                    f"axis {name!r} moves the nozzle along {_vector(direction)} "
+                    f"of body {WORK!r}: must be along its {name}"
                 )
+
+    def _nozzle(self, position: Floats) -> Floats:
+        """Return the nozzle in the work frame at coordinates of a program, (n, coordinates) to (n, 3) [mm]."""
+        return self.tip(self.kinematics.inverse(position))
 
 
 def _vector(values: Floats) -> str:

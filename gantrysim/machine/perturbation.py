@@ -35,7 +35,8 @@ class Perturbation:
             F = sigma0 z + sigma1 dz/dt, dz/dt = v - sigma0 |v| z / g(v) is scaled, that is sigma0, sigma1 and g: the
             same motion meets the scaled force.
         viscous: factor on the damping of axis joints and motors.
-        stiffness: factor on the springs of joints that no axis drives; each takes that of the next axis above it.
+        stiffness: factor on the springs of joints that no axis drives, and on tendons that are springs; each takes
+            that of the next axis above it, a tendon that of the axis that pulls it.
         motor_constant: factor on K of the motors. The drive converts torque demand to current by the nominal K, so the
             torque is the demand times the factor. Current and voltage limits stay, so the peak torque scales too.
         home_offset: true axis position minus the position according to the encoder [mm or deg].
@@ -120,6 +121,16 @@ def perturbed_model(
         changed.jnt_stiffness[joint] *= stiffness[axis or 0]
         changed.jnt_stiffnesspoly[joint] *= stiffness[axis or 0]
 
+    for tendon in _elastic_tendons(model):
+        pulling = _axes_of(model, tendon, joints)
+        if len(pulling) != 1 and np.ptp(stiffness):
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
+            raise InputError(
+                f"factors of stiffness per axis: {len(pulling)} axes pull tendon {name!r}; give one for all"
+            )
+        changed.tendon_stiffness[tendon] *= stiffness[min(pulling, default=0)]
+        changed.tendon_stiffnesspoly[tendon] *= stiffness[min(pulling, default=0)]
+
     changed.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** motors
     changed.actuator_forcerange[:] *= constant[:, None]  # current limits
     changed.actuator_ctrlrange[:] *= constant[:, None]
@@ -130,12 +141,35 @@ def perturbed_model(
     # a joint's displacement is qpos - qpos0, its encoder reads qpos
     offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
     changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
+    for tendon in range(model.ntendon):  # the length of a fixed tendon is that of its encoders
+        for wrap in _wraps(model, tendon):
+            if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_objid[wrap] in joints:
+                pulled = model.wrap_prm[wrap] * offset[list(joints).index(model.wrap_objid[wrap])]
+                changed.tendon_lengthspring[tendon] -= pulled
+                changed.tendon_length0[tendon] -= pulled
     return changed
 
 
 def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
-    """Return whether each axis can have its own stiffness factor: there is one axis, or one above every spring."""
-    return len(joints) == 1 or all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
+    """Return whether each axis can have its own stiffness factor: there is one axis, or one for every spring."""
+    above = all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
+    pulled = all(len(_axes_of(model, tendon, joints)) == 1 for tendon in _elastic_tendons(model))
+    return len(joints) == 1 or (above and pulled)
+
+
+def _elastic_tendons(model: mujoco.MjModel) -> list[int]:
+    return [tendon for tendon in range(model.ntendon) if model.tendon_stiffness[tendon] > 0]
+
+
+def _wraps(model: mujoco.MjModel, tendon: int) -> range:
+    first = int(model.tendon_adr[tendon])
+    return range(first, first + int(model.tendon_num[tendon]))
+
+
+def _axes_of(model: mujoco.MjModel, tendon: int, driven: Sequence[int]) -> set[int]:
+    """Return the axes whose joints a fixed tendon couples."""
+    ends = [w for w in _wraps(model, tendon) if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
+    return {list(driven).index(model.wrap_objid[w]) for w in ends if model.wrap_objid[w] in driven}
 
 
 def _springs(model: mujoco.MjModel, driven: Sequence[int]) -> list[int]:

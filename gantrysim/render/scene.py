@@ -151,7 +151,8 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
     _add_to_work(spec, _BEAD, group=0)
     if machine.needle is not None:
         _fit_needle(spec, run)
-    piece = workpiece(run, sweep.bead_trace.settings)
+    level = float(machine.tip(np.zeros(len(machine.axes)))[2])
+    piece = workpiece(run, sweep.bead_trace.settings, level)
     if piece is not None:
         mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         mesh.uservert = piece.vertices.ravel().astype(np.float32)

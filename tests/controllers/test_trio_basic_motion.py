@@ -170,7 +170,9 @@ def test_cambox_repeats_from_a_position_of_the_link_axis():
 
 
 def test_a_link_can_follow_in_one_direction_alone():
-    text = "SPEED AXIS(4)=100: MOVELINK(30,30,0,0,4,32): MOVE(10) AXIS(4): MOVE(-20) AXIS(4): MOVE(40) AXIS(4): WAIT IDLE"
+    text = (
+        "SPEED AXIS(4)=100: MOVELINK(30,30,0,0,4,32): MOVE(10) AXIS(4): MOVE(-20) AXIS(4): MOVE(40) AXIS(4): WAIT IDLE"
+    )
     assert moved(text)[-1, 0] == pytest.approx(30, abs=POSITION)
     held = moved(text.replace("WAIT IDLE", "WA(290)"))[:, 0]
     assert held[100:301] == pytest.approx(np.full(201, 10), abs=POSITION)

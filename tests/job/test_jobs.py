@@ -16,6 +16,7 @@ from gantrysim.metrics.analysis import Analysis
 JOBS = (
     "an225",
     "an225-3d",
+    "delta-arc",
     "fanuc-conical",
     "fanuc-spiral",
     "softmc-arc",
@@ -26,6 +27,7 @@ SPACING = {"an225": 10.0, "an225-3d": 10.0, "fanuc-conical": 25.0, "fanuc-spiral
 # errors from friction at the reversals of the axes, without those of the controller [mm]
 SERVO_RMS = 0.02
 SERVO_MAX = 0.12
+SOFT = {"delta-arc": 4.0}  # the same on a machine whose loops are as much slower
 COMMANDED = 1e-9  # error of a controller that follows the path exactly [mm]
 ROUNDED = 0.06  # of one that blends corners [mm]
 
@@ -55,13 +57,14 @@ def test_a_job_runs_with_plausible_tracking_contour_and_spacing(analyses, name):
     run, values = analysis.run, analysis.values
     assert run.fault is None
     assert set(values.tracking) == set(Job.load(name).built_machine.axis_names)
+    soft = SOFT.get(name, 1.0)
     for axis, unit in zip(run.axes, run.units, strict=True):
         spread = values.tracking[axis]
-        assert 0 < spread.rms < SERVO_RMS * (2 if unit == "deg" else 1)
+        assert 0 < spread.rms < soft * SERVO_RMS * (2 if unit == "deg" else 1)
     # servo and mechanics, without the controller
     beyond = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)[analysis.ticks]
-    assert np.sqrt(np.mean(beyond**2)) < SERVO_RMS
-    assert beyond.max() < SERVO_MAX
+    assert np.sqrt(np.mean(beyond**2)) < soft * SERVO_RMS
+    assert beyond.max() < soft * SERVO_MAX
     if not name.startswith("an225"):
         assert values.generation.max < (ROUNDED if name == "fanuc-conical" else COMMANDED)
     if name in SPACING:
@@ -113,7 +116,7 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["job"] == name
     assert written["fault"] is None
-    assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("stage", "xyzr"))
+    assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("delta", "stage", "xyzr"))
     glue = written["bead"]
     assert glue["volume_mm3"] - glue["volume_asked_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
     assert (glue["clearance_of_turns_mm"] is None) == (written["bead_spacing_mm"] is None)

@@ -14,13 +14,16 @@ from gantrysim.machine.machine import builtin_models
 from gantrysim.render import Renderer
 from gantrysim.render.opengl import offscreen
 
+from support.runs import ends_of_travel
+
 CAMERAS = ("overview", "top", "nozzle", "side")
 SIZE = (640, 480)
-DRIVES = {"xy": "xy", "xyz": "xyz", "xyzr": "xyzr", "stage": ("x", "y", "th")}
+DRIVES = {"xy": "xy", "xyz": "xyz", "xyzr": "xyzr", "stage": ("x", "y", "th"), "delta": ("a1", "a2", "a3", "r")}
 PARTS = {
     "xy": ("x_screw", "y_screw", "x_rail", "y_rail", "carriage", "beam", "x_duct", "y_duct", "gauge", "stop"),
     "xyz": ("x_screw", "y_screw", "z_screw", "x_rail", "y_rail", "carriage", "beam", "x_duct", "y_duct", "gauge"),
     "xyzr": ("x_screw", "y_screw", "z_screw", "x_rail", "y_rail", "carriage", "beam", "r_belt", "gauge", "stop"),
+    "delta": ("base", "platform", "a1_gear", "a1_arm", "a2_arm", "a3_arm", "column", "gauge", "stop"),
     "stage": ("x_screw", "y_screw", "x_rail", "y_rail", "column", "gauge", "stop"),
 }
 SEEN = 12  # pixels of a part, in at least one of the cameras
@@ -104,11 +107,10 @@ def corners(studio):
 
 def everywhere(studio):
     """All corners of the travel, in turn."""
-    ends = [np.linspace(0, 330, 12) if axis.unit == "deg" else axis.travel for axis in studio.machine.axes]
-    for position in itertools.product(*ends):
+    for position in ends_of_travel(studio.machine):
         studio.place(position)
         yield position
-    studio.place(np.zeros(len(ends)))
+    studio.place(np.zeros(len(studio.machine.axes)))
 
 
 def test_the_machine_fills_the_overview_and_stays_inside_it(studio):

@@ -275,7 +275,7 @@ def test_a_home_offset_of_the_table_turns_the_work_by_it():
     assert data.body("work").xpos == pytest.approx(turned, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
+@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage", "delta"])
 def test_every_machine_takes_quasi_random_factors_and_runs(name):
     machine = Machine(name)
     generator = np.random.default_rng(1)

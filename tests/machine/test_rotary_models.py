@@ -12,7 +12,7 @@ from gantrysim.controllers.derivation import natural_frequency
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.machine import builtin_models
 
-from support.runs import PERIOD, ramp, round_the_piece, smooth
+from support.runs import PERIOD, ends_of_travel, ramp, round_the_piece, smooth
 
 EXACT = 1e-9  # [mm]
 # TH [deg], outline point u [mm], stage S [mm]: the edges of a piece of 100 x 60 mm and the middle of its first corner
@@ -219,8 +219,7 @@ def test_the_overview_holds_the_machine_in_every_position_at_4_to_3(name):
     machine = Machine(name)
     camera = machine.model.camera("overview").id
     tangent = math.tan(0.5 * math.radians(machine.model.cam_fovy[camera]))
-    ends = [np.linspace(0, 330, 12) if axis.unit == "deg" else axis.travel for axis in machine.axes]
-    for position in itertools.product(*ends):
+    for position in ends_of_travel(machine):
         data = data_at(machine, position)
         seen = (corners(machine, position) - data.cam_xpos[camera]) @ data.cam_xmat[camera].reshape(3, 3)
         assert (np.abs(seen[:, 0]) < 4 / 3 * tangent * -seen[:, 2]).all()

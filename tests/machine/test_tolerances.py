@@ -64,7 +64,7 @@ def test_tolerances_of_zero_give_the_nominal_machine(xy):
     assert NOTHING.machines(xy, 3, seed=1) == [Perturbation()] * 3
 
 
-@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
+@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage", "delta"])
 def test_every_machine_takes_its_drawn_perturbations(name):
     machine = Machine(name)
     for perturbation in (*draws(Tolerances(), machine, 2), *Tolerances().machines(machine, 2, seed=3)):

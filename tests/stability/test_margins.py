@@ -263,7 +263,8 @@ def away(machine, servo, ticks, size=0.02, step=STEP):
 
 
 @pytest.mark.parametrize(
-    ("name", "payload", "delay"), [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4)]
+    ("name", "payload", "delay"),
+    [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4), ("delta", 0, 0.0)],
 )
 def test_the_engine_moves_as_the_linear_machine_does_the_closer_the_shorter_its_step(name, payload, delay):
     """A motion of all axes small enough to be linear, from the engine's torque demands; the error falls as step^2."""
@@ -327,7 +328,7 @@ def test_a_payload_lowers_the_crossover(xy):
         assert one.crossover < other.crossover
 
 
-@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage"])
+@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage", "delta"])
 @pytest.mark.parametrize("integral_time", [math.inf, 0.05])
 def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_circle(name, integral_time):
     servo = pd(Machine(name), integral_time=integral_time)
@@ -585,7 +586,7 @@ def test_the_servos_of_the_jobs_are_stable():
 def test_info_lists_the_margins_of_the_derived_gains():
     table = info.margins_table()
     cells = list(zip(*(column.cells for column in table.columns), strict=True))
-    machines = [Machine(name) for name in ("stage", "xy", "xyz", "xyzr")]
+    machines = [Machine(name) for name in ("delta", "stage", "xy", "xyz", "xyzr")]
     expected = [
         (
             "" if a else machine.name,

@@ -1,5 +1,6 @@
 """Runs, machines and curves that several test files ask for."""
 
+import itertools
 import math
 
 import numpy as np
@@ -12,6 +13,13 @@ from gantrysim.controllers.setpoints import Setpoints
 
 PERIOD = 1e-3
 STEP = 2.5e-4
+
+
+def ends_of_travel(machine):
+    """Positions of the axes at all corners of the travel of a machine's coordinates, and round its rotary ones."""
+    coordinates = machine.kinematics.coordinates
+    ends = [np.linspace(0, 330, 12) if along.unit == "deg" else along.travel for along in coordinates]
+    return machine.kinematics.inverse(np.array(list(itertools.product(*ends))))
 
 
 def plain(machine, period=PERIOD, **gains):

@@ -227,7 +227,7 @@ def test_a_push_reaches_the_body_that_was_chosen(name):
     machine = Machine(name)
     job = next(
         job
-        for job in map(Job.load, ("an225", "an225-3d", "softmc-helical", "stage-outline"))
+        for job in map(Job.load, ("an225", "an225-3d", "delta-arc", "softmc-helical", "stage-outline"))
         if job.built_machine.name == name
     )
     shown, stepped = Scene(machine, job.follow(), job.bead).model, machine.stepping(1e-4)

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gantrysim.arrays import Floats
 from gantrysim.controllers.cad.dxf import BINARY, read_dxf
 from gantrysim.controllers.cad.planning import Paused, planned
 from gantrysim.controllers.cad.routing import Manner, Route, routed

@@ -166,7 +166,13 @@ def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -
         sweep = math.fmod(end - begin, 2 * math.pi)
         minor = _vector(entity.minor_axis)
         shapes = [
-            Ellipse(_vector(dxf.center), _vector(dxf.major_axis), minor, begin, begin + (sweep if sweep > 1e-12 else sweep + 2 * math.pi))
+            Ellipse(
+                _vector(dxf.center),
+                _vector(dxf.major_axis),
+                minor,
+                begin,
+                begin + (sweep if sweep > 1e-12 else sweep + 2 * math.pi),
+            )
         ]
     elif kind == "SPLINE":
         tool = entity.construction_tool()
@@ -181,7 +187,9 @@ def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -
         kept = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & _SPLINE_FRAME]
         z = _vector(dxf.get("elevation", (0, 0, 0)))[2] if entity.is_2d_polyline else 0.0
         flat = entity.is_2d_polyline
-        corners = [(_vector(v.location) * [1, 1, not flat] + point(0, 0, z), v.get("bulge", 0) if flat else 0) for v in kept]
+        corners = [
+            (_vector(v.location) * [1, 1, not flat] + point(0, 0, z), v.get("bulge", 0) if flat else 0) for v in kept
+        ]
         shapes = _polyline(corners, bool(entity.is_closed), entity.ocs() if flat else None)
     elif kind == "POINT" and reading.dots:
         return Stroke((), where, names, dot=_vector(dxf.location))

@@ -196,5 +196,7 @@ def _spline(points: Floats) -> list[Shape]:
     third = np.diff(at)[:, None] / 3
     return [
         bezier(*control)
-        for control in zip(points[:-1], points[:-1] + third * slope[:-1], points[1:] - third * slope[1:], points[1:], strict=True)
+        for control in zip(
+            points[:-1], points[:-1] + third * slope[:-1], points[1:] - third * slope[1:], points[1:], strict=True
+        )
     ]

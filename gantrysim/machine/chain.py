@@ -1,4 +1,4 @@
-"""Forward kinematics: the nozzle in the work frame, for many axis positions at once.
+"""The nozzle in the work frame through a tree of bodies, for many positions of its joints at once.
 
 Bodies form a tree. From the nearest common ancestor, bodies 1 to n lead to the nozzle and bodies 1 to m to the work.
 With T_i the pose of a body in its parent and J_i(q) the motion of its joints, a point p fixed to the nozzle's body is
@@ -63,21 +63,21 @@ class _Hinge:
         return along + np.cos(angle) * (v - along) + np.sin(angle) * np.cross(self.axis, v) + self.anchor
 
 
-class Kinematics:
-    """Position of a site in the frame of a body; joints that no axis drives stay at their reference.
+class Chain:
+    """Position of a site in the frame of a body; other joints than those given stay at their reference.
 
     Args:
         model: the compiled model.
         site: index of the nozzle.
         body: index of the work.
-        driven: address in qpos of each axis' joint, a slide or a hinge.
+        moving: address in qpos of each joint that moves, a slide or a hinge.
 
     Attributes:
-        turns_body: whether a driven hinge turns the body.
+        turns_body: whether one of these joints is a hinge that turns the body.
     """
 
-    def __init__(self, model: mujoco.MjModel, site: int, body: int, driven: Sequence[int]) -> None:
-        columns = {address: column for column, address in enumerate(driven)}
+    def __init__(self, model: mujoco.MjModel, site: int, body: int, moving: Sequence[int]) -> None:
+        columns = {address: column for column, address in enumerate(moving)}
         up, down = _to_world(model, int(model.site_bodyid[site])), _to_world(model, body)
         while up and down and up[-1] == down[-1]:
             up.pop()
@@ -111,7 +111,7 @@ class Kinematics:
         """Return positions of the site in the frame of the body, (n, 3) [m].
 
         Args:
-            q: positions of the axes' joints, (n, axes) [m or rad].
+            q: positions of these joints, (n, joints) [m or rad].
         """
         if self._linear is not None:
             origin, directions = self._linear
@@ -133,7 +133,7 @@ def _to_world(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _joints(model: mujoco.MjModel, body: int, columns: dict[int, int]) -> list[int]:
-    """Return the driven joints of a body in their order."""
+    """Return the moving joints of a body in their order."""
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     return [joint for joint in range(first, first + count) if int(model.jnt_qposadr[joint]) in columns]
 
