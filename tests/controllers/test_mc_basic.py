@@ -318,6 +318,18 @@ def test_properties_without_effect_are_noted():
     assert Basic("print 5" + MOVES).notes[-1] == "prints 1 lines, the first: 5"
 
 
+def test_a_group_may_be_declared_after_its_first_property():
+    assert printed("vmax = 70\ncommon shared late as group Axnm = a2 Axnm = a1\nprint late.vmax, late") == ["70 late"]
+    with pytest.raises(InputError, match=r"^line 2: group g2: must be g1; a program moves one group$"):
+        Basic("common shared g1 as group Axnm = a1 Axnm = a2\ncommon shared g2 as group Axnm = a1 Axnm = a2")
+
+
+def test_waits_for_settling_without_a_bound_are_noted():
+    text = "starttype = inposition" + MOVES
+    assert Basic(text, start=(1, 1)).notes == ("waits for settling have no effect without PositionErrorSettle",)
+    assert Basic("pesettle = 1\n" + text, start=(1, 1)).notes == ()
+
+
 def test_the_registry_builds_it_and_its_arguments_build_it_again():
     basic = build("softmc.Basic", {"text": MOVES, "group": {"velocity": 50.0}})
     assert basic.suffixes == (".prg",)

@@ -25,7 +25,7 @@ _CIRCLE = {
     "targetpoint": "target",
 }
 _POINTS = ("centre", "via", "target")
-_OPTIONS = ("gap", "recdata", "ringbuffer")
+_OPTIONS = ("gap", "recdata")
 _FARTHEST = 1e6  # coordinate [mm]
 _LONGEST_GAP = 1_000_000  # [ticks]
 _MOST_COLUMNS = 64
@@ -83,15 +83,15 @@ def _aim(first: Node, second: Node | None) -> Aim:
         return lambda frame: (None, alone(frame))
     group = element(Tree("name", [Token("NAME", name)]))
     point = expression(Tree("joint", [rest])) if first.data == "component" else several(rest)[0]
-    whole_ = None if first.data == "component" and len(rest.children) > 1 else expression(first)
+    entire = None if first.data == "component" and len(rest.children) > 1 else expression(first)
 
     def either(frame: Frame) -> tuple[Value | None, Value]:
         variable, routine = frame.find(name.lower()), frame.task.routines.get(name.lower())
         if (variable is None and routine is None) or (variable is not None and isinstance(variable.value, Element)):
             return group(frame), point(frame)
-        if whole_ is None:
+        if entire is None:
             raise SoftMCError(f"{name}: must be the group")
-        return None, whole_(frame)
+        return None, entire(frame)
 
     return either
 
@@ -175,8 +175,8 @@ def record(tree: Node) -> Statement:
     if "recdata" not in options:
         raise SoftMCError("RecData is missing: must follow with expressions, as in RecData = pcmd{1}, sys.clock")
     gap = expression(options["gap"][0]) if "gap" in options else None
-    if any(len(options[name]) != 1 for name in options if name != "recdata"):
-        raise SoftMCError("Gap and RingBuffer: must be one number")
+    if len(options.get("gap", [0])) != 1:
+        raise SoftMCError("Gap: must be one number")
     sampled = [_sampled(one) for one in options["recdata"]]
 
     def do(frame: Frame) -> None:

@@ -124,6 +124,8 @@ class Basic(Controller):
         if task.idle:
             count = sum(task.idle.values())
             notes.append(f"{count} assignments without effect here, of {', '.join(sorted(task.idle))}")
+        if task.time.settled and task.time.supervised and task.time.supervised.settle_error == np.inf:
+            notes.append("waits for settling have no effect without PositionErrorSettle")
         if task.prints:
             notes.append(f"prints {task.prints} lines, the first: {task.printed[0]}")
         return tuple(notes)

@@ -175,11 +175,12 @@ class Task:
         Raises:
             SoftMCError: there is one already, or it has too many axes.
         """
-        if self.moved is not None:
+        if self.moved is not None and self.moved.name:
             raise SoftMCError(f"group {name}: must be {self.moved.name}; a program moves one group")
         if axes and not 2 <= len(axes) <= self.coordinates:
             raise SoftMCError(f"group {name} of {len(axes)} axes: must be 2 to {self.coordinates}")
-        self.moved = Element(name, "group", properties.initial(self.group), axes)
+        self.moved = self.moved or Element(name, "group", properties.initial(self.group))
+        self.moved.name, self.moved.axes = name, axes
         self.axes = len(axes) or self.axes
         return self.moved
 
