@@ -226,12 +226,13 @@ def test_an_output_dispenses():
     dispense = Basic(text, line_time=0.0).setpoints(PERIOD).dispense
     assert np.flatnonzero(np.diff(dispense.astype(int))).size == 1
     assert dispense[0]
-    assert (
-        np.count_nonzero(dispense) == 141
-    )  # the poll 140 ms after the start, 6.7 ms after the end of the motion in tick 134
-    during = "move {0, 0}\nmove {10, 0}\nsleep 50\nsys.dout.1 = 1\nmove {20, 0}\nsleep 33.2\nsys.dout.1 = 0"
+    # the poll 140 ms after the start, 6.7 ms after the end of the motion, which is tick 134
+    assert np.count_nonzero(dispense) == 141
+    during = "move {0, 0}\nmove {10, 0}\nsleep 50\nsys.dout.1 = 1\nmove {20, 0}\nsleep 33.2\nsys.dout.1 = 0\n" \
+        "sleep 100\nsys.dout.1 = 1\nsleep 10\nsys.dout.1 = 0"  # fmt: skip
+    # the second switching on lies in the second motion, which begins at 133.3 ms, in tick 134
     np.testing.assert_array_equal(
-        np.flatnonzero(Basic(during, line_time=0.0).setpoints(PERIOD).dispense), np.arange(50, 84)
+        np.flatnonzero(Basic(during, line_time=0.0).setpoints(PERIOD).dispense), [*range(50, 84), *range(184, 194)]
     )
     other = Basic(text, output=2).setpoints(PERIOD).dispense
     assert not other[0]
