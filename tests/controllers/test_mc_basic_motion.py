@@ -2,6 +2,7 @@
 
 import csv
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -159,6 +160,8 @@ def test_maxima_cap_silently_and_overrides_multiply():
     assert peak("vcruise = 100\nvord = 50\nsys.vord = 50", override=200) == 50
     capped = legs(Basic("acc = 5000\namax = 2000\ndec = 400\ndmax = 300\nmove {0, 0}\nmove {50, 0}"))[0]
     assert (capped.profile.acceleration, capped.profile.deceleration) == (2000, 300)
+    gentle = legs(Basic("prftype = 2\njerk = 5000\njmax = 2000\nmove {0, 0}\nmove {50, 0}"))[0]
+    assert gentle.profile.shape.jerk == pytest.approx(2000)
 
 
 def test_properties_hold_from_their_line_on_and_nodal_ones_for_their_command():
@@ -250,6 +253,12 @@ def test_a_start_in_position_waits_for_settling():
     assert gates("move {0, 0}\nmove {10, 0}\nmove {20, 0}") == []
     assert gates("move {0, 0}\nmove {10, 0}\nmove {20, 0} starttype = inposition") == [134]
     assert gates("move {0, 0}\nmove {10, 0}\nwhile not issettled\nsleep 1\nend while\nmove {20, 0}") == [134]
+
+
+def test_the_dispenser_stays_as_it_is_while_the_axes_settle():
+    text = "pesettle = 0.1\nmove {0, 0}\nmove {10, 0}\nmove {20, 0} starttype = inposition dispense = 0"
+    dispense = Basic(text, line_time=0.0).setpoints(PERIOD).dispense
+    assert np.flatnonzero(dispense).tolist() == list(range(135))  # up to the gate
 
 
 def test_the_supervision_is_that_of_the_group():
@@ -370,6 +379,31 @@ def test_gates_shift_the_record_by_the_wait(recorded):
     clock = files["record.csv"][1][:, 4]
     ticks = 1 + round(clock[-1] - clock[0])
     assert ticks > 2 * 5  # it holds both waits of at least 5 ms
+
+
+def test_a_record_holds_both_its_ends(tmp_path):
+    text = "move {0, 0}\nmove {10, 0}\ndelay 20\nrecord a.rec 100 recdata = sys.clock, setpoint\nrecordon\nsleep 10\n" \
+        "recordoff\nsleep 5\nrecordon\nsleep 2\nrecordclose"  # fmt: skip
+    basic = Basic(text, line_time=0.0)
+    setpoints = basic.setpoints(PERIOD)
+    position = setpoints.position
+    tip = np.pad(position, ((0, 0), (0, 1)))
+    time = setpoints.time
+    run = SimpleNamespace(
+        axes=("x", "y"),
+        units=("mm", "mm"),
+        period=PERIOD,
+        time=time,
+        commanded=position,
+        encoder=position,
+        commanded_tip=tip,
+    )
+    assert basic.write_record(run, tmp_path / "a.csv")
+    head, *rows = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()
+    assert head == "sys.clock [ms],setpoint{1} [mm],setpoint{2} [mm]"
+    # the motion of 133.3 ms ends in tick 134
+    assert [float(row.split(",")[0]) for row in rows] == [*range(154, 165), *range(169, 172)]
+    assert {row.split(",", 1)[1] for row in rows} == {"10.0,0.0"}
 
 
 def test_no_record_is_written_where_none_is_kept(recorded, tmp_path):
