@@ -265,6 +265,9 @@ def test_comments_and_continued_lines():
         ("move {1, 2} vtran = 3 vcruise = 4", "line 1: vcruise and vtran: must be one of the two"),
         ("en = 0\nmove {1, 2}\nmove {2, 2}", "line 2: the group is disabled: must be en = 1, and sys.motion = on"),
         ("move {1, 2, 3, 4, 5}", "line 1: target of 5 numbers: must be 2 to 4, of the axes x, y, z, r"),
+        ("circle angle = 1e-12 circlecenter = {1, 0}", "line 1: path of 1.74533e-14 mm: must be longer than 1e-09 mm"),
+        ("sub A\nprint 1\nend sub\ndim a as long\na = One + b\nfunction One as long\nOne = 1\nend function",
+            "line 5: unknown name 'b': must be declared by DIM, or be a property"),
         ("recordon", "line 1: no record is open: RECORD must come first"),
         ("record a.rec 10 gap = 1", "line 1: RecData is missing: must follow with expressions, as in "
             "RecData = pcmd{1}, sys.clock"),

@@ -175,6 +175,10 @@ def test_incremental_coordinates_begin_where_the_group_is():
     basic = Basic("abs = 0\nmove {1, 2}\nmove {3, 4}\nabs = 1\nmove {0, 0}", start=(10, 10))
     ends = [leg.path.end[:2].tolist() for leg in legs(basic)]
     assert ends == [[11, 12], [14, 16], [0, 0]]
+    for text in ("abs = 0\nmove {3, 4}\nmove {1, 0}", "circle angle = 90 circlecenter = {3, 4}"):
+        basic = Basic(text)
+        assert basic.setpoints(PERIOD).position[0].tolist() == [0, 0]
+        assert basic.notes == ("starts at the origin; `start` places it elsewhere",)
 
 
 # Time
@@ -299,6 +303,12 @@ def test_a_placement_moves_every_setpoint(x, y, turn, scale, plane):
         atol=1e-7,
     )
     assert placed.setpoints(PERIOD).position[-1] == pytest.approx(placement.point(legs(plain)[-1].path.end[:3]))
+
+
+def test_a_placement_turns_the_orientation():
+    placed = Basic("move {0, 0, 0, 10}\nmove {10, 0, 0, 100}", placement=Placement(rotate=30.0)).setpoints(PERIOD)
+    np.testing.assert_allclose(placed.position[[0, -1], 3], (40, 130))
+    np.testing.assert_allclose(placed.position[-1, :2], (10 * math.cos(math.pi / 6), 5), atol=1e-12)
 
 
 # Records

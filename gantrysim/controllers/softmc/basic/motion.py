@@ -109,10 +109,7 @@ def move(tree: Node) -> Statement:
         point = _point("target", held, frame)
         nodal = _nodal(pairs, moved, frame)
         if task.time.start is None:
-            start = [0.0] * len(AXES)
-            if nodal.get("abs", moved.properties["abs"]):
-                start[: len(point)] = point[: len(AXES)]
-            task.begin(start)
+            task.begin(point if nodal.get("abs", moved.properties["abs"]) else None)
         task.move(moved, nodal, Move(point), False)
 
     return do
@@ -136,7 +133,7 @@ def circle(tree: Node) -> Statement:
                 arguments[short] = int(held) if short == "plane" and held.is_integer() else held
         nodal = _nodal(pairs, moved, frame)
         if frame.task.time.start is None:
-            frame.task.begin([0.0] * len(AXES))
+            frame.task.begin(None)
         frame.task.move(moved, nodal, Circle(**arguments), True)
 
     return do

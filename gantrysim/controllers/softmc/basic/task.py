@@ -92,6 +92,7 @@ class Task:
     moved: Element | None = None
     default: Element | None = None
     axes: int | None = None
+    begins: str = ""
     line: int = 0
     count: int = 0
     depth: int = 0
@@ -254,9 +255,11 @@ class Task:
 
     # Motion
 
-    def begin(self, start: list[float]) -> None:
-        """Place the group where no start is given."""
-        self.time.start = np.array(start)
+    def begin(self, target: tuple[float, ...] | None) -> None:
+        """Place the group where no start is given: at the target of its first motion, or at the origin."""
+        place = [*(target or ()), 0.0, 0.0, 0.0, 0.0][: len(AXES)]
+        self.time.start = np.array(place)
+        self.begins = "at the origin" if target is None else "at the target of its first MOVE"
 
     def move(self, element: Element, nodal: dict[str, Any], command: Command, path: bool) -> None:
         """Issue a motion command with the properties of its group, and its own."""
