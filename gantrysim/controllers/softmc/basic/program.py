@@ -36,7 +36,7 @@ class Basic(Controller):
         text: the program; the files of a project stand one after the other, and their programs run in that order.
         group: properties of the group before the program sets them; its `vrot` and `arot` limit the orientation.
         coordinates: names of the machine's axes in the order of a point's coordinates; a group of fewer has the first.
-        start: initial position, 2 to 4 numbers [mm, mm, mm, deg]; by default the target of the program's first absolute MOVE.
+        start: initial position, 2 to 4 numbers [mm, mm, mm, deg]; by default the target of the first MOVE.
         line_time: time that the interpreter takes for a statement; an assumption [s].
         output: number of the digital output, `sys.dout.1`, that dispenses in a program that switches it; in others
             glue is laid during every motion command without `Dispense=0`.
