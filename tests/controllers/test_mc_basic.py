@@ -198,26 +198,23 @@ end program
 
 def test_a_property_is_that_of_the_element_of_with():
     program = """
-common shared Axes[2] as generic axis
+common shared drives[2] as generic axis
 common shared table as group Axnm = a1 Axnm = a2
-Axes[1] = a1
-Axes[2] = a2
-Axes[1].vmax = 300
+drives[1] = a1
+drives[2] = a2
+drives[1].vmax = 300
 a2.velocitymax = 200
 with table
-vmax = max(j1.vmax, Axes[2].vmax)
+vmax = faster(j1.vmax, drives[2].vmax)
 print vmax, table.VelocityMax, ElementName
 with a2
 print vmax
 end with
 ?VesExecute("vmax = 7")
 print vmax
-function max(byval a as double, byval b as double) as double
-  if a > b then
-    max = a
-  else
-    max = b
-  end if
+function faster(byval p as double, q as double) as double
+  faster = q
+  if p >= q then faster = p
 end function
 """
     assert printed(program) == ["300 300 table", "200", "0", "7"]
