@@ -270,6 +270,9 @@ def test_comments_and_continued_lines():
             "RecData = pcmd{1}, sys.clock"),
         ("record a.rec 10 recdata = foo", "line 1: unknown expression of RecData 'foo': known: pcmd, pe, pfb, "
             "setpoint, sys.clock, vcmd, vfb"),
+        ("record a.rec 10 recdata = pcmd{1} - pfb{1}", "line 1: RecData: must be names, as in pcmd{1}, pfb, sys.clock; "
+            "no operators"),
+        ("record a.rec 10 recdata = pcmd{1, 2}", "line 1: a coordinate's number in { }: must be one number"),
         ("sys.ain.1 = 3", "line 1: .1: must follow sys.dout"),
         ("' nothing", "program moves none of x, y, z: must have at least one command that does"),
     ],

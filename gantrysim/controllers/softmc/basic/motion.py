@@ -199,13 +199,17 @@ def _sampled(tree: Node) -> Any:
     which = None
     if tree.data == "component":
         braces = child(tree, 1)
-        which = expression(child(braces, 0)) if len(braces.children) == 1 else None
+        if len(braces.children) != 1:
+            raise SoftMCError("a coordinate's number in { }: must be one number")
+        which = expression(child(braces, 0))
         tree = child(tree, 0)
     name = word(tree, 1) if tree.data == "member" else name_of(tree)
-    what = properties.canonical(name or "")
+    if name is None:
+        raise SoftMCError("RecData: must be names, as in pcmd{1}, pfb, sys.clock; no operators")
+    what = properties.canonical(name)
     of = element(child(tree, 0)) if tree.data == "member" else None
     if what not in (*properties.RECORDED, "clock"):
-        raise unknown("expression of RecData", name or str(tree.data), [*properties.RECORDED, "sys.clock"])
+        raise unknown("expression of RecData", name, [*properties.RECORDED, "sys.clock"])
 
     def columns(frame: Frame) -> list[Column]:
         task = frame.task
