@@ -198,26 +198,23 @@ end program
 
 def test_a_property_is_that_of_the_element_of_with():
     program = """
-common shared Axes[2] as generic axis
+common shared drives[2] as generic axis
 common shared table as group Axnm = a1 Axnm = a2
-Axes[1] = a1
-Axes[2] = a2
-Axes[1].vmax = 300
+drives[1] = a1
+drives[2] = a2
+drives[1].vmax = 300
 a2.velocitymax = 200
 with table
-vmax = max(j1.vmax, Axes[2].vmax)
+vmax = faster(j1.vmax, drives[2].vmax)
 print vmax, table.VelocityMax, ElementName
 with a2
 print vmax
 end with
 ?VesExecute("vmax = 7")
 print vmax
-function max(byval a as double, byval b as double) as double
-  if a > b then
-    max = a
-  else
-    max = b
-  end if
+function faster(byval p as double, q as double) as double
+  faster = q
+  if p >= q then faster = p
 end function
 """
     assert printed(program) == ["300 300 table", "200", "0", "7"]
@@ -265,11 +262,17 @@ def test_comments_and_continued_lines():
         ("move {1, 2} vtran = 3 vcruise = 4", "line 1: vcruise and vtran: must be one of the two"),
         ("en = 0\nmove {1, 2}\nmove {2, 2}", "line 2: the group is disabled: must be en = 1, and sys.motion = on"),
         ("move {1, 2, 3, 4, 5}", "line 1: target of 5 numbers: must be 2 to 4, of the axes x, y, z, r"),
+        ("circle angle = 1e-12 circlecenter = {1, 0}", "line 1: path of 1.74533e-14 mm: must be longer than 1e-09 mm"),
+        ("sub A\nprint 1\nend sub\ndim a as long\na = One + b\nfunction One as long\nOne = 1\nend function",
+            "line 5: unknown name 'b': must be declared by DIM, or be a property"),
         ("recordon", "line 1: no record is open: RECORD must come first"),
         ("record a.rec 10 gap = 1", "line 1: RecData is missing: must follow with expressions, as in "
             "RecData = pcmd{1}, sys.clock"),
         ("record a.rec 10 recdata = foo", "line 1: unknown expression of RecData 'foo': known: pcmd, pe, pfb, "
             "setpoint, sys.clock, vcmd, vfb"),
+        ("record a.rec 10 recdata = pcmd{1} - pfb{1}", "line 1: RecData: must be names, as in pcmd{1}, pfb, sys.clock; "
+            "no operators"),
+        ("record a.rec 10 recdata = pcmd{1, 2}", "line 1: a coordinate's number in { }: must be one number"),
         ("sys.ain.1 = 3", "line 1: .1: must follow sys.dout"),
         ("' nothing", "program moves none of x, y, z: must have at least one command that does"),
     ],
@@ -316,6 +319,18 @@ def test_properties_without_effect_are_noted():
     notes = Basic("a1.pfac = 2^16\na2.pfac = 1\nsys.doubleformat = 1\ndecstop = 5" + MOVES, start=(1, 1)).notes
     assert notes == ("4 assignments without effect here, of axis pfac, group decstop, system doubleformat",)
     assert Basic("print 5" + MOVES).notes[-1] == "prints 1 lines, the first: 5"
+
+
+def test_a_group_may_be_declared_after_its_first_property():
+    assert printed("vmax = 70\ncommon shared late as group Axnm = a2 Axnm = a1\nprint late.vmax, late") == ["70 late"]
+    with pytest.raises(InputError, match=r"^line 2: group g2: must be g1; a program moves one group$"):
+        Basic("common shared g1 as group Axnm = a1 Axnm = a2\ncommon shared g2 as group Axnm = a1 Axnm = a2")
+
+
+def test_waits_for_settling_without_a_bound_are_noted():
+    text = "starttype = inposition" + MOVES
+    assert Basic(text, start=(1, 1)).notes == ("waits for settling have no effect without PositionErrorSettle",)
+    assert Basic("pesettle = 1\n" + text, start=(1, 1)).notes == ()
 
 
 def test_the_registry_builds_it_and_its_arguments_build_it_again():

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -159,6 +160,8 @@ def test_maxima_cap_silently_and_overrides_multiply():
     assert peak("vcruise = 100\nvord = 50\nsys.vord = 50", override=200) == 50
     capped = legs(Basic("acc = 5000\namax = 2000\ndec = 400\ndmax = 300\nmove {0, 0}\nmove {50, 0}"))[0]
     assert (capped.profile.acceleration, capped.profile.deceleration) == (2000, 300)
+    gentle = legs(Basic("prftype = 2\njerk = 5000\njmax = 2000\nmove {0, 0}\nmove {50, 0}"))[0]
+    assert gentle.profile.shape.jerk == pytest.approx(2000)
 
 
 def test_properties_hold_from_their_line_on_and_nodal_ones_for_their_command():
@@ -172,6 +175,10 @@ def test_incremental_coordinates_begin_where_the_group_is():
     basic = Basic("abs = 0\nmove {1, 2}\nmove {3, 4}\nabs = 1\nmove {0, 0}", start=(10, 10))
     ends = [leg.path.end[:2].tolist() for leg in legs(basic)]
     assert ends == [[11, 12], [14, 16], [0, 0]]
+    for text in ("abs = 0\nmove {3, 4}\nmove {1, 0}", "circle angle = 90 circlecenter = {3, 4}"):
+        basic = Basic(text)
+        assert basic.setpoints(PERIOD).position[0].tolist() == [0, 0]
+        assert basic.notes == ("starts at the origin; `start` places it elsewhere",)
 
 
 # Time
@@ -226,12 +233,13 @@ def test_an_output_dispenses():
     dispense = Basic(text, line_time=0.0).setpoints(PERIOD).dispense
     assert np.flatnonzero(np.diff(dispense.astype(int))).size == 1
     assert dispense[0]
-    assert (
-        np.count_nonzero(dispense) == 141
-    )  # the poll 140 ms after the start, 6.7 ms after the end of the motion in tick 134
-    during = "move {0, 0}\nmove {10, 0}\nsleep 50\nsys.dout.1 = 1\nmove {20, 0}\nsleep 33.2\nsys.dout.1 = 0"
+    # the poll 140 ms after the start, 6.7 ms after the end of the motion, which is tick 134
+    assert np.count_nonzero(dispense) == 141
+    during = "move {0, 0}\nmove {10, 0}\nsleep 50\nsys.dout.1 = 1\nmove {20, 0}\nsleep 33.2\nsys.dout.1 = 0\n" \
+        "sleep 100\nsys.dout.1 = 1\nsleep 10\nsys.dout.1 = 0"  # fmt: skip
+    # the second switching on lies in the second motion, which begins at 133.3 ms, in tick 134
     np.testing.assert_array_equal(
-        np.flatnonzero(Basic(during, line_time=0.0).setpoints(PERIOD).dispense), np.arange(50, 84)
+        np.flatnonzero(Basic(during, line_time=0.0).setpoints(PERIOD).dispense), [*range(50, 84), *range(184, 194)]
     )
     other = Basic(text, output=2).setpoints(PERIOD).dispense
     assert not other[0]
@@ -249,6 +257,12 @@ def test_a_start_in_position_waits_for_settling():
     assert gates("move {0, 0}\nmove {10, 0}\nmove {20, 0}") == []
     assert gates("move {0, 0}\nmove {10, 0}\nmove {20, 0} starttype = inposition") == [134]
     assert gates("move {0, 0}\nmove {10, 0}\nwhile not issettled\nsleep 1\nend while\nmove {20, 0}") == [134]
+
+
+def test_the_dispenser_stays_as_it_is_while_the_axes_settle():
+    text = "pesettle = 0.1\nmove {0, 0}\nmove {10, 0}\nmove {20, 0} starttype = inposition dispense = 0"
+    dispense = Basic(text, line_time=0.0).setpoints(PERIOD).dispense
+    assert np.flatnonzero(dispense).tolist() == list(range(135))  # up to the gate
 
 
 def test_the_supervision_is_that_of_the_group():
@@ -289,6 +303,12 @@ def test_a_placement_moves_every_setpoint(x, y, turn, scale, plane):
         atol=1e-7,
     )
     assert placed.setpoints(PERIOD).position[-1] == pytest.approx(placement.point(legs(plain)[-1].path.end[:3]))
+
+
+def test_a_placement_turns_the_orientation():
+    placed = Basic("move {0, 0, 0, 10}\nmove {10, 0, 0, 100}", placement=Placement(rotate=30.0)).setpoints(PERIOD)
+    np.testing.assert_allclose(placed.position[[0, -1], 3], (40, 130))
+    np.testing.assert_allclose(placed.position[-1, :2], (10 * math.cos(math.pi / 6), 5), atol=1e-12)
 
 
 # Records
@@ -369,6 +389,31 @@ def test_gates_shift_the_record_by_the_wait(recorded):
     clock = files["record.csv"][1][:, 4]
     ticks = 1 + round(clock[-1] - clock[0])
     assert ticks > 2 * 5  # it holds both waits of at least 5 ms
+
+
+def test_a_record_holds_both_its_ends(tmp_path):
+    text = "move {0, 0}\nmove {10, 0}\ndelay 20\nrecord a.rec 100 recdata = sys.clock, setpoint\nrecordon\nsleep 10\n" \
+        "recordoff\nsleep 5\nrecordon\nsleep 2\nrecordclose"  # fmt: skip
+    basic = Basic(text, line_time=0.0)
+    setpoints = basic.setpoints(PERIOD)
+    position = setpoints.position
+    tip = np.pad(position, ((0, 0), (0, 1)))
+    time = setpoints.time
+    run = SimpleNamespace(
+        axes=("x", "y"),
+        units=("mm", "mm"),
+        period=PERIOD,
+        time=time,
+        commanded=position,
+        encoder=position,
+        commanded_tip=tip,
+    )
+    assert basic.write_record(run, tmp_path / "a.csv")
+    head, *rows = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()
+    assert head == "sys.clock [ms],setpoint{1} [mm],setpoint{2} [mm]"
+    # the motion of 133.3 ms ends in tick 134
+    assert [float(row.split(",")[0]) for row in rows] == [*range(154, 165), *range(169, 172)]
+    assert {row.split(",", 1)[1] for row in rows} == {"10.0,0.0"}
 
 
 def test_no_record_is_written_where_none_is_kept(recorded, tmp_path):

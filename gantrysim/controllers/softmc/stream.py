@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.chain import Chain
+from gantrysim.controllers.paths.pieces import SHORTEST, length_of
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.profile import Profile
 from gantrysim.controllers.setpoints import MAX_TICKS, ticks
@@ -92,11 +93,19 @@ def leg_of(
         dispense: whether glue is laid.
         placement: of the program's coordinates on the work.
         line: of the program.
+
+    Raises:
+        InputError: too short a path.
     """
     if placement is not None and placement != Placement():
         path, here = placed(path, placement), placed(Segment(None, here), placement).end
     rotation = float(path.end[3] - here[3])
-    profile = own.in_place(rotation) if path.piece is None else own.along(Chain([path.piece]).length, rotation)
+    if path.piece is None:
+        return Leg(here, path, own.in_place(rotation), dispense, line)
+    length = length_of(path.piece)
+    if length <= SHORTEST:
+        raise InputError(f"path of {length:g} mm: must be longer than {SHORTEST:g} mm")
+    profile = own.along(length, rotation)
     return Leg(here, path, profile, dispense, line)
 
 

@@ -25,7 +25,7 @@ _CIRCLE = {
     "targetpoint": "target",
 }
 _POINTS = ("centre", "via", "target")
-_OPTIONS = ("gap", "recdata", "ringbuffer")
+_OPTIONS = ("gap", "recdata")
 _FARTHEST = 1e6  # coordinate [mm]
 _LONGEST_GAP = 1_000_000  # [ticks]
 _MOST_COLUMNS = 64
@@ -83,15 +83,15 @@ def _aim(first: Node, second: Node | None) -> Aim:
         return lambda frame: (None, alone(frame))
     group = element(Tree("name", [Token("NAME", name)]))
     point = expression(Tree("joint", [rest])) if first.data == "component" else several(rest)[0]
-    whole_ = None if first.data == "component" and len(rest.children) > 1 else expression(first)
+    entire = None if first.data == "component" and len(rest.children) > 1 else expression(first)
 
     def either(frame: Frame) -> tuple[Value | None, Value]:
         variable, routine = frame.find(name.lower()), frame.task.routines.get(name.lower())
         if (variable is None and routine is None) or (variable is not None and isinstance(variable.value, Element)):
             return group(frame), point(frame)
-        if whole_ is None:
+        if entire is None:
             raise SoftMCError(f"{name}: must be the group")
-        return None, whole_(frame)
+        return None, entire(frame)
 
     return either
 
@@ -109,10 +109,7 @@ def move(tree: Node) -> Statement:
         point = _point("target", held, frame)
         nodal = _nodal(pairs, moved, frame)
         if task.time.start is None:
-            start = [0.0] * len(AXES)
-            if nodal.get("abs", moved.properties["abs"]):
-                start[: len(point)] = point[: len(AXES)]
-            task.begin(start)
+            task.begin(point if nodal.get("abs", moved.properties["abs"]) else None)
         task.move(moved, nodal, Move(point), False)
 
     return do
@@ -136,7 +133,7 @@ def circle(tree: Node) -> Statement:
                 arguments[short] = int(held) if short == "plane" and held.is_integer() else held
         nodal = _nodal(pairs, moved, frame)
         if frame.task.time.start is None:
-            frame.task.begin([0.0] * len(AXES))
+            frame.task.begin(None)
         frame.task.move(moved, nodal, Circle(**arguments), True)
 
     return do
@@ -175,8 +172,8 @@ def record(tree: Node) -> Statement:
     if "recdata" not in options:
         raise SoftMCError("RecData is missing: must follow with expressions, as in RecData = pcmd{1}, sys.clock")
     gap = expression(options["gap"][0]) if "gap" in options else None
-    if any(len(options[name]) != 1 for name in options if name != "recdata"):
-        raise SoftMCError("Gap and RingBuffer: must be one number")
+    if len(options.get("gap", [0])) != 1:
+        raise SoftMCError("Gap: must be one number")
     sampled = [_sampled(one) for one in options["recdata"]]
 
     def do(frame: Frame) -> None:
@@ -202,13 +199,17 @@ def _sampled(tree: Node) -> Any:
     which = None
     if tree.data == "component":
         braces = child(tree, 1)
-        which = expression(child(braces, 0)) if len(braces.children) == 1 else None
+        if len(braces.children) != 1:
+            raise SoftMCError("a coordinate's number in { }: must be one number")
+        which = expression(child(braces, 0))
         tree = child(tree, 0)
     name = word(tree, 1) if tree.data == "member" else name_of(tree)
-    what = properties.canonical(name or "")
+    if name is None:
+        raise SoftMCError("RecData: must be names, as in pcmd{1}, pfb, sys.clock; no operators")
+    what = properties.canonical(name)
     of = element(child(tree, 0)) if tree.data == "member" else None
     if what not in (*properties.RECORDED, "clock"):
-        raise unknown("expression of RecData", name or str(tree.data), [*properties.RECORDED, "sys.clock"])
+        raise unknown("expression of RecData", name, [*properties.RECORDED, "sys.clock"])
 
     def columns(frame: Frame) -> list[Column]:
         task = frame.task

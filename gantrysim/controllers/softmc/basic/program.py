@@ -36,7 +36,7 @@ class Basic(Controller):
         text: the program; the files of a project stand one after the other, and their programs run in that order.
         group: properties of the group before the program sets them; its `vrot` and `arot` limit the orientation.
         coordinates: names of the machine's axes in the order of a point's coordinates; a group of fewer has the first.
-        start: initial position, 2 to 4 numbers [mm, mm, mm, deg]; by default the target of the program's first MOVE.
+        start: initial position, 2 to 4 numbers [mm, mm, mm, deg]; by default the target of the first MOVE.
         line_time: time that the interpreter takes for a statement; an assumption [s].
         output: number of the digital output, `sys.dout.1`, that dispenses in a program that switches it; in others
             glue is laid during every motion command without `Dispense=0`.
@@ -119,11 +119,13 @@ class Basic(Controller):
     def notes(self) -> tuple[str, ...]:
         task = self.task
         notes = []
-        if self.start is None:
-            notes.append("starts at the target of its first MOVE; `start` places it elsewhere")
+        if task.begins:
+            notes.append(f"starts {task.begins}; `start` places it elsewhere")
         if task.idle:
             count = sum(task.idle.values())
             notes.append(f"{count} assignments without effect here, of {', '.join(sorted(task.idle))}")
+        if task.time.settled and task.time.supervised and task.time.supervised.settle_error == np.inf:
+            notes.append("waits for settling have no effect without PositionErrorSettle")
         if task.prints:
             notes.append(f"prints {task.prints} lines, the first: {task.printed[0]}")
         return tuple(notes)

@@ -26,6 +26,10 @@ from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.errors import InputError
 
 
+class LocatedError(SoftMCError):
+    """An error with its line."""
+
+
 def block(tree: Node) -> Block:
     """Return the statements of a block with their lines."""
     return [(line_of(one), statement(one)) for one in trees(tree)]
@@ -53,10 +57,6 @@ def statement(tree: Node) -> Statement:
         raise LocatedError(f"line {line_of(tree)}: must be less deeply nested") from None
     except InputError as error:
         raise LocatedError(f"line {line_of(tree)}: {error}") from None
-
-
-class LocatedError(SoftMCError):
-    """An error with its line."""
 
 
 def line_of(tree: Node) -> int:

@@ -92,6 +92,7 @@ class Task:
     moved: Element | None = None
     default: Element | None = None
     axes: int | None = None
+    begins: str = ""
     line: int = 0
     count: int = 0
     depth: int = 0
@@ -175,11 +176,12 @@ class Task:
         Raises:
             SoftMCError: there is one already, or it has too many axes.
         """
-        if self.moved is not None:
+        if self.moved is not None and self.moved.name:
             raise SoftMCError(f"group {name}: must be {self.moved.name}; a program moves one group")
         if axes and not 2 <= len(axes) <= self.coordinates:
             raise SoftMCError(f"group {name} of {len(axes)} axes: must be 2 to {self.coordinates}")
-        self.moved = Element(name, "group", properties.initial(self.group), axes)
+        self.moved = self.moved or Element(name, "group", properties.initial(self.group))
+        self.moved.name, self.moved.axes = name, axes
         self.axes = len(axes) or self.axes
         return self.moved
 
@@ -253,9 +255,11 @@ class Task:
 
     # Motion
 
-    def begin(self, start: list[float]) -> None:
-        """Place the group where no start is given."""
-        self.time.start = np.array(start)
+    def begin(self, target: tuple[float, ...] | None) -> None:
+        """Place the group where no start is given: at the target of its first motion, or at the origin."""
+        place = [*(target or ()), 0.0, 0.0, 0.0, 0.0][: len(AXES)]
+        self.time.start = np.array(place)
+        self.begins = "at the origin" if target is None else "at the target of its first MOVE"
 
     def move(self, element: Element, nodal: dict[str, Any], command: Command, path: bool) -> None:
         """Issue a motion command with the properties of its group, and its own."""
