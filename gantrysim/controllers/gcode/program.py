@@ -16,7 +16,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialect import Dialect, Dispense
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.modal import Modal
-from gantrysim.controllers.gcode.moves import FEED, FLOW, GLUE, KIND, LINE
+from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.planned import Plan, Settings, plan
 from gantrysim.controllers.gcode.track import Track
 from gantrysim.controllers.placement import Placement
@@ -184,5 +184,12 @@ class GCode(Controller):
         laid = (table[:, KIND] == LINE) & (table[:, GLUE] != 0) & (table[:, FLOW] > 0)
         if not laid.any():
             return ()
+        points = np.concatenate([[self.program.start], table[:, END : END + 3]])
+        length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+        laid &= length > 0
+        low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
         total = float(table[table[:, FLOW] > 0, FLOW].sum())
-        return (f"E feeds {total:.6g} mm; the valve is open or closed, so its amount per path is not simulated.",)
+        return (
+            f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %); the valve is open or "
+            "closed, so this amount is not simulated.",
+        )
