@@ -85,6 +85,18 @@ def test_modes_decide_whether_corners_stop(head, stops):
     assert not stops or any("G64 P0.05" in note for note in controller.notes)
 
 
+def test_corners_cut_without_a_tolerance_are_noted():
+    v = 50.0
+    controller = program(lines([(50, 0), (50, 50)], "G64", 60 * v))
+    cut = v**2 / (math.sqrt(0.75) * A) * (math.sqrt(2) - 1)  # of the radius that keeps the feed
+    assert controller.plan.cut == pytest.approx(cut)
+    note = f"G64 without P cuts corners by up to {cut:.3g} mm; G64 P0.05 keeps within 0.05 mm of them."
+    assert controller.notes == (note,)
+    inside = controller.requested.project(np.pad(samples(controller), ((0, 0), (0, 1)))).distance.max()
+    assert inside == pytest.approx(v**2 / (math.sqrt(0.75) * A) * (1 - math.sqrt(0.5)), rel=0.01)  # from the lines
+    assert program(lines([(50, 0), (50, 50)], "G64 P0.5", 60 * v)).notes == ()
+
+
 def test_exact_stops_take_the_time_of_their_pieces():
     points = [(0.1 * k, 0) for k in range(1, 201)]
     assert program(lines(points, "G61.1")).duration == pytest.approx(200 * 2 * math.sqrt(0.1 / A))

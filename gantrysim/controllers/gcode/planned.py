@@ -69,6 +69,7 @@ class Plan:
         wait_pieces: first piece of `path` after each dwell, (d,).
         stops: corners between moves at feed passed at less than a tenth of the feed.
         small: median length of the moves before those corners; 0 without [mm].
+        cut: largest distance of the path from corners that are rounded without a tolerance; 0 without [mm].
     """
 
     requested: Track
@@ -81,6 +82,7 @@ class Plan:
     wait_pieces: NDArray[np.intp]
     stops: int
     small: float
+    cut: float
 
     @property
     def duration(self) -> float:
@@ -151,7 +153,7 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     smooth = np.where(halts[1:-1] | (mode <= EXACT_PATH), 0.0, mode)
     need = np.minimum(speed[:-1], speed[1:])
     widest = need**2 / (settings.acceleration * np.sqrt(0.75))
-    path, angle = rounded(base, smooth, widest)
+    path, angle, distance = rounded(base, smooth, widest)
     joint = np.minimum(need, jump_speed(angle, settings.acceleration, settings.cycle))
     joint[halts[1:-1] | (mode < EXACT_PATH)] = 0.0
     profile, source = _profile(path, joint, speed, acceleration, kept, settings)
@@ -160,9 +162,9 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     stopped = at_feed & (joint < _STOP * need)
     sizes = np.diff(base.ends, prepend=0.0)[:-1][stopped]
     small = float(np.median(sizes)) if sizes.size else 0.0
-    return Plan(
-        requested, path, profile, source, table, (moving, waits[1]), wait_rows, pieces, int(stopped.sum()), small
-    )
+    cut = float(distance[np.isinf(mode)].max(initial=0.0))
+    dwells = (moving, waits[1]), wait_rows, pieces
+    return Plan(requested, path, profile, source, table, *dwells, int(stopped.sum()), small, cut)
 
 
 def _halts(

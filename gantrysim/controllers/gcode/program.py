@@ -24,6 +24,7 @@ from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least, finite, positive, whole
 
 PER_MINUTE = 60.0
+_CUT = 0.05  # distance of a rounded corner that is noted [mm]
 
 
 @dataclass(frozen=True)
@@ -170,6 +171,11 @@ class GCode(Controller):
             found.append(
                 f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
                 f"moves before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
+            )
+        if self.plan.cut > _CUT:
+            found.append(
+                f"G64 without P cuts corners by up to {self.plan.cut:.3g} mm; "
+                f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
             )
         return (*found, *self._flow)
 
