@@ -100,7 +100,9 @@ class GCode(Controller):
             path=self.path_mode,
             given=library.parameters,
         )
-        return interpret(self.text, library.subprograms, self.start, modal, self.max_steps, self.block_skip)
+        return interpret(
+            self.text.removeprefix("\ufeff"), library.subprograms, self.start, modal, self.max_steps, self.block_skip
+        )
 
     @property
     def _library(self) -> Library:
