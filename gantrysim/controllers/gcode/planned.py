@@ -109,12 +109,12 @@ class Plan:
         begun = moving + before[:-1]
         k = np.searchsorted(begun, t, side="right") - 1
         after, k = k >= 0, np.maximum(k, 0)
-        waiting = after & (t - begun[k] < times[k])
+        waiting = after & ((t - begun[k] < times[k]) | (self.wait_pieces[k] == self.source.size))
         s = np.asarray(self.profile.position(np.where(after, np.maximum(moving[k], t - before[k + 1]), t)))
         # the last piece before a dwell and the first after it meet at one place
         edges = np.concatenate([[0], self.wait_pieces, [self.source.size]])
         piece = np.clip(self.path.locate(s), edges[k + after], edges[k + after + 1] - 1)
-        return s, np.where(waiting, self.wait_rows[k], self.source[np.clip(piece, 0, self.source.size - 1)])
+        return s, np.where(waiting, self.wait_rows[k], self.source[np.minimum(piece, self.source.size - 1)])
 
 
 def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, NDArray[np.intp]]:
