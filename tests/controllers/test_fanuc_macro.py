@@ -115,3 +115,15 @@ def test_a_spiral_of_chords_by_a_macro_ends_where_the_formula_says():
     found = ends(text)
     expected = [(10 * math.cos(math.radians(a)), 10 * math.sin(math.radians(a))) for a in range(0, 361, 15)]
     np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+def test_stops_at_short_motions_are_noted_with_their_remedy():
+    rows = "\n".join(f"X{k / 10:.1f} Y{0.1 * (k % 2):.1f}" for k in range(1, 101))
+    text = f"G01 F6000\n{rows}\nX500"
+    stopping = Program(text, acceleration=1000.0)
+    assert stopping.notes[0].startswith(
+        "100 stops at corners after motions too short to reach their feed, 0.141 mm long"
+    )
+    assert Program(text, acceleration=1000.0, blend_time=0.05).notes == ()
+    assert Program("G01 X500 F6000\nY500", acceleration=1000.0).notes == ()
+    assert Program("G61 " + text, acceleration=1000.0).notes == ()

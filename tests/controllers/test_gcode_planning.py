@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.controllers.gcode.linuxcnc import Program
+from gantrysim.controllers.gcode.moves import END
 from gantrysim.controllers.gcode.track import Track
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.path import Path
@@ -83,6 +84,18 @@ def test_modes_decide_whether_corners_stop(head, stops):
     assert (slowest < 2) == stops
     assert bool([note for note in controller.notes if "less than a tenth" in note]) == stops
     assert not stops or any("G64 P0.05" in note for note in controller.notes)
+
+
+def test_corners_cut_without_a_tolerance_are_noted():
+    v = 50.0
+    controller = program(lines([(50, 0), (50, 50)], "G64", 60 * v))
+    cut = v**2 / (math.sqrt(0.75) * A) * (math.sqrt(2) - 1)  # of the radius that keeps the feed
+    assert controller.plan.cut == pytest.approx(cut)
+    note = f"G64 without P cuts corners by up to {cut:.3g} mm; G64 P0.05 keeps within 0.05 mm of them."
+    assert controller.notes == (note,)
+    inside = controller.requested.project(np.pad(samples(controller), ((0, 0), (0, 1)))).distance.max()
+    assert inside == pytest.approx(v**2 / (math.sqrt(0.75) * A) * (1 - math.sqrt(0.5)), rel=0.01)  # from the lines
+    assert program(lines([(50, 0), (50, 50)], "G64 P0.5", 60 * v)).notes == ()
 
 
 def test_exact_stops_take_the_time_of_their_pieces():
@@ -207,6 +220,37 @@ def test_a_track_is_the_chain_of_its_pieces():
     again = Path.build("Track", track.parameters())
     np.testing.assert_allclose(again.position(s), track.position(s))
     assert frames[0] == XY
+
+
+_PLACE = st.tuples(st.integers(-9, 9), st.integers(-9, 9))
+_MOVE = st.one_of(
+    _PLACE.map(lambda p: f"G0 X{p[0]} Y{p[1]}"),
+    _PLACE.map(lambda p: f"G1 X{p[0]} Y{p[1]} Z{p[0] % 3}"),
+    _PLACE.map(lambda p: f"G2 X{p[0]} Y{p[1]} R30"),
+    st.just("G3 I2 J1 P2"),
+    st.sampled_from(["G4 P0.05", "G61", "G61.1", "G64", "G64 P0.1", "G64 P0.2 Q0.1", "F900", "F90000"]),
+)
+
+
+@given(st.lists(_MOVE, min_size=1, max_size=15))
+@settings(max_examples=100)
+def test_every_program_is_run_without_a_jump_from_its_start_to_its_end(rows):
+    controller = program("F1200\n" + "\n".join(rows), rapid=6000)
+    try:
+        points = controller.setpoints(PERIOD)
+    except InputError as error:
+        if "moves none" in str(error) or "arc by R that ends at its start" in str(error):
+            return
+        raise
+    steps = np.linalg.norm(np.diff(points.position, axis=0), axis=1)
+    assert steps.max() <= 100 * math.sqrt(len(controller.axes)) * PERIOD * (1 + 1e-9)
+    end = controller.program.moves[-1, END : END + len(controller.axes)]
+    np.testing.assert_allclose(points.position[-1], end, atol=1e-6)
+    np.testing.assert_allclose(points.position[0], 0, atol=1e-9)
+    lines_run = controller.lines(PERIOD)
+    assert (np.diff(lines_run) >= 0).all()
+    at_feed = np.isin(lines_run, [k for k, row in enumerate(rows, 2) if row[:2] in ("G1", "G2", "G3")])
+    np.testing.assert_array_equal(points.dispense, at_feed)
 
 
 def test_programs_without_a_move_are_refused():

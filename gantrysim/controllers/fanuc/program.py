@@ -199,6 +199,28 @@ class Program(Controller):
     def duration(self) -> float:
         return sum(part.duration for part in self._parts) + self.blend_time
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where motions too short to reach their feed stop at corners."""
+        if self.blend_time > 0 or math.isinf(self.acceleration):
+            return ()
+        lengths = np.diff(self.requested.ends, prepend=0.0)
+        place = iter(range(lengths.size))
+        index = [next(place) if leg.piece is not None else -1 for leg in self.legs]
+        corners = set(np.searchsorted(self.requested.ends, self.requested.corners - 1e-9).tolist())
+        short = [
+            float(lengths[k])
+            for leg, k, after, last in zip(self.legs, index, self.legs[1:], index[1:], strict=False)
+            if k in corners and last >= 0 and not (leg.rapid or after.rapid or leg.spiral or after.spiral)
+            if not leg.exact_stop and lengths[k] < leg.feed**2 / self.acceleration
+        ]
+        if not short:
+            return ()
+        return (
+            f"{len(short)} stops at corners after motions too short to reach their feed, {np.median(short):.3g} mm "
+            "long at the median; blend_time = 0.05 passes them without a stop.",
+        )
+
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""
 

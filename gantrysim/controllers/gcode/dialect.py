@@ -97,6 +97,19 @@ class Dispense:
         return switches.get((code, None)) if found is None else found
 
 
+@dataclass(frozen=True)
+class ByExtrusion(Dispense):
+    """When the valve is open, in a slicer's program.
+
+    Attributes:
+        by: "extrusion", in moves that feed material by E; "feed", in all moves at feed; "codes", between M codes.
+        on: M codes that open the valve, as "M3" or "M64 P0".
+        off: M codes that close it.
+    """
+
+    by: Literal["feed", "codes", "extrusion"] = "extrusion"
+
+
 @cache
 def _switches(on: tuple[str, ...], off: tuple[str, ...]) -> dict[tuple[int, float | None], bool]:
     return {_code(name): opens for names, opens in ((on, True), (off, False)) for name in names}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from gantrysim.controllers.gcode.dialect import LINUXCNC, Dialect
-from gantrysim.controllers.gcode.program import GCode
+from gantrysim.controllers.gcode.program import GCode, Library
+from gantrysim.errors import InputError, finite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +50,31 @@ class Program(GCode):
     dialect: ClassVar[Dialect] = LINUXCNC
     suffixes: ClassVar[tuple[str, ...]] = (".ngc", ".nc", ".tap")
 
+    subprograms: dict[str, str] = field(default_factory=dict)
+    tool_lengths: dict[str, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for number, length in self.tool_lengths.items():
+            if not number.isdigit():
+                raise InputError(f"tool_lengths {number!r}: must be the number of a tool")
+            finite(f"tool_lengths {number}", length, "mm")
+        for name, value in self.parameters.items():
+            finite(f"parameters {name}", value)
+
+    @property
+    def _library(self) -> Library:
+        return Library(
+            {name.lower(): text for name, text in self.subprograms.items()},
+            {int(number): length for number, length in self.tool_lengths.items()},
+            {name.strip("#<>").lower(): value for name, value in self.parameters.items()},
+        )
+
     @property
     def path_mode(self) -> float:
         return math.inf
 
     @property
     def _remedy(self) -> str:
-        return "G64 P0.05 passes corners within 0.05 mm; add Q0.01 to merge lines."
+        return "G64 P0.05 rounds corners between lines within 0.05 mm, Q0.01 merges lines; corners with arcs stay."

@@ -69,6 +69,7 @@ class Plan:
         wait_pieces: first piece of `path` after each dwell, (d,).
         stops: corners between moves at feed passed at less than a tenth of the feed.
         small: median length of the moves before those corners; 0 without [mm].
+        cut: largest distance of the path from corners that are rounded without a tolerance; 0 without [mm].
     """
 
     requested: Track
@@ -81,6 +82,7 @@ class Plan:
     wait_pieces: NDArray[np.intp]
     stops: int
     small: float
+    cut: float
 
     @property
     def duration(self) -> float:
@@ -107,12 +109,12 @@ class Plan:
         begun = moving + before[:-1]
         k = np.searchsorted(begun, t, side="right") - 1
         after, k = k >= 0, np.maximum(k, 0)
-        waiting = after & (t - begun[k] < times[k])
+        waiting = after & ((t - begun[k] < times[k]) | (self.wait_pieces[k] == self.source.size))
         s = np.asarray(self.profile.position(np.where(after, np.maximum(moving[k], t - before[k + 1]), t)))
         # the last piece before a dwell and the first after it meet at one place
         edges = np.concatenate([[0], self.wait_pieces, [self.source.size]])
         piece = np.clip(self.path.locate(s), edges[k + after], edges[k + after + 1] - 1)
-        return s, np.where(waiting, self.wait_rows[k], self.source[np.clip(piece, 0, self.source.size - 1)])
+        return s, np.where(waiting, self.wait_rows[k], self.source[np.minimum(piece, self.source.size - 1)])
 
 
 def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, NDArray[np.intp]]:
@@ -151,7 +153,7 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     smooth = np.where(halts[1:-1] | (mode <= EXACT_PATH), 0.0, mode)
     need = np.minimum(speed[:-1], speed[1:])
     widest = need**2 / (settings.acceleration * np.sqrt(0.75))
-    path, angle = rounded(base, smooth, widest)
+    path, angle, distance = rounded(base, smooth, widest)
     joint = np.minimum(need, jump_speed(angle, settings.acceleration, settings.cycle))
     joint[halts[1:-1] | (mode < EXACT_PATH)] = 0.0
     profile, source = _profile(path, joint, speed, acceleration, kept, settings)
@@ -160,9 +162,9 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     stopped = at_feed & (joint < _STOP * need)
     sizes = np.diff(base.ends, prepend=0.0)[:-1][stopped]
     small = float(np.median(sizes)) if sizes.size else 0.0
-    return Plan(
-        requested, path, profile, source, table, (moving, waits[1]), wait_rows, pieces, int(stopped.sum()), small
-    )
+    cut = float(distance[np.isinf(mode)].max(initial=0.0))
+    dwells = (moving, waits[1]), wait_rows, pieces
+    return Plan(requested, path, profile, source, table, *dwells, int(stopped.sum()), small, cut)
 
 
 def _halts(

@@ -5,17 +5,18 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.arrays import Floats
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialect import Dialect, Dispense
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.modal import Modal
-from gantrysim.controllers.gcode.moves import FEED, FLOW, GLUE, KIND, LINE, Moves
+from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.planned import Plan, Settings, plan
 from gantrysim.controllers.gcode.track import Track
 from gantrysim.controllers.placement import Placement
@@ -23,6 +24,22 @@ from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least, finite, positive, whole
 
 PER_MINUTE = 60.0
+_CUT = 0.05  # distance of a rounded corner that is noted [mm]
+
+
+@dataclass(frozen=True)
+class Library:
+    """What a program finds on its machine.
+
+    Attributes:
+        subprograms: texts by name.
+        tools: lengths by number [mm].
+        parameters: values by name.
+    """
+
+    subprograms: dict[str, str] = field(default_factory=dict)
+    tools: dict[int, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +60,6 @@ class GCode(Controller):
     arc_tolerance: float = 0.02828
     block_skip: bool = False
     skip_axes: str = ""
-    subprograms: dict[str, str] = field(default_factory=dict)
-    tool_lengths: dict[str, float] = field(default_factory=dict)
-    parameters: dict[str, float] = field(default_factory=dict)
     max_steps: int = 10_000_000
 
     def __post_init__(self) -> None:
@@ -62,12 +76,6 @@ class GCode(Controller):
         whole("max_steps", self.max_steps, 1)
         if set(self.skip_axes) - set("ABCUVW"):
             raise InputError(f"skip_axes = {self.skip_axes!r}: must be letters of A, B, C, U, V, W")
-        for number, length in self.tool_lengths.items():
-            if not number.isdigit():
-                raise InputError(f"tool_lengths {number!r}: must be the number of a tool")
-            finite(f"tool_lengths {number}", length, "mm")
-        for name, value in self.parameters.items():
-            finite(f"parameters {name}", value)
 
     @property
     @abstractmethod
@@ -81,16 +89,24 @@ class GCode(Controller):
         Raises:
             InputError: a line that is refused.
         """
+        library = self._library
+        modal = partial(
+            Modal,
+            dialect=self.dialect,
+            dispense=self.dispense,
+            tolerance=self.arc_tolerance,
+            lacking=self.skip_axes,
+            tools=library.tools,
+            path=self.path_mode,
+            given=library.parameters,
+        )
+        return interpret(
+            self.text.removeprefix("\ufeff"), library.subprograms, self.start, modal, self.max_steps, self.block_skip
+        )
 
-        def modal(moves: Moves) -> Modal:
-            tools = {int(number): length for number, length in self.tool_lengths.items()}
-            given = {name.strip("#<>").lower(): value for name, value in self.parameters.items()}
-            return Modal(
-                moves, self.dialect, self.dispense, self.arc_tolerance, self.skip_axes, tools, self.path_mode, given
-            )
-
-        others = {name.lower(): text for name, text in self.subprograms.items()}
-        return interpret(self.text, others, self.start, modal, self.max_steps, self.block_skip)
+    @property
+    def _library(self) -> Library:
+        return Library()
 
     @cached_property
     def plan(self) -> Plan:
@@ -133,8 +149,8 @@ class GCode(Controller):
         place, dispense = self.plan.at(time)
         return Setpoints(period, self.axes, place[:, : len(self.axes)], dispense, self.requested)
 
-    def _times(self, period: float) -> NDArray[np.float64]:
-        time = np.arange(ticks(self.duration, period) + 1) * period
+    def _times(self, period: float) -> Floats:
+        time = np.arange(ticks(self.duration, period) + 1, dtype=np.float64) * period
         time[-1] = self.duration
         return time
 
@@ -158,6 +174,11 @@ class GCode(Controller):
                 f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
                 f"moves before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
             )
+        if self.plan.cut > _CUT:
+            found.append(
+                f"G64 without P cuts corners by up to {self.plan.cut:.3g} mm; "
+                f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
+            )
         return (*found, *self._flow)
 
     @property
@@ -171,5 +192,12 @@ class GCode(Controller):
         laid = (table[:, KIND] == LINE) & (table[:, GLUE] != 0) & (table[:, FLOW] > 0)
         if not laid.any():
             return ()
+        points = np.concatenate([[self.program.start], table[:, END : END + 3]])
+        length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+        laid &= length > 0
+        low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
         total = float(table[table[:, FLOW] > 0, FLOW].sum())
-        return (f"E feeds {total:.6g} mm; the valve is open or closed, so its amount per path is not simulated.",)
+        return (
+            f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %); the valve is open or "
+            "closed, so this amount is not simulated.",
+        )

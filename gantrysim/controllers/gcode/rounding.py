@@ -76,7 +76,7 @@ def corners(track: Track) -> tuple[Floats, Floats, Floats]:
     return 2 * np.arctan2(apart, np.sqrt(((after + before) ** 2).sum(axis=1))), before, after
 
 
-def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, Floats]:
+def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, Floats, Floats]:
     """Round the corners of a path between lines.
 
     Args:
@@ -87,6 +87,7 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
     Returns:
         path: with arcs that take at most half of each line.
         angle: of the corners that remain, (m - 1,) [rad].
+        distance: of the path from each corner, (m - 1,) [mm].
     """
     angle, before, after = corners(track)
     lines, lengths = ~track.coil, np.diff(track.ends, prepend=0.0)
@@ -116,7 +117,7 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
     piece[place[k] + 1], arc[place[k] + 1], size[place[k] + 1] = k, np.arange(k.size), radius * angle[k]
     ends = np.concatenate([[0.0], np.cumsum(size)])
     path = Rounded(track, ends, piece, begin, arc, centre, u, before[k], radius)
-    return path, np.where(made, 0.0, angle)
+    return path, np.where(made, 0.0, angle), reach * np.tan(0.25 * angle)
 
 
 @jit

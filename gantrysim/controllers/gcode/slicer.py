@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import ClassVar
 
-from gantrysim.controllers.gcode.dialect import SLICER, Dialect, Dispense
+from gantrysim.controllers.gcode.dialect import SLICER, ByExtrusion, Dialect
 from gantrysim.controllers.gcode.program import GCode
 from gantrysim.errors import positive
 
@@ -31,9 +30,6 @@ class Program(GCode):
         arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this [mm].
         block_skip: whether lines that begin with a slash are skipped.
         skip_axes: letters of axes that the machine lacks, whose words are counted and skipped.
-        subprograms: not used.
-        tool_lengths: not used.
-        parameters: not used.
         max_steps: most lines that may run.
         corner_tolerance: largest distance of the rounded corners from the path; an assumption [mm].
 
@@ -44,7 +40,7 @@ class Program(GCode):
     dialect: ClassVar[Dialect] = SLICER
     suffixes: ClassVar[tuple[str, ...]] = (".gcode",)
 
-    dispense: Dispense = field(default_factory=partial(Dispense, "extrusion"))
+    dispense: ByExtrusion = field(default_factory=ByExtrusion)
     arc_tolerance: float = 0.05
     corner_tolerance: float = 0.05
 
