@@ -41,12 +41,14 @@ class Controller(ABC):
     Attributes:
         speed_scaling: what `arguments_at` changes, in words.
         commands_axes: whether it gives positions of the axes of a machine that turns its work, not in the work frame.
-        suffixes: of the program files that the controller reads; their content is its argument `text`.
+        suffixes: of the program files that the controller reads unless another is named.
+        text_argument: which takes the content of a program file.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
     commands_axes: ClassVar[bool] = False
     suffixes: ClassVar[tuple[str, ...]] = ()
+    text_argument: ClassVar[str] = "text"
 
     @property
     @abstractmethod

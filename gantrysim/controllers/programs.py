@@ -83,7 +83,11 @@ def reader(suffix: str, controller: str | None = None) -> str:
     Raises:
         InputError: a suffix that no controller has, or an unknown controller.
     """
-    reading = {name: program for name, program in PROGRAMS.items() if program.suffixes}
+    reading = {
+        name: program
+        for name, program in PROGRAMS.items()
+        if any(field.name == program.text_argument for field in fields(program))
+    }
     if controller is None:
         fitting = [name for name, program in reading.items() if suffix.lower() in program.suffixes]
         if not fitting:

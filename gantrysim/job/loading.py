@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from gantrysim.controllers.programs import reader, suffixes
+from gantrysim.controllers.programs import PROGRAMS, reader, suffixes
 from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.job.settings import ServoSettings
 from gantrysim.job.toml_files import read_toml, validated
@@ -65,7 +65,8 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> 
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     rest = {key: value for key, value in table.items() if key != "file"}
-    return {"program": {**rest, "controller": reader(path.suffix, named), "text": text}, "source": file}
+    name = reader(path.suffix, named)
+    return {"program": {**rest, "controller": name, PROGRAMS[name].text_argument: text}, "source": file}
 
 
 def servo_table(file: Path) -> dict[str, Any]:

@@ -91,6 +91,8 @@ class Program(Controller):
 
     speed_scaling: ClassVar[str] = "the feeds F of the program, changed in one proportion; rapid moves and clamps stay"
 
+    text_argument: ClassVar[str] = "program"
+
     program: str | tuple[Block, ...]
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rapid: float = 12000.0
