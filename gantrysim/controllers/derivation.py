@@ -204,9 +204,7 @@ class _Chain:
         self._laws: tuple[Compensator, ...] = ()
 
     @classmethod
-    def of(
-        cls, axes: Sequence[AxisDynamics], loops: Sequence[_AxisLoop], period: float, delay: float
-    ) -> _Chain | None:
+    def of(cls, axes: Sequence[AxisDynamics], loops: Sequence[_AxisLoop], period: float, delay: float) -> _Chain | None:
         """Return the chain of the axes, None if there is none."""
         motion = axes[0].chain
         return None if motion is None else cls(motion, loops, period, delay)

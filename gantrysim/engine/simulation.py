@@ -265,7 +265,9 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         try:
             position = np.ascontiguousarray(kinematics.inverse(program))
         except UnreachableError as error:
-            raise InputError(f"{error}, at t = {error.row * setpoints.period:.4g} s, on machine {machine.name}") from None
+            raise InputError(
+                f"{error}, at t = {error.row * setpoints.period:.4g} s, on machine {machine.name}"
+            ) from None
     speed = np.abs(np.diff(position, axis=0)) / setpoints.period
 
     def where(k: int) -> str:

@@ -39,7 +39,9 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     progress = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
     correction = setpoints.requested.position(progress) - tip[on]
     shift = np.stack([np.interp(np.arange(len(tip)), on, component) for component in correction.T], axis=1)
-    slides = [k for k, along in enumerate(kinematics.coordinates) if along.unit == "mm" and along.name in setpoints.axes]
+    slides = [
+        k for k, along in enumerate(kinematics.coordinates) if along.unit == "mm" and along.name in setpoints.axes
+    ]
     if kinematics.followers:  # x, y and z are the nozzle's
         moved = [np.tile(np.eye(3)["xyz".index(kinematics.names[k])], (len(tip), 1)) for k in slides]
     else:  # at given angles of the rotary axes the nozzle's position in the work frame is linear in the slides

@@ -62,7 +62,6 @@ def without_compliance(machine: Machine) -> Machine:
     Raises:
         InputError: another element of the MJCF refers to such a joint.
     """
-
     kept = {*machine.axis_names, *(machine.physics.joint(joint).name for joint in machine.kinematics.followers)}
 
     def springs(spec: mujoco.MjSpec) -> list[Any]:

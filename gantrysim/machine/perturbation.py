@@ -125,7 +125,9 @@ def perturbed_model(
         pulling = _axes_of(model, tendon, joints)
         if len(pulling) != 1 and np.ptp(stiffness):
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
-            raise InputError(f"factors of stiffness per axis: {len(pulling)} axes pull tendon {name!r}; give one for all")
+            raise InputError(
+                f"factors of stiffness per axis: {len(pulling)} axes pull tendon {name!r}; give one for all"
+            )
         changed.tendon_stiffness[tendon] *= stiffness[min(pulling, default=0)]
         changed.tendon_stiffnesspoly[tendon] *= stiffness[min(pulling, default=0)]
 

@@ -20,7 +20,7 @@ from gantrysim.stability.margins import margins_of
 from support.runs import PERIOD, STEP, plain
 
 EXACT = 1e-9  # [mm or deg]
-# radius of the hinges, their height, length and angle of the arms at home, radius and height of the rods' joints [mm, deg]
+# radius and height of the hinges, length and angle of the arms at home, radius and height of the rods' joints
 RADIUS, HEIGHT, ARM, DOWN, JOINTS, ABOVE = 150.0, 1014.3, 200.0, 35.0, 50.0, 109.0
 DIRECTIONS = (270.0, 30.0, 150.0)
 SIDE = 30.0  # of a rod from its arm's plane [mm]
@@ -125,7 +125,7 @@ def test_gravity_is_balanced(delta):
 
 @pytest.mark.parametrize("speed", [150.0, 600.0])
 def test_the_rods_stretch_by_less_than_a_quarter_micrometre(delta, speed):
-    """A rod is held by a = -k e with k = 1 / T^2, T its time constant: centripetal acceleration stretches it by a / k."""
+    """A rod is held by a = -k e, k = 1 / T^2 with its time constant T: centripetal acceleration a stretches it."""
     servo = plain(delta)
     run = simulate(delta, servo, half_circle(speed, 5000.0))
     assert run.fault is None
@@ -189,7 +189,10 @@ def test_coordinates_that_a_program_does_not_move_stay_at_home(delta):
 @pytest.mark.parametrize(
     ("end", "text"),
     [
-        ((0, 0, 420), r"z = 425.5\d* mm, r = 0 deg: z must lie in the travel 425.6 to 526 mm, at t = 0.0\d+ s, on machine"),
+        (
+            (0, 0, 420),
+            r"z = 425.5\d* mm, r = 0 deg: z must lie in the travel 425.6 to 526 mm, at t = 0.0\d+ s, on machine",
+        ),
         ((170, 0, 430), "x must lie in the travel -160 to 160 mm"),
         ((0, 0, math.nan), "must be finite"),
         ((155, 0, 426), r"speed of a\d = .* deg/s at t = .* s \(x = .*, z = 426 mm, r = 0 deg\): must be at most 720"),
@@ -204,7 +207,9 @@ def test_what_the_machine_cannot_do_is_refused_in_one_line(delta, end, text):
 def test_an_unknown_coordinate_and_a_motors_travel_are_named(delta):
     with pytest.raises(InputError, match="the program moves axis 'u': machine delta has x, y, z, r"):
         simulate(delta, plain(delta), line(delta, (0,), (1,), axes=("u",)))
-    with pytest.raises(InputError, match=r"a1 = 60 deg at t = 0.199 s \(x = .*\): must lie in the travel -55 to 50 deg"):
+    with pytest.raises(
+        InputError, match=r"a1 = 60 deg at t = 0.199 s \(x = .*\): must lie in the travel -55 to 50 deg"
+    ):
         simulate(delta, plain(delta), line(delta, (0,), (60,), axes=("a1",)))
 
 

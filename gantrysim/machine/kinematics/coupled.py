@@ -61,7 +61,8 @@ class Coupled(Kinematics):
             raise InputError("kinematics 'coupled': its tendons do not determine the joints that follow the axes")
         for a in tied:
             D[:, a] = rows[:, driven[a]] / per_si_of(model, driven[a])
-        constant, gain = np.linalg.solve(F, lengths), -np.linalg.solve(F, D)
+        constant: Floats = np.linalg.solve(F, lengths)
+        gain: Floats = -np.linalg.solve(F, D)
         found, rest = [], []
         for f, joint in enumerate(followers):
             per_si = per_si_of(model, joint)
@@ -71,7 +72,9 @@ class Coupled(Kinematics):
                 rest.append((gain[f], constant[f]))
         free = [a for a in range(len(driven)) if a not in tied]
         found += [(Coordinate.of(model, driven[a]), np.eye(len(driven))[a], 0.0) for a in free]
-        coordinates, out, origin = zip(*sorted(found, key=lambda one: ("xyz".find(one[0].name) % 4, one[0].name)), strict=True)
+        coordinates, out, origin = zip(
+            *sorted(found, key=lambda one: ("xyz".find(one[0].name) % 4, one[0].name)), strict=True
+        )
         square = np.array([*out, *(row for row, _ in rest)])
         values = np.linalg.svd(square, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
