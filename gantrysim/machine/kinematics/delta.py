@@ -1,8 +1,8 @@
 """A delta robot: three arms at rest, and rods of fixed length that carry a platform which never tilts.
 
 Arm k turns by the angle a about a hinge at s_k; its elbow is at s_k + R(a) e_k. A rod of the length L_k joins it to the
-platform at p_k + u, with p_k the joint at home and u the platform's displacement. As the platform does not turn, rods in
-a parallelogram are parallel, and one of them stands for both:
+platform at p_k + u, with p_k the joint at home and u the platform's displacement. As the platform does not turn, the
+rods of a parallelogram are parallel, and one of them stands for both:
 
     |p_k + u - s_k - R(a) e_k| = L_k,    k = 1, 2, 3
 
