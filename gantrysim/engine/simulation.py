@@ -32,6 +32,9 @@ from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
 
 
+_ROUNDING, _NEAR = 1e-9, 1e-3  # of positions [mm]
+
+
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """The checked input of a run, and the log that it fills; whoever steps the physics owns the state.
@@ -237,12 +240,20 @@ def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     A coordinate that the program does not move is where it is with all axes at zero.
 
     Raises:
-        InputError: an unknown coordinate.
+        InputError: an unknown coordinate, or one that the program does not move but that its path has elsewhere.
     """
     names = machine.kinematics.names
     for name in setpoints.axes:
         if name not in names:
             raise InputError(f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}")
+    begin = dict(zip("xyz", setpoints.requested.position(0.0)[0].tolist(), strict=True))
+    for name, home in zip(names, machine.home.tolist(), strict=True):
+        still = name in begin and name not in setpoints.axes and abs(home) > _ROUNDING
+        if still and abs(begin[name] - home) > _NEAR:
+            raise InputError(
+                f"the program does not move {name} and its path begins at {name} = {begin[name]:g} mm: on machine "
+                f"{machine.name} it must move {name}, which is {home:g} mm with all axes at zero"
+            )
     position = np.tile(machine.home, (len(setpoints.position), 1))
     position[:, [names.index(name) for name in setpoints.axes]] = setpoints.position
     return position
