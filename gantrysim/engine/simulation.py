@@ -72,6 +72,8 @@ class Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
+        if machine.kinematics.followers:
+            _check_supervision(machine, setpoints.supervision)
         if servo.axes != len(machine.axes):
             raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
         if abs(servo.period - setpoints.period) > 1e-12:
@@ -121,8 +123,6 @@ class Simulation:
     def _supervise(self, row: np.void) -> None:
         """Write the limits of the supervision."""
         supervision, gates = self.setpoints.supervision, self.setpoints.gates
-        if self.machine.kinematics.followers:
-            _check_supervision(self.machine, supervision)
         row["position_error"] = supervision.position_error
         row["position_error_delay"] = supervision.position_error_delay
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
