@@ -17,7 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-JOBS = ("an225", "an225-3d", "fanuc-conical", "fanuc-spiral", "softmc-arc", "softmc-helical", "stage-outline")
+JOBS = (
+    "an225",
+    "an225-3d",
+    "delta-arc",
+    "fanuc-conical",
+    "fanuc-spiral",
+    "softmc-arc",
+    "softmc-helical",
+    "stage-outline",
+)
 COMMANDS = {
     **{job: ("run", job, "--no-video", "--no-report") for job in JOBS},
     "loop": ("study", "loop", "an225", "--set", "turns=1", "--set", "diameter=40"),

@@ -27,6 +27,7 @@ SHARE = 0.74  # of the run at which the machine is shown
 DETAILS = {
     "an225": ("nozzle", 0.74, False),
     "an225-3d": ("nozzle", 0.74, False),
+    "delta-arc": ("top", 0.7, True),
     "fanuc-conical": ("nozzle", 0.25, False),
     "fanuc-spiral": ("top", 0.87, True),
     "softmc-arc": ("top", 0.7, True),

@@ -8,8 +8,9 @@ from gantrysim.controllers.law import PlainLaw
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
+from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
-from gantrysim.engine.simulation import Simulation, axis_positions, checked_dispenser
+from gantrysim.engine.simulation import Simulation, checked_dispenser
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run

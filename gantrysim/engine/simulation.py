@@ -10,11 +10,11 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, Supervision, ticks
+from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.engine.positions import axis_positions, check_supervision
 from gantrysim.engine.recording import record
-from gantrysim.errors import GantryError, InputError, TimedError
+from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.dispenser import Dispenser
-from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.native.row import (
@@ -69,6 +69,8 @@ class Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
+        if machine.kinematics.followers:
+            check_supervision(machine, setpoints.supervision)
         if servo.axes != len(machine.axes):
             raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
         if abs(servo.period - setpoints.period) > 1e-12:
@@ -118,8 +120,6 @@ class Simulation:
     def _supervise(self, row: np.void) -> None:
         """Write the limits of the supervision."""
         supervision, gates = self.setpoints.supervision, self.setpoints.gates
-        if self.machine.kinematics.followers:
-            _check_supervision(self.machine, supervision)
         row["position_error"] = supervision.position_error
         row["position_error_delay"] = supervision.position_error_delay
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
@@ -217,79 +217,6 @@ def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Disp
     checked = Dispenser() if dispenser is None else dispenser
     checked.check(setpoints)
     return checked
-
-
-def _check_supervision(machine: Machine, supervision: Supervision) -> None:
-    """Raise InputError for a limit on the linear axes of a machine whose axes are no coordinates of the nozzle."""
-    for name, unit in (("position_error", "mm"), ("velocity_limit", "mm/s")):
-        value = getattr(supervision, name)
-        if value < np.inf:
-            axes = ", ".join(f"{axis.name} [{axis.unit}]" for axis in machine.axes)
-            raise InputError(
-                f"{name} = {value:g} {unit}: must be inf on machine {machine.name}, whose axes {axes} are not those "
-                "of its nozzle; limit the servo's following error instead"
-            )
-
-
-def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
-    """Return the setpoints in all coordinates of the machine's kinematics, (n, coordinates) [mm or deg].
-
-    A coordinate that the program does not move is where it is with all axes at zero.
-
-    Raises:
-        InputError: an unknown coordinate.
-    """
-    names = machine.kinematics.names
-    for name in setpoints.axes:
-        if name not in names:
-            raise InputError(f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}")
-    position = np.tile(machine.home, (len(setpoints.position), 1))
-    position[:, [names.index(name) for name in setpoints.axes]] = setpoints.position
-    return position
-
-
-def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
-    """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes).
-
-    Setpoints that name axes which are no coordinates give the positions of the axes themselves.
-
-    Raises:
-        InputError: an unknown axis, a position out of travel or reach, or a speed above the limit.
-    """
-    kinematics = machine.kinematics
-    if set(setpoints.axes) <= set(machine.axis_names) and not set(setpoints.axes) <= set(kinematics.names):
-        position = np.zeros((len(setpoints.position), len(machine.axes)))
-        position[:, [machine.axis_names.index(name) for name in setpoints.axes]] = setpoints.position
-    else:
-        program = program_positions(machine, setpoints)
-        try:
-            position = np.ascontiguousarray(kinematics.inverse(program))
-        except UnreachableError as error:
-            time = error.row * setpoints.period
-            raise TimedError(f"{error}, at t = {time:.4g} s, on machine {machine.name}", time) from None
-    speed = np.abs(np.diff(position, axis=0)) / setpoints.period
-
-    def where(k: int) -> str:
-        place = f" ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})" if kinematics.followers else ""
-        return f"at t = {k * setpoints.period:.4g} s{place}"
-
-    for a, axis in enumerate(machine.axes):
-        low, high = axis.travel
-        for k in (int(position[:, a].argmin()), int(position[:, a].argmax())):
-            if not low <= position[k, a] <= high:
-                raise TimedError(
-                    f"{axis.name} = {position[k, a]:.4g} {axis.unit} {where(k)}: "
-                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}",
-                    k * setpoints.period,
-                )
-        k = int(speed[:, a].argmax())
-        if speed[k, a] > axis.speed_limit * (1 + 1e-9):
-            raise TimedError(
-                f"speed of {axis.name} = {speed[k, a]:.6g} {axis.unit}/s {where(k)}: "
-                f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}",
-                k * setpoints.period,
-            )
-    return position
 
 
 def _most_ticks(setpoints: Setpoints) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.engine.simulation import axis_positions, program_positions
+from gantrysim.engine.positions import axis_positions, program_positions
 from gantrysim.machine.machine import Machine
 
 FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]

@@ -123,9 +123,10 @@ def with_dynamics(
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
     inertia = np.einsum("ia,ij,ja->a", moved, mass, moved)
+    gears = model.actuator_gear[: len(axes), 0]
     known = [
-        replace(axis, inertia=float(of_axis) * axis.scale / PER_SI[axis.unit] ** 2)
-        for axis, of_axis in zip(axes, inertia, strict=True)
+        replace(axis, inertia=float(of_axis) / (float(gear) * PER_SI[axis.unit]))
+        for axis, of_axis, gear in zip(axes, inertia, gears, strict=True)
     ]
     closed = np.count_nonzero(moved) > len(axes)
     try:

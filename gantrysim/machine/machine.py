@@ -24,6 +24,7 @@ from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, 
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.kinematics import kinematics_of
+from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
 from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
@@ -33,11 +34,9 @@ NEEDLE = "needle"  # geom that draws the needle
 WORK = "work"  # body in whose frame the bead lies
 
 _MM = 1e3
-_FRAME_TOLERANCE = 1e-3  # [mm], also of unit vectors
 _DEFAULT_GAP = 0.5  # without a work piece [mm]
 _ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
 _SMALL = 1e-3  # difference of positions for slopes [mm or deg]
-_PROBE = 100.0  # displacement of each slide in the test of the rotary axes [mm]
 
 
 def builtin_models() -> list[str]:
@@ -108,7 +107,7 @@ class Machine:
         self._chain = Chain(physics, self.nozzle, self.work, moving)
         self._use(physics)
         if not self.turns_work:
-            self._check_work_frame()
+            check_work_frame(self.kinematics, self.home, self.tip)
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""
@@ -297,41 +296,6 @@ class Machine:
         return perturbed_model(
             model, perturbation, axes=self.axes, joints=self._joints, nozzle=self.nozzle, work=self.work
         )
-
-    def _check_work_frame(self) -> None:
-        """Raise InputError unless the coordinates x, y, z are the nozzle in the work frame, to a micrometre."""
-        coordinates, each = self.kinematics.coordinates, np.eye(3)
-        unit, home = np.eye(len(coordinates)), self.home[None]
-        placed = dict(zip(self.kinematics.names, home[0], strict=True))
-        offset = self._nozzle(home)[0] - [placed.get(name, 0.0) for name in "xyz"]
-        if np.abs(offset).max() > _FRAME_TOLERANCE:
-            at = f"{_vector(offset)} mm of {'body' if not self._followers else 'its coordinates in body'} {WORK!r}"
-            raise InputError(f"with all axes at zero the nozzle is at {at}: must be its origin")
-        # within a closed chain every position has its own reach
-        far = [] if self._followers else [coordinate.unit == "mm" for coordinate in coordinates]
-        probes = np.concatenate([home, home + _PROBE * unit[far]]) if any(far) else home
-        for coordinate, along, at in zip(coordinates, unit, self._nozzle(home + unit), strict=True):
-            name, direction = coordinate.name, at - self._nozzle(home)[0]
-            for turn in (90.0, 180.0) if coordinate.unit == "deg" else ():
-                moved = np.linalg.norm(self._nozzle(probes + turn * along) - self._nozzle(probes), axis=1).max()
-                if moved > _FRAME_TOLERANCE:
-                    raise InputError(
-                        f"rotary axis {name!r} moves the nozzle by {moved:.4g} mm "
-                        f"in {turn:g} deg: must turn it about its own tip"
-                    )
-            if name in "xyz" and np.abs(direction - each["xyz".index(name)]).max() > _FRAME_TOLERANCE:
-                raise InputError(
-                    f"axis {name!r} moves the nozzle along {_vector(direction)} "
-                    f"of body {WORK!r}: must be along its {name}"
-                )
-
-    def _nozzle(self, position: Floats) -> Floats:
-        """Return the nozzle in the work frame at coordinates of a program, (n, coordinates) to (n, 3) [mm]."""
-        return self.tip(self.kinematics.inverse(position))
-
-
-def _vector(values: Floats) -> str:
-    return f"({', '.join(f'{value:g}' for value in values.round(6))})"
 
 
 def _find(model: str | Path) -> Path:

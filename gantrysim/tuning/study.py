@@ -10,8 +10,8 @@ from importlib.metadata import version
 from typing import Any
 
 from gantrysim.controllers.servo import Servo
+from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
-from gantrysim.engine.simulation import axis_positions
 from gantrysim.errors import InputError, positive, unknown, whole
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation

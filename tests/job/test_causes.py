@@ -19,6 +19,7 @@ from gantrysim.metrics.budget import LINKS
 from support.runs import PERIOD, plain
 
 EXACT = 1e-9  # [mm]
+RODS = 2e-5  # what the equality constraints of a closed chain leave [mm]
 SCATTER = 1e-4  # of the rms contour error [mm]
 SHORT_STEP = 2.5e-5  # physics step of the closed forms [s]
 WINDING = 0.03  # of its worth, relative
@@ -47,7 +48,8 @@ def test_every_cause_is_gone_from_the_link_in_which_it_acts(name):
     assert Budget(run).parts["generation"].size.max() < EXACT
     without_counts = Budget(WITHOUT["counts"](setup).run())
     assert not without_counts.parts["measurement"].size.any()
-    assert Budget(WITHOUT["compliance"](setup).run()).parts["structure"].size.max() < EXACT
+    link = RODS if job.built_machine.kinematics.followers else EXACT
+    assert Budget(WITHOUT["compliance"](setup).run()).parts["structure"].size.max() < link
 
 
 def test_structure_says_where_and_counts_are_among_its_causes():

@@ -20,7 +20,7 @@ from gantrysim.stability.margins import margins_of
 from support.runs import PERIOD, STEP, plain
 
 EXACT = 1e-9  # [mm or deg]
-# radius of the hinges, their height, length and angle of the arms at home, radius and height of the rods' joints [mm, deg]
+# radius and height of the hinges, length and angle of the arms at home, radius and height of the rods' joints
 RADIUS, HEIGHT, ARM, DOWN, JOINTS, ABOVE = 150.0, 1014.3, 200.0, 35.0, 50.0, 109.0
 DIRECTIONS = (270.0, 30.0, 150.0)
 SIDE = 30.0  # of a rod from its arm's plane [mm]
@@ -125,7 +125,7 @@ def test_gravity_is_balanced(delta):
 
 @pytest.mark.parametrize("speed", [150.0, 600.0])
 def test_the_rods_stretch_by_less_than_a_quarter_micrometre(delta, speed):
-    """A rod is held by a = -k e with k = 1 / T^2, T its time constant: centripetal acceleration stretches it by a / k."""
+    """A rod is held by a = -k e, k = 1 / T^2 with its time constant T: centripetal acceleration a stretches it."""
     servo = plain(delta)
     run = simulate(delta, servo, half_circle(speed, 5000.0))
     assert run.fault is None
@@ -179,8 +179,10 @@ def line(delta, start, end, ticks=200, axes=("x", "y", "z")):
 
 
 def test_coordinates_that_a_program_does_not_move_stay_at_home(delta):
-    run = simulate(delta, plain(delta), line(delta, (0, 0), (20, 10), axes=("x", "y")))
-    np.testing.assert_allclose(run.commanded_tip[-1], [20, 10, HOME], atol=EXACT)
+    run = simulate(delta, plain(delta), line(delta, (0, HOME), (20, HOME + 10), axes=("x", "z")))
+    np.testing.assert_allclose(run.commanded_tip[-1], [20, 0, HOME + 10], atol=EXACT)
+    with pytest.raises(InputError, match=r"does not move z and its path begins at z = 0 mm: .* 426 mm with all"):
+        simulate(delta, plain(delta), line(delta, (0, 0), (20, 10), axes=("x", "y")))
     # a program may also move the motors
     run = simulate(delta, plain(delta), line(delta, (0, 0), (5, 5), axes=("a1", "a2")))
     np.testing.assert_allclose(run.commanded[-1], [5, 5, 0, 0], atol=EXACT)
@@ -238,10 +240,10 @@ def test_out_of_reach_and_near_singularities_is_refused(delta):
 
 
 def test_limits_of_linear_axes_are_refused(delta):
-    setpoints = line(delta, (0, 0), (20, 10), axes=("x", "y"))
+    setpoints = line(delta, (0, HOME), (20, HOME), axes=("x", "z"))
     for limit in ("position_error", "velocity_limit"):
         watched = Setpoints(
-            PERIOD, ("x", "y"), setpoints.position, setpoints.dispense, setpoints.requested, Supervision(**{limit: 1.0})
+            PERIOD, ("x", "z"), setpoints.position, setpoints.dispense, setpoints.requested, Supervision(**{limit: 1.0})
         )
         with pytest.raises(InputError, match=f"{limit} = 1 mm.*: must be inf on machine delta, whose axes a1"):
             simulate(delta, plain(delta), watched)

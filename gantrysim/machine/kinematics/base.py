@@ -80,7 +80,8 @@ class Kinematics(ABC):
         Args:
             model: the compiled model.
             driven: index of each axis' joint.
-            nozzle, work: index of the site and of the body.
+            nozzle: index of the site.
+            work: index of the body.
 
         Raises:
             InputError: a model without the mechanism that these kinematics need.

@@ -61,7 +61,8 @@ class Coupled(Kinematics):
             raise InputError("kinematics 'coupled': its tendons do not determine the joints that follow the axes")
         for a in tied:
             D[:, a] = rows[:, driven[a]] / per_si_of(model, driven[a])
-        constant, gain = np.linalg.solve(F, lengths), -np.linalg.solve(F, D)
+        constant = np.linalg.solve(F, lengths).astype(np.float64)
+        gain = -np.linalg.solve(F, D).astype(np.float64)
         found, rest = [], []
         for f, joint in enumerate(followers):
             per_si = per_si_of(model, joint)

@@ -1,8 +1,8 @@
 """A delta robot: three arms at rest, and rods of fixed length that carry a platform which never tilts.
 
 Arm k turns by the angle a about a hinge at s_k; its elbow is at s_k + R(a) e_k. A rod of the length L_k joins it to the
-platform at p_k + u, with p_k the joint at home and u the platform's displacement. As the platform does not turn, rods in
-a parallelogram are parallel, and one of them stands for both:
+platform at p_k + u, with p_k the joint at home and u the platform's displacement. As the platform does not turn, the
+rods of a parallelogram are parallel, and one of them stands for both:
 
     |p_k + u - s_k - R(a) e_k| = L_k,    k = 1, 2, 3
 
@@ -188,8 +188,8 @@ class Delta(Kinematics):
             k = int(out[row].argmax())
             distance, low, high = self._span(u[row], k)
             raise UnreachableError(
-                f"{self.described(position[row])}: out of reach of {self.names_of_arms[k]}, {distance:.4g} mm from its shoulder, "
-                f"must be {low:.4g} to {high:.4g} mm",
+                f"{self.described(position[row])}: out of reach of {self.names_of_arms[k]}, "
+                f"{distance:.4g} mm from its shoulder, must be {low:.4g} to {high:.4g} mm",
                 row,
             )
 
@@ -215,8 +215,8 @@ class Delta(Kinematics):
             row = int(near.argmax())
             k = int(straight[row].argmin())
             text = f"{self.described(position[row])}: near a singularity, "
-            if straight[row, k] < LEAST_ANGLE:
-                text += f"{self.names_of_arms[k]} and its rod are {straight[row, k]:.3g} deg from a line, at least {LEAST_ANGLE:g}"
+            if (least := straight[row, k]) < LEAST_ANGLE:
+                text += f"{self.names_of_arms[k]} and its rod are {least:.3g} deg from a line, at least {LEAST_ANGLE:g}"
             else:
                 text += (
                     f"the rods are almost parallel or in one plane, det = {volume[row]:.3g}, at least {LEAST_VOLUME:g}"

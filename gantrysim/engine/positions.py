@@ -1,0 +1,95 @@
+"""From a program's setpoints to positions of the machine's axes, checked before a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.setpoints import Setpoints, Supervision
+from gantrysim.errors import InputError, TimedError
+from gantrysim.machine.kinematics import UnreachableError
+from gantrysim.machine.machine import Machine
+
+_ROUNDING, _NEAR = 1e-9, 1e-3  # of positions [mm]
+
+
+def check_supervision(machine: Machine, supervision: Supervision) -> None:
+    """Raise InputError for a limit on the linear axes of a machine whose axes are no coordinates of the nozzle."""
+    for name, unit in (("position_error", "mm"), ("velocity_limit", "mm/s")):
+        value = getattr(supervision, name)
+        if value < np.inf:
+            axes = ", ".join(f"{axis.name} [{axis.unit}]" for axis in machine.axes)
+            raise InputError(
+                f"{name} = {value:g} {unit}: must be inf on machine {machine.name}, whose axes {axes} are not those "
+                "of its nozzle; limit the servo's following error instead"
+            )
+
+
+def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
+    """Return the setpoints in all coordinates of the machine's kinematics, (n, coordinates) [mm or deg].
+
+    A coordinate that the program does not move is where it is with all axes at zero.
+
+    Raises:
+        InputError: an unknown coordinate, or one that the program does not move but that its path has elsewhere.
+    """
+    names = machine.kinematics.names
+    for name in setpoints.axes:
+        if name not in names:
+            raise InputError(f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}")
+    begin = dict(zip("xyz", setpoints.requested.position(0.0)[0].tolist(), strict=True))
+    for name, home in zip(names, machine.home.tolist(), strict=True):
+        still = name in begin and name not in setpoints.axes and abs(home) > _ROUNDING
+        if still and abs(begin[name] - home) > _NEAR:
+            raise InputError(
+                f"the program does not move {name} and its path begins at {name} = {begin[name]:g} mm: on machine "
+                f"{machine.name} it must move {name}, which is {home:g} mm with all axes at zero"
+            )
+    position = np.tile(machine.home, (len(setpoints.position), 1))
+    position[:, [names.index(name) for name in setpoints.axes]] = setpoints.position
+    return position
+
+
+def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
+    """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes).
+
+    Setpoints that name axes which are no coordinates give the positions of the axes themselves.
+
+    Raises:
+        InputError: an unknown axis, a position out of travel or reach, or a speed above the limit.
+    """
+    kinematics = machine.kinematics
+    if set(setpoints.axes) <= set(machine.axis_names) and not set(setpoints.axes) <= set(kinematics.names):
+        position = np.zeros((len(setpoints.position), len(machine.axes)))
+        position[:, [machine.axis_names.index(name) for name in setpoints.axes]] = setpoints.position
+    else:
+        program = program_positions(machine, setpoints)
+        try:
+            position = np.ascontiguousarray(kinematics.inverse(program))
+        except UnreachableError as error:
+            time = error.row * setpoints.period
+            raise TimedError(f"{error}, at t = {time:.4g} s, on machine {machine.name}", time) from None
+    speed = np.abs(np.diff(position, axis=0)) / setpoints.period
+
+    def where(k: int) -> str:
+        place = f" ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})" if kinematics.followers else ""
+        return f"at t = {k * setpoints.period:.4g} s{place}"
+
+    for a, axis in enumerate(machine.axes):
+        low, high = axis.travel
+        for k in (int(position[:, a].argmin()), int(position[:, a].argmax())):
+            if not low <= position[k, a] <= high:
+                left = int(np.argmax((position[:, a] < low) | (position[:, a] > high)))
+                raise TimedError(
+                    f"{axis.name} = {position[k, a]:.4g} {axis.unit} {where(k)}: "
+                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}",
+                    left * setpoints.period,
+                )
+        k = int(speed[:, a].argmax())
+        if speed[k, a] > axis.speed_limit * (1 + 1e-9):
+            raise TimedError(
+                f"speed of {axis.name} = {speed[k, a]:.6g} {axis.unit}/s {where(k)}: "
+                f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}",
+                k * setpoints.period,
+            )
+    return position
