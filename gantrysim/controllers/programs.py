@@ -86,7 +86,7 @@ def reader(suffix: str, controller: str | None = None) -> str:
     reading = {
         name: program
         for name, program in PROGRAMS.items()
-        if any(field.name == program.text_argument for field in fields(program))
+        if program.text_argument in getattr(program, "__dataclass_fields__", ())
     }
     if controller is None:
         fitting = [name for name, program in reading.items() if suffix.lower() in program.suffixes]

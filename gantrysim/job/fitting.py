@@ -6,7 +6,7 @@ import numpy as np
 
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.engine.simulation import axis_positions
+from gantrysim.engine.positions import axis_positions
 from gantrysim.errors import InputError
 from gantrysim.machine.machine import Machine
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.engine.simulation import axis_positions
+from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
 
 
