@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -93,10 +94,10 @@ def with_speeds(text: str, change: Callable[[float], float]) -> str | None:
     at, made, found = layout.columns.index("speed"), [], False
     for number, line in enumerate(text.splitlines(), 1):
         parts = re.split(f"({layout.separator})", line.strip())  # separators at every second place
-        if number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at:
-            if parts[2 * at].strip():
-                speed = f"{change(_number(number, 'speed', parts[2 * at], layout.comma)):.9g}"
-                parts[2 * at], found = speed.replace(".", ",") if layout.comma else speed, True
+        data = number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at
+        if data and parts[2 * at].strip():
+            speed = f"{change(_number(number, 'speed', parts[2 * at], layout.comma)):.9g}"
+            parts[2 * at], found = speed.replace(".", ",") if layout.comma else speed, True
         made.append("".join(parts))
     return "\n".join(made) if found else None
 
@@ -175,7 +176,7 @@ def _stroke(rows: list[_Row], curve: str) -> Stroke:
         if curve == "spline" and len(points) > 2:
             shapes += _spline(points)
         else:
-            shapes += [Segment(a, b) for a, b in zip(points[:-1], points[1:], strict=True)]
+            shapes += [Segment(a, b) for a, b in pairwise(points)]
         first = last
     return Stroke(tuple(shapes), f"line {rows[0].line}", glue=glue, speed=speed)
 
@@ -194,7 +195,5 @@ def _spline(points: Floats) -> list[Shape]:
     at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     slope = CubicSpline(at, points, bc_type="periodic" if closed else "natural")(at, 1)
     third = np.diff(at)[:, None] / 3
-    return [
-        bezier(*control)
-        for control in zip(points[:-1], points[:-1] + third * slope[:-1], points[1:] - third * slope[1:], points[1:], strict=True)
-    ]
+    after, before = points[:-1] + third * slope[:-1], points[1:] - third * slope[1:]
+    return [bezier(*control) for control in zip(points[:-1], after, before, points[1:], strict=True)]
