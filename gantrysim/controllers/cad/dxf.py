@@ -68,7 +68,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     if text.startswith(BINARY):
         raise InputError("dxf: binary: must be saved as an ASCII DXF")
     try:
-        document = ezdxf.read(io.StringIO(text))
+        document = ezdxf.read(io.StringIO(text.lstrip()))
     except Exception as error:  # whatever the library makes of a malformed drawing
         raise InputError(f"dxf: {_short(error)}: must be a valid ASCII DXF") from None
     try:

@@ -129,6 +129,6 @@ def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArr
         parted = 0 < ramp < 0.4 * length
         lengths = [ramp, length - 2 * ramp, ramp] if parted else [length]
         ends += [begin + ramp, end - ramp, end] if parted else [end]
-        steps += [min(part / _PARTS, curved) for part in lengths]
+        steps += [min(part / _PARTS * (1 + 1e-9), curved) for part in lengths]  # rounding must not add one
         owner += [k] * len(lengths)
     return np.array(ends), np.array(steps), np.array(owner)
