@@ -2,6 +2,7 @@
 
 import io
 import math
+from itertools import pairwise
 
 import ezdxf
 import numpy as np
@@ -10,13 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.special import ellipe
-from support import drawings
-from support.drawings import arc, circle, csv, dxf, farthest, line, polyline, sampled, svg
 
 from gantrysim.controllers.cad import Drawing
 from gantrysim.controllers.paths.pieces import Coil
 from gantrysim.controllers.placement import Placement
 from gantrysim.errors import InputError
+
+from support import drawings
+from support.drawings import arc, circle, csv, dxf, farthest, line, polyline, sampled, svg
 
 EXACT = 1e-9  # of lines and arcs [mm]
 SAMPLING = 1e-6  # of the brute force [mm]
@@ -94,7 +96,9 @@ def test_an_ellipse_has_its_perimeter_and_stays_within_the_tolerance(a, ratio, t
     assert not drawing.route.chain.corners.size
 
 
-@given(st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=3, max_size=8, unique=True), st.booleans())
+@given(
+    st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=3, max_size=8, unique=True), st.booleans()
+)
 @settings(max_examples=12, deadline=None)
 def test_a_spline_passes_through_the_points_and_is_the_cubic_one_along_the_chords(points, closed):
     points = [*points, points[0]] if closed else points
@@ -144,7 +148,7 @@ def test_bezier_curves_are_those_of_de_casteljau(commands, control):
     t = np.linspace(0, 1, 20_001)[:, None]
     points = [np.array(at, float) + 0 * t for at in control]
     while len(points) > 1:
-        points = [(1 - t) * a + t * b for a, b in zip(points[:-1], points[1:], strict=True)]
+        points = [(1 - t) * a + t * b for a, b in pairwise(points)]
     curve = flat(points[0] * [1, -1] + [0, 100])
     assert farthest(sampled(chain), curve) <= 0.01 + 1e-4
     assert farthest(curve, sampled(chain)) <= 0.01 + 1e-4
@@ -200,7 +204,7 @@ def test_the_same_outline_in_dxf_svg_and_csv_gives_the_same_setpoints():
         csv(straight),
         "\n".join("{:g}\t{:g}".format(*at).replace(".", ",") for at in straight),
         "X [mm]; Y [mm]\n# corners\n" + "\n".join("{:g};{:g}".format(*at) for at in straight),
-        dxf(*(line(a, b) for a, b in zip(straight[:-1], straight[1:], strict=True))),
+        dxf(*(line(a, b) for a, b in pairwise(straight))),
         dxf(polyline([(*at, 0) for at in straight[:-1]], closed=True)),
         svg('<polygon points="20,90 60,90 75,75 20,60"/>'),
         svg('<g transform="translate(0,100) scale(1,-1)"><path d="M20 10H60L75 25L20 40Z"/></g>'),
@@ -211,9 +215,7 @@ def test_the_same_outline_in_dxf_svg_and_csv_gives_the_same_setpoints():
         assert other.dispense.tolist() == first.dispense.tolist()
 
 
-@given(
-    st.floats(-180, 180), st.floats(0.2, 5), st.floats(-30, 30), st.floats(-30, 30), st.booleans(), st.booleans()
-)
+@given(st.floats(-180, 180), st.floats(0.2, 5), st.floats(-30, 30), st.floats(-30, 30), st.booleans(), st.booleans())
 @settings(max_examples=30, deadline=None)
 def test_rotation_scale_and_mirror_of_the_drawing_move_the_path(angle, scale, x, y, mirrored, drawn_as_svg):
     plain = path(outline_svg() if drawn_as_svg else outline())

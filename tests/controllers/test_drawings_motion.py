@@ -1,17 +1,19 @@
 """Corners within their tolerance by brute force; speeds and accelerations of the setpoints by differences; travel."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.drawings import bulge_points, circle, csv, differences, dxf, farthest, group, line, polyline, sampled, svg
 
 from gantrysim.controllers.cad import Drawing
 from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.programs import build
 from gantrysim.errors import InputError
+
+from support.drawings import bulge_points, circle, csv, differences, dxf, farthest, group, line, polyline, sampled, svg
 
 TICK = 1e-3  # [s]
 # Share by which velocities and accelerations exceed their limits between the nodes of the profile, and absolute for
@@ -31,7 +33,7 @@ vertices = st.lists(
 def drawn(points):
     """The polyline's points, closely on its arcs."""
     parts = []
-    for (x, y, bulge), (u, v, _) in zip(points[:-1], points[1:], strict=True):
+    for (x, y, bulge), (u, v, _) in pairwise(points):
         ends = np.array([(x, y), (u, v)], float)
         parts.append(bulge_points(*ends, bulge, 3000) if bulge else ends)
     return np.pad(np.concatenate(parts), ((0, 0), (0, 1)))
@@ -122,7 +124,9 @@ def test_setpoints_keep_the_limits_of_the_axes_and_the_speed(points, tolerance, 
 
 def test_the_limits_are_used_in_full():
     square = svg('<rect x="10" y="10" width="60" height="60"/>', '<circle cx="50" cy="50" r="20"/>')
-    drawing = Drawing(square, speed=1000.0, travel_speed=1000.0, velocity=(150, 200, 100), acceleration=(2000, 1500, 1000))
+    drawing = Drawing(
+        square, speed=1000.0, travel_speed=1000.0, velocity=(150, 200, 100), acceleration=(2000, 1500, 1000)
+    )
     fast, hard = differences(drawing.setpoints(TICK))
     assert np.abs(fast).max(axis=0) == pytest.approx([150, 200], rel=EXCESS)
     assert np.abs(hard).max(axis=0) == pytest.approx([2000, 1500], rel=EXCESS)

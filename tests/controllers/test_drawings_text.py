@@ -1,16 +1,21 @@
 """What is refused, in one line; random changes of drawings raise no other error; formats and notes."""
 
+import math
 import random
+import re
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.drawings import arc, circle, csv, dxf, group, line, polyline, svg
 
 from gantrysim.controllers.cad import Drawing
 from gantrysim.controllers.programs import build
 from gantrysim.errors import InputError
+
+from support.drawings import arc, circle, csv, dxf, group, line, polyline, svg
 
 SQUARE = csv([(0, 0), (10, 0), (10, 10)])
 BLOCKS = group((0, "BLOCK"), (8, "0"), (2, "A"), (70, 0), (10, 0.0), (20, 0.0), (30, 0.0)) + line((0, 0), (3, 0))
@@ -32,7 +37,26 @@ SEEDS = [
     "x,y,z,glue,speed\n0,0,0,1,30\n10,0,0,1,20\n10,10,2,0,\n0,10,0,1,5\n\n5 , 5\n6,7\n",
     "0 0\n10 0\n20 5\n30 -5\n40 0\n",
 ]
-PIECES = ["", "0", "-1", "1e9", "1e308", "nan", "inf", "\n", ",", ";", "<", ">", '"', "A", "\x00", "é", "  ", "999999999"]
+PIECES = [
+    "",
+    "0",
+    "-1",
+    "1e9",
+    "1e308",
+    "nan",
+    "inf",
+    "\n",
+    ",",
+    ";",
+    "<",
+    ">",
+    '"',
+    "A",
+    "\x00",
+    "é",
+    "  ",
+    "999999999",
+]
 
 
 def attempt(text, **arguments):
@@ -44,10 +68,12 @@ def attempt(text, **arguments):
         if drawing.duration < 20:
             assert np.isfinite(drawing.setpoints(0.01).position).all()
     except InputError as error:
-        assert "\n" not in str(error), str(error)[:200]
-        assert len(str(error)) < 500, str(error)[:200]
-        return False
-    return True
+        message = str(error)
+    else:
+        return True
+    assert "\n" not in message, message[:200]
+    assert len(message) < 500, message[:200]
+    return False
 
 
 def mutated(text, choose):
@@ -100,14 +126,18 @@ def test_any_text_is_read_or_refused_in_one_line(text, kind):
         ("x,y,colour\n0,0,1\n", r"line 1: 'colour': must be a number, or a column of x, y, z, glue, speed"),
         ("x,z\n0,0\n", r"line 1: columns x, z: must have x and y"),
         ("1,2\n", "nothing is traced; ignored: 1 single point; must have"),
-        ("0,0\n2e6,0\n", r"line 1: coordinate of 2e\+06 mm: must be finite and at most 1e\+06 mm"),
+        ("0,0\n2e6,0\n", r"line 2: coordinate of 2e\+06 mm: must be at most 1e\+06 mm"),
+        (svg('<path d="M0 0h2e6"/>'), r"svg: <path>: coordinate of 2e\+06 mm: must be finite and at most 1e\+06 mm"),
         ("AutoCAD Binary DXF\r\n\x1a\x00", r"dxf: binary: must be saved as an ASCII DXF"),
-        (dxf(group((0, "TEXT"), (8, "0"), (10, 0.0), (20, 0.0), (40, 1.0), (1, "a"))), "nothing is traced; ignored: 1 TEXT"),
+        (
+            dxf(group((0, "TEXT"), (8, "0"), (10, 0.0), (20, 0.0), (40, 1.0), (1, "a"))),
+            "nothing is traced; ignored: 1 TEXT",
+        ),
         (dxf(circle((0.0, 0.0), -1.0)), r"dxf: CIRCLE \w+: radius = -1: must be greater than 0"),
         ("0\nSECTION\n2\nENTITIES\n0\nLINE\n", "dxf: .*: must be a valid"),
         ("<svg>", "svg: .*must be well-formed XML"),
         ("<html/>", "svg: document <html>: must be <svg>"),
-        ("<svg/>", 'svg: must state its namespace'),
+        ("<svg/>", "svg: must state its namespace"),
         (svg(), "nothing is traced"),
         (svg("<text>a</text>"), "nothing is traced; ignored: 1 <text>"),
         (svg("<g>" * 120 + "</g>" * 120), "nested, or reused, more than 100 deep"),
@@ -188,3 +218,23 @@ def test_a_drawing_is_rebuilt_from_its_plain_arguments():
     assert build("cad.Drawing", {"text": SEEDS[0], "glue": {"bead": False}}).glue == {"bead": False}
     assert build("cad.Drawing", {"text": SEEDS[0], "glue": ["bead"]}).glue == ("bead",)
     assert Drawing.suffixes == (".dxf", ".svg", ".csv")
+
+
+def test_the_page_s_job_is_traced():
+    page = (Path(__file__).parents[2] / "docs" / "drawings.md").read_text(encoding="utf-8")
+    table = tomllib.loads(re.search(r"```toml\n(.*?)```", page, flags=re.DOTALL)[1])["program"]
+    drawing = build(table.pop("controller"), table)
+    assert drawing.axes == ("x", "y", "z")
+    # two corners of 90 deg: an arc of radius d instead of two lines of length d = tolerance / tan(theta / 4)
+    shorter = 2 * (2 - math.pi / 2) * 0.1 / math.tan(math.pi / 8)
+    assert sum(leg.length for leg in drawing.route.legs if leg.glue) == pytest.approx(
+        210 + math.hypot(40, 5) - shorter, abs=1e-4
+    )
+    assert drawing.route.corners.rounded == 2
+
+
+def test_points_in_one_place_and_splines_without_room_are_refused():
+    assert Drawing("0,0\n0,0\n1,0\n").requested.length == 1
+    far = "\n".join(f"{7e5 * (-1) ** k},{k}" for k in range(9000))
+    with pytest.raises(InputError, match="has points that are too close for its length"):
+        Drawing(f"{far}\n0,0\n0.000002,0\n", curve="spline")

@@ -8,7 +8,9 @@ from scipy.spatial import cKDTree
 
 def group(*pairs):
     """DXF groups: codes and values, one in a line."""
-    return "".join(f"{code}\n{value!r}\n" if isinstance(value, float) else f"{code}\n{value}\n" for code, value in pairs)
+    return "".join(
+        f"{code}\n{value!r}\n" if isinstance(value, float) else f"{code}\n{value}\n" for code, value in pairs
+    )
 
 
 def dxf(*entities, insunits=4, tables="", blocks=""):

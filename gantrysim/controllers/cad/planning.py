@@ -123,7 +123,9 @@ def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArr
         length = end - begin
         curved = _TURN * leg.piece.radius[0] if isinstance(leg.piece, Coil) else np.inf
         ahead = np.abs(tangent(leg.piece, 0.0))
-        along = [limit / share for limit, share in zip(np.asarray(acceleration, float), ahead, strict=True) if share > 0]
+        along = [
+            limit / share for limit, share in zip(np.asarray(acceleration, float), ahead, strict=True) if share > 0
+        ]
         slowest = min(finite, default=np.inf) if isinstance(leg.piece, Coil) else min(along)
         ramp = 0.5 * leg.speed**2 / slowest
         parted = 0 < ramp < 0.4 * length
