@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -25,6 +26,8 @@ _BY_BLOCK, _BY_LAYER = 0, 256
 _DEEPEST = 32  # nested blocks
 _MOST = 200_000  # entities, those of blocks counted each time
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
+
+logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it repairs is not printed
 
 
 @dataclass
@@ -84,7 +87,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
 
 
 def _short(error: Exception) -> str:
-    return (str(error).splitlines() or [""])[0][:80] or type(error).__name__
+    return " ".join(str(error).split())[:100].rstrip(". ") or type(error).__name__
 
 
 def _unit(document: Any, unit: float | None) -> tuple[float, tuple[str, ...]]:

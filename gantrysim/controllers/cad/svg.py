@@ -69,7 +69,7 @@ def read_svg(text: str, unit: float | None) -> Sheet:
 
 
 def _short(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:80] or type(error).__name__
+    return " ".join(str(error).split())[:100].rstrip(". ") or type(error).__name__
 
 
 def _check(root: ElementTree.Element) -> dict[str, int]:
