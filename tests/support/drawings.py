@@ -81,7 +81,7 @@ def farthest(points, others):
     """Largest distance of points from the polyline through others."""
     others = np.asarray(others, float)
     tree = cKDTree(others)
-    nearest = tree.query(points, k=min(3, len(others)))[1].reshape(len(points), -1)
+    nearest = tree.query(points, k=min(12, len(others)))[1].reshape(len(points), -1)
     best = np.full(len(points), np.inf)
     for k in nearest.T:
         for step in (-1, 1):
