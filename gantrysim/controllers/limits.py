@@ -118,6 +118,25 @@ def nodes(ends: ArrayLike, step: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
     return np.where(share < 1, edges[piece] + share * np.diff(edges)[piece], edges[piece + 1]), piece
 
 
+def velocity_bound(s: Floats, first: Floats, velocity: ArrayLike) -> Floats:
+    """Return the speed that keeps the axes to their velocity limits, at and between nodes, (m,) [mm/s].
+
+    It allows for the derivatives at a node's neighbours too.
+
+    Args:
+        s: nodes, (m,), the same value twice where two pieces meet [mm].
+        first: derivatives of the axes by the arc length, (m, axes).
+        velocity: limits of the axes, (axes,); inf for none.
+    """
+    largest = np.abs(first)
+    inside = np.diff(s) > 0
+    for here, there in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
+        neighbour = np.abs(first)[there][inside]
+        largest[here][inside] = np.maximum(largest[here][inside], neighbour)
+    with np.errstate(divide="ignore"):
+        return (np.asarray(velocity, float) / largest).min(axis=1)
+
+
 def fastest(
     s: Floats,
     speed: ArrayLike,

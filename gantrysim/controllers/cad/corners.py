@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.cad.fitting import arc_to, middle
-from gantrysim.controllers.paths.pieces import XY, Coil, Line, length_of, vector
+from gantrysim.controllers.paths.pieces import XY, Coil, Line, vector
 
 SMOOTH = 1e-5  # turn that is no corner [rad]
 _SHARPEST = math.radians(175)  # turn that is rounded
@@ -45,15 +47,15 @@ class Leg:
     pause: float = 0.0
     dot: bool = False
 
-    @property
+    @cached_property
     def length(self) -> float:
-        return length_of(self.piece)
+        return length(self.piece)
 
-    @property
+    @cached_property
     def start(self) -> Floats:
         return place(self.piece, np.zeros(1))[0]
 
-    @property
+    @cached_property
     def end(self) -> Floats:
         return place(self.piece, np.ones(1))[0]
 
@@ -71,6 +73,13 @@ class Count:
     sharp: int = 0
 
 
+def length(piece: Line | Coil) -> float:
+    """Return the length of a line or an arc [mm]."""
+    if isinstance(piece, Line):
+        return math.dist(piece.start, piece.end)
+    return piece.radius[0] * abs(piece.angle)
+
+
 def place(piece: Line | Coil, share: Floats) -> Floats:
     """Return points at shares of a line's or an arc's length, (n, 3) [mm]."""
     if isinstance(piece, Line):
@@ -84,8 +93,8 @@ def place(piece: Line | Coil, share: Floats) -> Floats:
 def tangent(piece: Line | Coil, share: float) -> Floats:
     """Return the unit tangent of a line or an arc at a share of its length, (3,)."""
     if isinstance(piece, Line):
-        direction = np.subtract(piece.end, piece.start)
-        return direction / np.linalg.norm(direction)
+        (a, b, c), (u, v, w) = piece.start, piece.end
+        return np.array([u - a, v - b, w - c]) / math.dist(piece.start, piece.end)
     psi = piece.begin + share * piece.angle
     u, v = np.array(piece.frame)
     return math.copysign(1.0, piece.angle) * (math.cos(psi) * v - math.sin(psi) * u)
@@ -101,7 +110,8 @@ def part(piece: Line | Coil, low: float, high: float) -> Line | Coil:
 
 def turn(before: Floats, after: Floats) -> float:
     """Return the angle between two unit vectors [rad]."""
-    return math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
+    (a, b, c), (u, v, w) = before.tolist(), after.tolist()
+    return math.atan2(math.hypot(b * w - c * v, c * u - a * w, a * v - b * u), a * u + b * v + c * w)
 
 
 def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
@@ -114,16 +124,14 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
         tolerance: largest deviation [mm]; 0 rounds nothing.
         count: is added to.
     """
-    turns = np.array(
-        [turn(tangent(a.piece, 1.0), tangent(b.piece, 0.0)) for a, b in zip(legs[:-1], legs[1:], strict=True)]
-    )
+    turns = np.array([turn(tangent(a.piece, 1.0), tangent(b.piece, 0.0)) for a, b in pairwise(legs)])
     corner = turns > SMOOTH
-    length = np.array([leg.length for leg in legs])
+    lengths = np.array([leg.length for leg in legs])
     sides = np.append(corner, False).astype(int) + np.append(False, corner)
-    room = np.where(sides == 2, 0.5, 1.0) * length
+    room = np.where(sides == 2, 0.5, 1.0) * lengths
     cut = np.zeros((len(legs), 2))
     blends: dict[int, list[Line | Coil]] = {}
-    for k in np.flatnonzero(corner):
+    for k in np.flatnonzero(corner).tolist():
         blend = None
         before, after = legs[k], legs[k + 1]
         if tolerance > 0 and turns[k] < _SHARPEST and before.glue == after.glue and not before.pause:
@@ -132,18 +140,17 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
             count.sharp += 1
             continue
         count.rounded += 1
-        distance, blends[int(k)] = blend
+        distance, blends[k] = blend
         cut[k, 1] = cut[k + 1, 0] = distance
     made: list[Leg] = []
     for k, leg in enumerate(legs):
         if cut[k].any():
-            low, high = cut[k, 0] / length[k], 1 - cut[k, 1] / length[k]
+            low, high = cut[k, 0] / lengths[k], 1 - cut[k, 1] / lengths[k]
             if high - low > 1e-9:
                 made.append(replace(leg, piece=part(leg.piece, low, high)))
         else:
             made.append(leg)
-        for piece in blends.get(k, ()):
-            made.append(replace(leg, piece=piece, speed=min(leg.speed, legs[k + 1].speed)))
+        made += [replace(leg, piece=piece, speed=min(leg.speed, legs[k + 1].speed)) for piece in blends.get(k, ())]
     return made
 
 
@@ -161,7 +168,7 @@ def _blend(
     for _ in range(_TRIALS):
         if distance < 1e-7:
             return None
-        first, last = part(before, 1 - distance / length_of(before), 1.0), part(after, 0.0, distance / length_of(after))
+        first, last = part(before, 1 - distance / length(before), 1.0), part(after, 0.0, distance / length(after))
         arcs = _arcs(first, last, z)
         if _deviation(arcs, first, last) <= _SAFETY * tolerance:
             return distance, arcs

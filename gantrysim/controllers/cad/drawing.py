@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,7 +27,7 @@ from gantrysim.errors import InputError, at_least, finite, point, positive, unkn
 
 Three = tuple[float, float, float]
 
-FINE = 1e-4  # largest deviation of the requested path from a drawn curve [mm]
+_FINER = 0.1  # deviation of the requested path from a drawn curve, in units of the chord tolerance
 _CHOICES = {
     "format": ("auto", "dxf", "svg", "csv"),
     "curve": ("lines", "spline"),
@@ -80,7 +81,7 @@ class Drawing(Controller):
     suffixes: ClassVar[tuple[str, ...]] = (".dxf", ".svg", ".csv")
 
     text: str
-    placement: Placement = Placement()
+    placement: Placement = field(default_factory=Placement)
     format: str = "auto"
     unit: str = "auto"
     layers: tuple[str, ...] | None = None
@@ -200,8 +201,8 @@ class Drawing(Controller):
 
     @cached_property
     def requested(self) -> Chain:
-        """The path as drawn, with the ways between: its corners are sharp, its curves within a ten-thousandth of a mm."""
-        fine = replace(self._manner, chord=min(self.chord_tolerance, FINE), corner=0.0)
+        """The path as drawn, with the ways between: its corners are sharp, its curves ten times finer."""
+        fine = replace(self._manner, chord=_FINER * self.chord_tolerance, corner=0.0)
         return routed(list(self._strokes), fine).chain
 
     @cached_property
@@ -259,9 +260,9 @@ class Drawing(Controller):
             notes.append("ignored: " + ", ".join(f"{n} {kind}" for kind, n in sorted(ignored.items())))
         notes += self.sheet.remarks
         if corners.rounded or corners.sharp:
+            passed = f"passed at a jump of {self.corner_speed:g} mm/s" if self.corner_speed else "with a stop"
             notes.append(
-                f"corners: {corners.rounded} rounded within {self.corner_tolerance:g} mm, {corners.sharp} not; "
-                f"the axes' velocities jump there by at most {self.corner_speed:g} mm/s"
+                f"corners: {corners.rounded} rounded within {self.corner_tolerance:g} mm, {corners.sharp} {passed}"
             )
         ideal = sum(leg.length / leg.speed + leg.pause for leg in legs)
         if self.duration > ideal * (1 + 1e-6):
@@ -278,7 +279,7 @@ def kind_of(text: str) -> str:
         return "dxf"
     if lines and lines[0].startswith("<"):
         return "svg"
-    codes = [code == "0" and value in ("SECTION", "EOF") for code, value in zip(lines[:-1], lines[1:], strict=True)]
+    codes = [code == "0" and value in ("SECTION", "EOF") for code, value in pairwise(lines)]
     return "dxf" if any(codes) else "csv"
 
 
@@ -292,10 +293,10 @@ def _read(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet:
 
 
 def _hex(name: str) -> str:
-    """A colour as its six hexadecimal digits, any other name as it is."""
+    """A colour of CSS as "#rrggbb", any other name as it is."""
     from svgelements import Color
 
-    if not re.fullmatch(r"#\w+|[a-zA-Z]+", name):
+    if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-zA-Z]*[g-zG-Z][a-zA-Z]*", name):
         return name
     try:
         colour = Color(name)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,10 +19,15 @@ from gantrysim.errors import InputError
 
 BINARY = "AutoCAD Binary DXF"
 _NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta", 7: "white"}  # of colour numbers
+# $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, um, dm [mm]
+_UNITS = {1: 25.4, 2: 304.8, 3: 1609344.0, 4: 1.0, 5: 10.0, 6: 1e3, 7: 1e6, 8: 25.4e-6, 9: 0.0254, 10: 914.4}
+_UNITS |= {11: 1e-7, 12: 1e-6, 13: 1e-3, 14: 100.0}
 _BY_BLOCK, _BY_LAYER = 0, 256
 _DEEPEST = 32  # nested blocks
 _MOST = 200_000  # entities, those of blocks counted each time
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
+
+logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it repairs is not printed
 
 
 @dataclass
@@ -64,7 +71,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     if text.startswith(BINARY):
         raise InputError("dxf: binary: must be saved as an ASCII DXF")
     try:
-        document = ezdxf.read(io.StringIO(text))  # type: ignore[attr-defined]
+        document = ezdxf.read(io.StringIO(text.lstrip()))
     except Exception as error:  # whatever the library makes of a malformed drawing
         raise InputError(f"dxf: {_short(error)}: must be a valid ASCII DXF") from None
     try:
@@ -80,28 +87,25 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
 
 
 def _short(error: Exception) -> str:
-    return (str(error).splitlines() or [""])[0][:80] or type(error).__name__
+    return " ".join(str(error).split())[:100].rstrip(". ") or type(error).__name__
 
 
 def _unit(document: Any, unit: float | None) -> tuple[float, tuple[str, ...]]:
-    from ezdxf import units
-
     if unit is not None:
         return unit, ()
-    code = document.header.get("$INSUNITS", 0)
+    code: Any = document.header.get("$INSUNITS", 0)
     if code == 0:
         return 1.0, ("unit: the drawing states none ($INSUNITS); taken as mm",)
-    try:
-        return float(units.conversion_factor(code, units.MM)), ()
-    except (KeyError, ValueError, IndexError, TypeError):
-        raise InputError(f"dxf: $INSUNITS = {code}: must be from 1 to 24; unit states another") from None
+    if code not in _UNITS:
+        raise InputError(f"dxf: $INSUNITS = {code}: must be one of {', '.join(map(str, _UNITS))}; unit states another")
+    return _UNITS[code], ()
 
 
 def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int) -> Iterator[Stroke]:
     if depth > _DEEPEST:
         raise InputError(f"dxf: blocks nested more than {_DEEPEST} deep: must be at most so")
     for entity in entities:
-        reading.count += 1
+        reading.count += max(entity.mcount, 1) if entity.dxftype() == "INSERT" else 1
         if reading.count > _MOST:
             raise InputError(f"dxf: more than {_MOST} entities, those of blocks counted each time: must be fewer")
         kind = entity.dxftype()
@@ -162,18 +166,11 @@ def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -
     elif kind in ("ARC", "CIRCLE"):
         shapes = [_round(entity)]
     elif kind == "ELLIPSE":
-        begin, end = float(dxf.start_param), float(dxf.end_param)
-        sweep = math.fmod(end - begin, 2 * math.pi)
-        minor = _vector(entity.minor_axis)
-        shapes = [
-            Ellipse(
-                _vector(dxf.center),
-                _vector(dxf.major_axis),
-                minor,
-                begin,
-                begin + (sweep if sweep > 1e-12 else sweep + 2 * math.pi),
-            )
-        ]
+        begin = float(dxf.start_param)
+        sweep = (float(dxf.end_param) - begin) % (2 * math.pi)
+        # a whole ellipse ends where it begins, but for rounding
+        end = begin + (sweep if sweep > 1e-9 else 2 * math.pi)
+        shapes = [Ellipse(_vector(dxf.center), _vector(dxf.major_axis), _vector(entity.minor_axis), begin, end)]
     elif kind == "SPLINE":
         tool = entity.construction_tool()
         weights = np.array(tool.weights() or [1.0] * tool.count, float)
@@ -184,13 +181,7 @@ def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -
         vertices = [(point(x, y, z), bulge) for x, y, bulge in entity.get_points("xyb")]
         shapes = _polyline(vertices, bool(entity.closed), entity.ocs())
     elif kind == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline):
-        kept = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & _SPLINE_FRAME]
-        z = _vector(dxf.get("elevation", (0, 0, 0)))[2] if entity.is_2d_polyline else 0.0
-        flat = entity.is_2d_polyline
-        corners = [
-            (_vector(v.location) * [1, 1, not flat] + point(0, 0, z), v.get("bulge", 0) if flat else 0) for v in kept
-        ]
-        shapes = _polyline(corners, bool(entity.is_closed), entity.ocs() if flat else None)
+        shapes = _vertices(entity)
     elif kind == "POINT" and reading.dots:
         return Stroke((), where, names, dot=_vector(dxf.location))
     else:
@@ -212,11 +203,23 @@ def _round(entity: Any) -> Ellipse:
     return Ellipse(_vector(ocs.to_wcs(dxf.center)), u, v, math.radians(begin), math.radians(end))
 
 
+def _vertices(entity: Any) -> list[Shape]:
+    """Lines and arcs of a POLYLINE, without the control points of a spline through it."""
+    kept = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & _SPLINE_FRAME]
+    places = [_vector(vertex.location) for vertex in kept]
+    if entity.is_3d_polyline:
+        return _polyline([(place, 0.0) for place in places], bool(entity.is_closed), None)
+    z = _vector(entity.dxf.get("elevation", (0, 0, 0)))[2]
+    bulges = [float(vertex.get("bulge", 0)) for vertex in kept]
+    flat = [(point(place[0], place[1], z), bulge) for place, bulge in zip(places, bulges, strict=True)]
+    return _polyline(flat, bool(entity.is_closed), entity.ocs())
+
+
 def _polyline(vertices: list[tuple[Floats, float]], closed: bool, ocs: Any) -> list[Shape]:
     if closed and vertices:
         vertices = [*vertices, vertices[0]]
     shapes: list[Shape] = []
-    for (first, bulge), (last, _) in zip(vertices[:-1], vertices[1:], strict=True):
+    for (first, bulge), (last, _) in pairwise(vertices):
         if not math.isfinite(bulge):
             raise InputError(f"bulge = {bulge:g}: must be finite")
         if not np.array_equal(first, last):

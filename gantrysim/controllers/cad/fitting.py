@@ -8,6 +8,7 @@ corners are then rounded; each takes half of the tolerance.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -51,8 +52,9 @@ def arc_to(begin: complex, tangent: complex, end: complex, z: float) -> Line | C
     """Return the arc from a point with a tangent to another point, a line if it is as good as straight.
 
     Args:
-        begin, end: x + iy [mm].
-        tangent: a unit vector.
+        begin: x + iy [mm].
+        tangent: a unit vector, likewise.
+        end: likewise [mm].
         z: height [mm].
     """
     chord = end - begin
@@ -121,7 +123,7 @@ def _lines(shape: Curve, tolerance: float) -> list[Line | Coil]:
         if shape.knots[0] > shape.knots[-1]:
             edges = edges[::-1]
     ends = shape.at(edges)[0]
-    return [Line(vector(a), vector(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [Line(vector(a), vector(b)) for a, b in pairwise(ends)]
 
 
 def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:

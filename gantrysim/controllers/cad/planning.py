@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.cad.corners import SMOOTH
+from gantrysim.controllers.cad.corners import SMOOTH, tangent
 from gantrysim.controllers.cad.routing import Route
-from gantrysim.controllers.limits import Limited, fastest, nodes
+from gantrysim.controllers.limits import Limited, fastest, nodes, velocity_bound
 from gantrysim.controllers.paths.pieces import Coil
 
-# Largest distance of nodes: between them the acceleration of an axis exceeds its limit by a share of an eighth of the
-# square of the angle that an arc turns.
-_STEP = 0.2  # [mm]
-_TURN = 0.04  # [rad]
+# Largest angle of an arc between two nodes, within which the acceleration of an axis exceeds its limit by a share of an
+# eighth of the angle's square [rad].
+_TURN = 0.04
+_PARTS = 16  # intervals of a ramp, and of what is between two
 _SHARE = 1e-7  # of a piece, from its ends to its inside
 
 
@@ -85,16 +85,14 @@ def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: fl
         InputError: a path too long, or with too many pieces, for the memory.
     """
     legs, chain = route.legs, route.chain
-    steps = [
-        min(_STEP, _TURN * leg.piece.radius[0]) if isinstance(leg.piece, Coil) else max(_STEP, leg.length / 500)
-        for leg in legs
-    ]
-    s, piece = nodes(chain.ends, steps)
+    ends, steps, owner = _spans(route, acceleration)
+    s, span = nodes(ends, steps)
+    piece = owner[span]
     edges = np.append(0.0, chain.ends)
     inset = _SHARE * np.diff(edges)[piece]
     local = chain.local(np.clip(s, edges[piece] + inset, edges[piece + 1] - inset))
     first, second = local.tangent, local.curvature
-    speed = np.array([leg.speed for leg in legs])[piece]
+    speed = np.minimum(np.array([leg.speed for leg in legs])[piece], velocity_bound(s, first, velocity))
     limited = np.isfinite(np.asarray(acceleration, float))
     if limited.any():
         change = np.abs(np.diff(first, axis=0))[:, limited].max(axis=1)
@@ -108,3 +106,31 @@ def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: fl
         speed[rests] = 0.0
     base = fastest(s, speed, first, second, velocity, acceleration)
     return Paused(base, chain.ends[pauses], np.array([legs[k].pause for k in pauses]))
+
+
+def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    """Spans of even nodes: the legs, in three parts if they are longer than the ramps between rest and speed.
+
+    Returns:
+        ends: arc length at the end of every span, (p,) [mm].
+        steps: largest distance of nodes, (p,) [mm].
+        owner: leg of every span, (p,).
+    """
+    finite = [float(limit) for limit in np.asarray(acceleration, float) if np.isfinite(limit)]
+    starts = np.append(0.0, route.chain.ends[:-1])
+    ends, steps, owner = [], [], []
+    for k, (leg, begin, end) in enumerate(zip(route.legs, starts.tolist(), route.chain.ends.tolist(), strict=True)):
+        length = end - begin
+        curved = _TURN * leg.piece.radius[0] if isinstance(leg.piece, Coil) else np.inf
+        ahead = np.abs(tangent(leg.piece, 0.0))
+        along = [
+            limit / share for limit, share in zip(np.asarray(acceleration, float), ahead, strict=True) if share > 0
+        ]
+        slowest = min(finite, default=np.inf) if isinstance(leg.piece, Coil) else min(along)
+        ramp = 0.5 * leg.speed**2 / slowest
+        parted = 0 < ramp < 0.4 * length
+        lengths = [ramp, length - 2 * ramp, ramp] if parted else [length]
+        ends += [begin + ramp, end - ramp, end] if parted else [end]
+        steps += [min(part / _PARTS * (1 + 1e-9), curved) for part in lengths]  # rounding must not add one
+        owner += [k] * len(lengths)
+    return np.array(ends), np.array(steps), np.array(owner)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.cad.corners import Count, Leg, place, rounded
+from gantrysim.controllers.cad.corners import Count, Leg, length, place, rounded
 from gantrysim.controllers.cad.fitting import MOST_PIECES, pieces_of
 from gantrysim.controllers.cad.shapes import Stroke
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Line, length_of, vector
+from gantrysim.controllers.paths.pieces import XY, Coil, Line, vector
 from gantrysim.errors import InputError
 
 _SHORTEST = 1e-6  # length of a piece [mm]
@@ -76,7 +77,7 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     if manner.nearest:
         stretches = _joined(_by_distance(stretches, manner.reverse), manner)
     legs: list[Leg] = []
-    count = Count()
+    count, up = Count(), np.array([0.0, 0.0, manner.lift])
     here = manner.start
     for stretch in stretches:
         drawn = rounded(_drawn(stretch, manner), manner.corner, count) if stretch[0].dot is None else []
@@ -84,7 +85,7 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
         if first is None:  # shorter than any piece
             continue
         if here is None and manner.lift > 0:
-            here = first + [0.0, 0.0, manner.lift]
+            here = first + up
             way = [Line(vector(here), vector(first))]
         else:
             way = [] if here is None else _way(here, first, manner.lift, started=bool(legs))
@@ -100,8 +101,7 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     if here is None or not legs:
         raise InputError("drawing: must have a line of positive length that is traced")
     if manner.lift > 0:
-        up = Line(vector(here), vector(here + [0.0, 0.0, manner.lift]))
-        legs.append(Leg(up, False, manner.travel_speed, travel=True))
+        legs.append(Leg(Line(vector(here), vector(here + up)), False, manner.travel_speed, travel=True))
     return Route(tuple(legs), Chain(leg.piece for leg in legs), len(stretches), count)
 
 
@@ -199,7 +199,7 @@ def _closed_up(legs: list[Leg], leg: Leg, end: Floats, start: Floats) -> Leg:
     piece, before = leg.piece, legs[-1].piece
     if isinstance(piece, Line):
         moved = Line(vector(end), piece.end)
-        if length_of(moved) > _SHORTEST:
+        if length(moved) > _SHORTEST:
             return replace(leg, piece=moved)
     elif isinstance(before, Line) and math.dist(before.start, start) > _SHORTEST:
         legs[-1] = replace(legs[-1], piece=Line(before.start, vector(start)))
@@ -217,7 +217,7 @@ def _turned(arc: Coil, start: Floats) -> Coil | None:
     """An arc turned and scaled about its end so that it begins elsewhere, None if it is closed or in another plane."""
     first, last = place(arc, np.array([0.0, 1.0]))
     z, w = (complex(*(at - last)[:2]) for at in (first, start))
-    if abs(w - z) * _SPAN > abs(z) or abs(start[2] - first[2]) > _NO_GAP:
+    if arc.frame != XY or abs(w - z) * _SPAN > abs(z) or abs(start[2] - first[2]) > _NO_GAP:
         return None
     change = w / z
     centre = complex(*last[:2]) + change * complex(*(np.array(arc.centre) - last)[:2])
@@ -234,5 +234,5 @@ def _way(here: Floats, there: Floats, lift: float, started: bool) -> list[Line]:
         places = [here, *above, there] if started else [*above, there]
     else:
         places = [here, there]
-    lines = [Line(vector(a), vector(b)) for a, b in zip(places[:-1], places[1:], strict=True)]
-    return [line for line in lines if length_of(line) > _SHORTEST]
+    lines = [Line(vector(a), vector(b)) for a, b in pairwise(places)]
+    return [line for line in lines if length(line) > _SHORTEST]

@@ -202,7 +202,7 @@ class Stroke:
 
     def reversed(self) -> Stroke:
         """Return the stroke in the other direction."""
-        glue, speed = (values and values[::-1] for values in (self.glue, self.speed))
+        glue, speed = self.glue and self.glue[::-1], self.speed and self.speed[::-1]
         shapes = tuple(shape.reversed() for shape in self.shapes[::-1])
         return replace(self, shapes=shapes, glue=glue, speed=speed)
 

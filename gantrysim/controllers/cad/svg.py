@@ -47,6 +47,7 @@ def read_svg(text: str, unit: float | None) -> Sheet:
         raise InputError('svg: must state its namespace, xmlns="http://www.w3.org/2000/svg"')
     ignored = _check(root)
     remarks, px = _size(root, unit)
+    _hide_symbols(root)
     plain = ElementTree.tostring(root, encoding="unicode")
     try:
         document = svgelements.SVG.parse(io.StringIO(plain), reify=False, ppi=96.0, on_error="raise")
@@ -55,6 +56,9 @@ def read_svg(text: str, unit: float | None) -> Sheet:
     height = document.height if isinstance(document.height, int | float) else 0.0
     strokes: list[Stroke] = []
     for element, names in _elements(document, frozenset()):
+        if element.values.get("visibility") in ("hidden", "collapse"):
+            ignored["invisible"] = ignored.get("invisible", 0) + 1
+            continue
         try:
             strokes += _strokes(element, names, px, float(height))
         except InputError:
@@ -65,7 +69,7 @@ def read_svg(text: str, unit: float | None) -> Sheet:
 
 
 def _short(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:80] or type(error).__name__
+    return " ".join(str(error).split())[:100].rstrip(". ") or type(error).__name__
 
 
 def _check(root: ElementTree.Element) -> dict[str, int]:
@@ -115,6 +119,15 @@ def _size(root: ElementTree.Element, unit: float | None) -> tuple[tuple[str, ...
     return remarks, 25.4 / 96 if unit is None else unit
 
 
+def _hide_symbols(root: ElementTree.Element) -> None:
+    """Put symbols into definitions: they are drawn only where they are used."""
+    for parent in list(root.iter()):
+        for k, child in enumerate(parent):
+            if child.tag == f"{_SPACE}symbol":
+                parent[k] = ElementTree.Element(f"{_SPACE}defs")
+                parent[k].append(child)
+
+
 def _elements(group: Any, names: frozenset[str]) -> Iterator[tuple[Any, frozenset[str]]]:
     """Shapes in their order, with the names of their groups."""
     from svgelements import Shape
@@ -137,7 +150,7 @@ def _names(element: Any) -> frozenset[str]:
 
 
 def _where(element: Any) -> str:
-    return f"{type(element).__name__.lower()} {getattr(element, 'id', None) or ''}".strip()
+    return f"<{element.values.get('tag', 'path')}> {element.id or ''}".strip()
 
 
 def _strokes(element: Any, names: frozenset[str], px: float, height: float) -> list[Stroke]:

@@ -14,17 +14,18 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.cad.shapes import Segment, Shape, Sheet, Stroke, bezier
+from gantrysim.controllers.cad.shapes import LARGEST, Segment, Shape, Sheet, Stroke, bezier
 from gantrysim.errors import InputError
 
 COLUMNS = ("x", "y", "z", "glue", "speed")
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_SAME = 1e-9  # distance of two points that are one [mm]
+_SAME = 1e-6  # distance of two points that are one [mm]
 _COMMENT = "#"
 
 
@@ -93,10 +94,10 @@ def with_speeds(text: str, change: Callable[[float], float]) -> str | None:
     at, made, found = layout.columns.index("speed"), [], False
     for number, line in enumerate(text.splitlines(), 1):
         parts = re.split(f"({layout.separator})", line.strip())  # separators at every second place
-        if number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at:
-            if parts[2 * at].strip():
-                speed = f"{change(_number(number, 'speed', parts[2 * at], layout.comma)):.9g}"
-                parts[2 * at], found = speed.replace(".", ",") if layout.comma else speed, True
+        data = number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at
+        if data and parts[2 * at].strip():
+            speed = f"{change(_number(number, 'speed', parts[2 * at], layout.comma)):.9g}"
+            parts[2 * at], found = speed.replace(".", ",") if layout.comma else speed, True
         made.append("".join(parts))
     return "\n".join(made) if found else None
 
@@ -144,6 +145,10 @@ def _row(number: int, layout: _Layout, line: str, factor: float) -> _Row:
         if not values.get(name):
             raise InputError(f"line {number}: has no {name}: must have x and y")
     place = [_number(number, name, values.get(name) or "0", layout.comma) for name in "xyz"]
+    if not max(map(abs, place)) * factor <= LARGEST:
+        raise InputError(
+            f"line {number}: coordinate of {factor * max(place, key=abs):g} mm: must be at most {LARGEST:g} mm"
+        )
     switch = (values.get("glue") or "1").lower()
     if switch not in _SWITCH:
         raise InputError(f"line {number}: glue = {switch[:40]!r}: must be 1 or 0")
@@ -173,14 +178,14 @@ def _stroke(rows: list[_Row], curve: str) -> Stroke:
             continue
         points = np.array([row.point for row in rows[first : last + 1]])
         if curve == "spline" and len(points) > 2:
-            shapes += _spline(points)
+            shapes += _spline(points, rows[first].line)
         else:
-            shapes += [Segment(a, b) for a, b in zip(points[:-1], points[1:], strict=True)]
+            shapes += [Segment(a, b) for a, b in pairwise(points)]
         first = last
     return Stroke(tuple(shapes), f"line {rows[0].line}", glue=glue, speed=speed)
 
 
-def _spline(points: Floats) -> list[Shape]:
+def _spline(points: Floats, line: int) -> list[Shape]:
     """Cubic spline through points, parametrised by their chords, as Bézier curves; periodic if it is closed.
 
     In an interval of length h with p = c0 + c1 t + c2 t^2 + c3 t^3, the inner control points are c0 + c1 h / 3 and
@@ -192,11 +197,9 @@ def _spline(points: Floats) -> list[Shape]:
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
     at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    if not np.diff(at).min() > 0:
+        raise InputError(f"line {line}: spline of {at[-1]:g} mm: has points that are too close for its length")
     slope = CubicSpline(at, points, bc_type="periodic" if closed else "natural")(at, 1)
     third = np.diff(at)[:, None] / 3
-    return [
-        bezier(*control)
-        for control in zip(
-            points[:-1], points[:-1] + third * slope[:-1], points[1:] - third * slope[1:], points[1:], strict=True
-        )
-    ]
+    after, before = points[:-1] + third * slope[:-1], points[1:] - third * slope[1:]
+    return [bezier(*control) for control in zip(points[:-1], after, before, points[1:], strict=True)]

@@ -1,12 +1,9 @@
-"""Limits of the stage's axes, and the speed along the outline that keeps to them."""
+"""Limits of the stage's axes."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, finite, positive
 
 Three = tuple[float, float, float]
@@ -15,25 +12,6 @@ Place = tuple[float, float]
 AXES = ("th", "x", "y")
 FREE = (math.inf, math.inf, math.inf)
 _UNITS = ("deg", "mm", "mm")
-
-
-def velocity_bound(s: Floats, first: Floats, velocity: Three) -> Floats:
-    """Return the speed that keeps the axes to their velocity limits, at and between nodes, (m,) [mm/s].
-
-    It allows for the derivatives at a node's neighbours too.
-
-    Args:
-        s: nodes, (m,), the same value twice where two pieces meet [mm].
-        first: derivatives of th, x and y by the arc length, (m, 3).
-        velocity: limits of th, x and y.
-    """
-    largest = np.abs(first)
-    inside = np.diff(s) > 0
-    for here, there in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-        neighbour = np.abs(first)[there][inside]
-        largest[here][inside] = np.maximum(largest[here][inside], neighbour)
-    with np.errstate(divide="ignore"):
-        return (np.array(velocity) / largest).min(axis=1)
 
 
 def axis_limits(name: str, values: Three, unit: str) -> Three:

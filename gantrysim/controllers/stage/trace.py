@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.limits import Limited, fastest, nodes
+from gantrysim.controllers.limits import Limited, fastest, nodes, velocity_bound
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.profile import Constant
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, travel, velocity_bound
+from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, travel
 from gantrysim.controllers.stage.outline import outline, polygon
 from gantrysim.controllers.stage.table import Complex, Table, Turning
 from gantrysim.errors import InputError, at_least, point, positive, whole

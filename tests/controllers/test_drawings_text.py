@@ -1,0 +1,240 @@
+"""What is refused, in one line; random changes of drawings raise no other error; formats and notes."""
+
+import math
+import random
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim.controllers.cad import Drawing
+from gantrysim.controllers.programs import build
+from gantrysim.errors import InputError
+
+from support.drawings import arc, circle, csv, dxf, group, line, polyline, svg
+
+SQUARE = csv([(0, 0), (10, 0), (10, 10)])
+BLOCKS = group((0, "BLOCK"), (8, "0"), (2, "A"), (70, 0), (10, 0.0), (20, 0.0), (30, 0.0)) + line((0, 0), (3, 0))
+BLOCKS += group((0, "ENDBLK"), (8, "0"))
+SEEDS = [
+    dxf(
+        line((0, 0), (10, 0), "BEAD"),
+        arc((10.0, 5.0), 5.0, 270.0, 90.0),
+        circle((3.0, 3.0), 2.0),
+        polyline([(0, 0, 0.5), (10, 0, 0), (10, 10, -1)], closed=True),
+        group((0, "INSERT"), (8, "0"), (2, "A"), (10, 1.0), (20, 2.0), (30, 0.0), (41, 2.0), (42, 1.0), (50, 30.0)),
+        blocks=BLOCKS,
+    ),
+    svg(
+        '<g id="a" transform="translate(3,4) rotate(20) scale(1,2)"><rect x="1" y="2" width="9" height="5" rx="1"/>'
+        '<path d="M1 2C3 4 5 6 9 1Q3 3 8 8A4 2 20 1 0 9 9z m1 1 l3 3"/></g>'
+        '<ellipse cx="9" cy="8" rx="7" ry="3"/><polyline points="0,0 5,5 7,1"/><use href="#a" x="5"/>'
+    ),
+    "x,y,z,glue,speed\n0,0,0,1,30\n10,0,0,1,20\n10,10,2,0,\n0,10,0,1,5\n\n5 , 5\n6,7\n",
+    "0 0\n10 0\n20 5\n30 -5\n40 0\n",
+]
+PIECES = [
+    "",
+    "0",
+    "-1",
+    "1e9",
+    "1e308",
+    "nan",
+    "inf",
+    "\n",
+    ",",
+    ";",
+    "<",
+    ">",
+    '"',
+    "A",
+    "\x00",
+    "é",
+    "  ",
+    "999999999",
+]
+
+
+def attempt(text, **arguments):
+    """Whether a drawing is read; any other error than InputError is the test's."""
+    try:
+        drawing = Drawing(text, unit="mm", **arguments)
+        assert np.isfinite(drawing.requested.length)
+        assert all("\n" not in note for note in drawing.notes)
+        if drawing.duration < 20:
+            assert np.isfinite(drawing.setpoints(0.01).position).all()
+    except InputError as error:
+        message = str(error)
+    else:
+        return True
+    assert "\n" not in message, message[:200]
+    assert len(message) < 500, message[:200]
+    return False
+
+
+def mutated(text, choose):
+    for _ in range(choose.randint(1, 4)):
+        at, end = sorted((choose.randrange(len(text) + 1), choose.randrange(len(text) + 1)))
+        end = min(end, at + choose.choice([0, 1, 1, 5, 20]))
+        text = text[:at] + choose.choice([*PIECES, text[end : end + 9]]) + text[end:]
+    lines = text.splitlines(keepends=True)
+    if choose.random() < 0.3 and len(lines) > 2:
+        k = choose.randrange(len(lines))
+        lines[k] = choose.choice([*PIECES, lines[choose.randrange(len(lines))].strip()]) + "\n"
+    return "".join(lines)
+
+
+@pytest.mark.parametrize("seed", range(len(SEEDS)))
+@pytest.mark.filterwarnings("ignore")  # of the libraries that read drawings
+def test_changed_drawings_are_read_or_refused_in_one_line(seed):
+    choose = random.Random(seed)
+    assert attempt(SEEDS[seed])
+    read = sum(attempt(mutated(SEEDS[seed], choose)) for _ in range(60))
+    assert read < 60
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(len(SEEDS)))
+@pytest.mark.filterwarnings("ignore")
+def test_many_changed_drawings_are_read_or_refused_in_one_line(seed):
+    choose = random.Random(100 + seed)
+    for _ in range(25_000):
+        attempt(mutated(SEEDS[seed], choose), curve="spline" if seed > 1 and choose.random() < 0.3 else "lines")
+
+
+@given(st.text(max_size=200), st.sampled_from(["auto", "dxf", "svg", "csv"]))
+@settings(max_examples=60, deadline=None)
+@pytest.mark.filterwarnings("ignore")
+def test_any_text_is_read_or_refused_in_one_line(text, kind):
+    attempt(text, format=kind)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "has no points"),
+        ("0,0\n10,x\n", r"line 2: y = 'x': must be a finite number"),
+        ("0,0\n10\n", r"line 2: has no y: must have x and y"),
+        ("0,0\n10,nan\n", r"line 2: y = 'nan'"),
+        ("0,0\n1,2,3,1,5,6\n", r"line 2: 6 values: must be at most 5, x, y, z, glue, speed"),
+        ("0,0\n1,2,3,2\n", r"line 2: glue = '2': must be 1 or 0"),
+        ("0,0\n1,2,3,1,0\n", r"line 2: speed = 0 mm/s: must be greater than 0 mm/s"),
+        ("x,y,colour\n0,0,1\n", r"line 1: 'colour': must be a number, or a column of x, y, z, glue, speed"),
+        ("x,z\n0,0\n", r"line 1: columns x, z: must have x and y"),
+        ("1,2\n", "nothing is traced; ignored: 1 single point; must have"),
+        ("0,0\n2e6,0\n", r"line 2: coordinate of 2e\+06 mm: must be at most 1e\+06 mm"),
+        (svg('<path d="M0 0h2e6"/>'), r"svg: <path>: coordinate of 2e\+06 mm: must be finite and at most 1e\+06 mm"),
+        ("AutoCAD Binary DXF\r\n\x1a\x00", r"dxf: binary: must be saved as an ASCII DXF"),
+        (
+            dxf(group((0, "TEXT"), (8, "0"), (10, 0.0), (20, 0.0), (40, 1.0), (1, "a"))),
+            "nothing is traced; ignored: 1 TEXT",
+        ),
+        (dxf(circle((0.0, 0.0), -1.0)), r"dxf: CIRCLE \w+: radius = -1: must be greater than 0"),
+        ("0\nSECTION\n2\nENTITIES\n0\nLINE\n", "dxf: .*: must be a valid"),
+        ("<svg>", "svg: .*must be well-formed XML"),
+        ("<html/>", "svg: document <html>: must be <svg>"),
+        ("<svg/>", "svg: must state its namespace"),
+        (svg(), "nothing is traced"),
+        (svg("<text>a</text>"), "nothing is traced; ignored: 1 <text>"),
+        (svg("<g>" * 120 + "</g>" * 120), "nested, or reused, more than 100 deep"),
+        (svg('<g id="a"><use href="#a"/><path d="M0 0h1"/></g>'), "nested, or reused, more than 100 deep"),
+    ],
+)
+def test_refused_drawings(text, message):
+    with pytest.raises(InputError, match=message) as error:
+        Drawing(text)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"format": "dwg"}, "unknown format 'dwg': known: auto, csv, dxf, svg"),
+        ({"unit": "inch"}, "unknown unit 'inch'"),
+        ({"curve": "arcs"}, "unknown curve 'arcs'"),
+        ({"order": "random"}, "unknown order 'random'"),
+        ({"speed": 0}, "speed = 0 mm/s: must be greater than 0 mm/s"),
+        ({"travel_speed": -1}, "travel_speed = -1 mm/s"),
+        ({"chord_tolerance": 0}, "chord_tolerance = 0 mm: must be greater than 0 mm"),
+        ({"corner_tolerance": -1}, "corner_tolerance = -1 mm: must be at least 0 mm"),
+        ({"corner_speed": float("nan")}, "corner_speed = nan mm/s: must be finite"),
+        ({"velocity": (1, 2)}, "velocity of 2 values: must be three, of x, y and z"),
+        ({"acceleration": (1, 0, 1)}, "acceleration of y = 0 mm/s²: must be greater than 0 mm/s²"),
+        ({"lift": -1}, "lift = -1 mm"),
+        ({"height": float("inf")}, "height = inf mm: must be finite"),
+        ({"start": (1,)}, "start = .*: must be two numbers"),
+        ({"layers": ("a",)}, "unknown layers: layer or colour 'a': there are none"),
+    ],
+)
+def test_refused_arguments(arguments, message):
+    with pytest.raises(InputError, match=message):
+        Drawing(SQUARE, **arguments)
+    if arguments == {"curve": "arcs"}:
+        with pytest.raises(InputError, match='curve = "spline": must be for points of a csv, the drawing is svg'):
+            Drawing(svg('<path d="M0 0h9"/>'), curve="spline")
+
+
+def test_the_format_is_told_by_the_text():
+    assert Drawing(SQUARE).kind == "csv"
+    assert Drawing(SEEDS[0]).kind == "dxf"
+    assert Drawing("\n999\na remark\n" + SEEDS[0]).kind == "dxf"
+    assert Drawing(SEEDS[1]).kind == "svg"
+    assert Drawing('<?xml version="1.0"?>\n<!-- a remark -->\n' + SEEDS[1]).kind == "svg"
+    assert Drawing("\ufeff" + SQUARE).requested.length == 20
+
+
+def test_many_blocks_in_blocks_are_refused_before_they_fill_the_memory():
+    blocks = BLOCKS
+    for k in range(1, 12):
+        inner = "A" if k == 1 else f"B{k - 1}"
+        blocks += group((0, "BLOCK"), (8, "0"), (2, f"B{k}"), (70, 0), (10, 0.0), (20, 0.0), (30, 0.0))
+        insert = (0, "INSERT"), (8, "0"), (2, inner), (10, 0.0), (20, 0.0), (30, 0.0)
+        blocks += group(*insert, (70, 300), (71, 300), (44, 1.0), (45, 1.0)) + group((0, "ENDBLK"), (8, "0"))
+    text = dxf(group((0, "INSERT"), (8, "0"), (2, "B11"), (10, 0.0), (20, 0.0), (30, 0.0)), blocks=blocks)
+    with pytest.raises(InputError, match="dxf: more than 200000 entities"):
+        Drawing(text)
+
+
+def test_hidden_layers_of_dxf_are_not_traced():
+    tables = group((0, "TABLE"), (2, "LAYER"), (70, 2))
+    tables += group((0, "LAYER"), (2, "OFF"), (70, 0), (62, -3), (6, "CONTINUOUS"))
+    tables += group((0, "LAYER"), (2, "ICE"), (70, 1), (62, 3), (6, "CONTINUOUS"))
+    tables += group((0, "LAYER"), (2, "ON"), (70, 0), (62, 5), (6, "CONTINUOUS")) + group((0, "ENDTAB"))
+    drawn = [line((0, 0), (length, 0), layer) for layer, length in (("OFF", 1), ("ICE", 2), ("ON", 4))]
+    drawing = Drawing(dxf(*drawn, tables=tables))
+    assert drawing.requested.length == 4
+    assert {"on", "blue", "aci:5", "#0000ff"} <= drawing.sheet.strokes[0].names
+    assert any("ignored: 2 invisible" in note for note in drawing.notes)
+
+
+def test_a_drawing_is_rebuilt_from_its_plain_arguments():
+    drawing = Drawing(SQUARE, start=(1, 2), velocity=(100, 100, 50), glue=None)
+    again = build("cad.Drawing", drawing.arguments())
+    assert np.array_equal(again.setpoints(1e-3).position, drawing.setpoints(1e-3).position)
+    assert build("cad.Drawing", {"text": SEEDS[0], "glue": {"bead": False}}).glue == {"bead": False}
+    assert build("cad.Drawing", {"text": SEEDS[0], "glue": ["bead"]}).glue == ("bead",)
+    assert Drawing.suffixes == (".dxf", ".svg", ".csv")
+
+
+def test_the_page_s_job_is_traced():
+    page = (Path(__file__).parents[2] / "docs" / "drawings.md").read_text(encoding="utf-8")
+    table = tomllib.loads(re.search(r"```toml\n(.*?)```", page, flags=re.DOTALL)[1])["program"]
+    drawing = build(table.pop("controller"), table)
+    assert drawing.axes == ("x", "y", "z")
+    # two corners of 90 deg: an arc of radius d instead of two lines of length d = tolerance / tan(theta / 4)
+    shorter = 2 * (2 - math.pi / 2) * 0.1 / math.tan(math.pi / 8)
+    assert sum(leg.length for leg in drawing.route.legs if leg.glue) == pytest.approx(
+        210 + math.hypot(40, 5) - shorter, abs=1e-4
+    )
+    assert drawing.route.corners.rounded == 2
+
+
+def test_points_in_one_place_and_splines_without_room_are_refused():
+    assert Drawing("0,0\n0,0\n1,0\n").requested.length == 1
+    far = "\n".join(f"{7e5 * (-1) ** k},{k}" for k in range(30_000))
+    with pytest.raises(InputError, match="has points that are too close for its length"):
+        Drawing(f"{far}\n0,0\n0.000002,0\n", curve="spline")
