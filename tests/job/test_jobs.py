@@ -19,9 +19,14 @@ JOBS = (
     "delta-arc",
     "fanuc-conical",
     "fanuc-spiral",
+    "linuxcnc-flanges",
+    "slicer-square",
     "softmc-arc",
+    "softmc-basic",
     "softmc-helical",
     "stage-outline",
+    "svg-gasket",
+    "trio-basic",
 )
 SPACING = {"an225": 10.0, "an225-3d": 10.0, "fanuc-conical": 25.0, "fanuc-spiral": 20.0, "softmc-helical": 25.0}
 # errors from friction at the reversals of the axes, without those of the controller [mm]
