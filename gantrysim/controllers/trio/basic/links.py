@@ -11,11 +11,12 @@ from gantrysim.controllers.trio.basic.moves import CONNECT, Move
 End = Callable[[Axis], None]
 
 
-def follow(axes: dict[int, Axis], steps: dict[int, float], end: End) -> None:
+def follow(axes: dict[int, Axis], linked: dict[int, Move], steps: dict[int, float], end: End) -> None:
     """Add the motion of linked axes within a period.
 
     Args:
         axes: by their numbers.
+        linked: moves linked to another axis at the beginning of the period, by the numbers of their axes.
         steps: of the axes with a profile, to which those of the others are added [units].
         end: ends the move of an axis, and loads the next.
     """
@@ -24,9 +25,10 @@ def follow(axes: dict[int, Axis], steps: dict[int, float], end: End) -> None:
     def total(axis: Axis) -> float:
         if axis.number not in done:
             done.add(axis.number)
-            if axis.move is not None and axis.move.driver is not None:
-                link = axes[axis.move.driver]
-                steps[axis.number] += _linked(axis, axis.move, total(link), link.units / axis.units, end)
+            move = linked.get(axis.number)
+            if move is not None and move.driver is not None:
+                link = axes[move.driver]
+                steps[axis.number] += _linked(axis, move, total(link), link.units / axis.units, end)
             if axis.superimposed is not None:
                 added = axes[axis.superimposed]
                 steps[axis.number] += total(added) * added.units / axis.units

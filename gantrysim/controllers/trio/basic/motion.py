@@ -184,16 +184,12 @@ class Motion:
         for axis in axes:
             self._load_next(axis)
         steps = dict.fromkeys(self.axes, 0.0)
-        following = False
+        linked = {axis.number: axis.move for axis in axes if axis.move is not None and not axis.move.profiled}
         for axis in axes:
-            following |= axis.superimposed is not None
-            if axis.move is not None:
-                if axis.move.profiled:
-                    self._advance(axis, axis.move, steps)
-                else:
-                    following = True
-        if following:
-            follow(self.axes, steps, self._end)
+            if axis.move is not None and axis.move.profiled:
+                self._advance(axis, axis.move, steps)
+        if linked or any(axis.superimposed is not None for axis in axes):
+            follow(self.axes, linked, steps, self._end)
         for axis in axes:
             axis.step = step = steps[axis.number]
             if step:

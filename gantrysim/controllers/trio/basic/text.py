@@ -21,14 +21,17 @@ from gantrysim.controllers.trio.basic.expressions import (
     binary,
     constant,
     inverted,
+    known_words,
     negative,
     power,
+    unknown_word,
     value_of,
 )
 from gantrysim.errors import InputError
 
 LONGEST, LONGEST_LINE, LONGEST_WORD = 1_000_000, 4096, 64  # characters of a text, a line, a word
 _SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
+_VERB = re.compile(r"\s*([A-Z_]\w{0,63})[^\S\n]+(?!AXIS\b)[\w\"#(]", re.IGNORECASE)
 MAIN = "MAIN"  # name of a program without one
 MOST_SECTIONS = 64
 
@@ -114,7 +117,7 @@ def _source(name: str, text: str, before: int) -> Source:
             else f"{str(error.token)[:LONGEST_WORD]!r} unexpected"
         )
         line = before + (error.line if isinstance(error.line, int) and error.line > 0 else 1)
-        raise InputError(f"line {line}: syntax error, {shown}") from None
+        raise _misspelt(text, before, line) or InputError(f"line {line}: syntax error, {shown}") from None
     except UnexpectedCharacters as error:
         raise InputError(f"line {before + error.line}: syntax error, {error.char!r} unexpected") from None
     except UnexpectedEOF:
@@ -124,6 +127,15 @@ def _source(name: str, text: str, before: int) -> Source:
             raise error.orig_exc from None
         raise
     return source
+
+
+def _misspelt(text: str, before: int, line: int) -> InputError | None:
+    """The error for a line whose first word is unknown and is followed by what no variable can be."""
+    lines = text.split("\n")
+    found = _VERB.match(lines[line - before - 1]) if 0 < line - before <= len(lines) else None
+    if found is None or found[1].upper() in known_words():
+        return None
+    return InputError(f"line {line}: {unknown_word(Reference(found[1].upper(), None, None, line, found[1]))}")
 
 
 def _number(text: str) -> float:
