@@ -153,9 +153,7 @@ def _cancel(p: Process, values: Values, line: int) -> None:
 
 
 def _rapidstop(p: Process, values: Values, line: int) -> None:
-    mode = _mode(values)
-    for number in list(p.state.motion.axes):
-        p.state.motion.cancel(number, mode)
+    p.state.motion.stop_all(_mode(values))
 
 
 def _mode(values: Values) -> int:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.moves import CONNECT, Move, Straight
+from gantrysim.controllers.trio.basic.links import follow
+from gantrysim.controllers.trio.basic.moves import CONNECT, STATED, Move, Straight
 from gantrysim.controllers.trio.basic.profile import Speed
 from gantrysim.errors import InputError
 
 MOST_AXES = 64  # numbers of axes: 0 to 63
+MOST_MOVES = 200_000
 
 
 class Motion:
@@ -22,6 +24,7 @@ class Motion:
         starts: positions of axes at the beginning by their numbers, else 0 [units].
         speed, acceleration, deceleration: of an axis until the program sets them.
         buffers: moves that an axis holds besides the one it executes.
+        real: numbers of the axes with a drive, which must be enabled.
         ratio_bits: fractional bits of CONNECT's ratio, None for an exact one.
     """
 
@@ -33,14 +36,15 @@ class Motion:
         acceleration: float,
         deceleration: float,
         buffers: int,
+        real: tuple[int, ...],
         ratio_bits: int | None,
     ) -> None:
-        self.period, self.buffers, self._bits = period, buffers, ratio_bits
+        self.period, self.buffers, self.real, self._bits = period, buffers, real, ratio_bits
         self._starts, self._defaults = starts, (speed, acceleration, deceleration)
         self.axes: dict[int, Axis] = {}
-        self.loaded: list[Move] = []  # all but CONNECT
+        self.loaded: list[Move] = []  # those of STATED
         self.drivers: set[int] = set()  # axes that others were linked to
-        self.followers: set[int] = set()  # and those others
+        self.unstated: set[int] = set()  # axes with other motions than those of STATED
         self.enabled = True
 
     def axis(self, number: float) -> Axis:
@@ -74,9 +78,8 @@ class Motion:
         if move.driver is not None:
             self._check_link(move.axes[0], move.driver)
             self.drivers.add(move.driver)
-            self.followers.add(move.axes[0])
         running = base.move
-        if move.kind == CONNECT and running is not None and running.kind == CONNECT and not base.queue:
+        if move.kind == CONNECT and running is not None and running.kind == CONNECT:
             self._load(base, move)
             return True
         if self._free(move) and not base.queue:
@@ -92,7 +95,7 @@ class Motion:
         if added is not None:
             self._check_link(number, added)
             self.drivers.add(added)
-            self.followers.add(number)
+            self.unstated.add(number)
         self.axis(number).superimposed = added
 
     def _check_link(self, number: int, driver: int) -> None:
@@ -119,6 +122,16 @@ class Motion:
             else:
                 self._end(base)
 
+    def stop_all(self, mode: int) -> None:
+        """Cancel on all axes at once."""
+        holders = [axis.number for axis in self.axes.values() if axis.move is not None]
+        if mode in (1, 2):
+            for axis in self.axes.values():
+                axis.queue.clear()
+        if mode in (0, 2):
+            for number in holders:
+                self.cancel(number, 0)
+
     def _free(self, move: Move) -> bool:
         return all(self.axis(n).member is None for n in move.axes)
 
@@ -139,9 +152,13 @@ class Motion:
         base.move = move
         for axis in axes:
             axis.member = move
-        if move.kind != CONNECT:
+        if move.kind in STATED:
             move.beside = tuple(axis.number for axis in self.axes.values() if axis.member not in (None, move))
             self.loaded.append(move)
+            if len(self.loaded) > MOST_MOVES:
+                raise InputError(f"line {move.line}: more than {MOST_MOVES} moves are run: must be fewer")
+        else:
+            self.unstated.update(move.axes)
 
     def _aim(self, move: Move, start: tuple[float, ...]) -> None:
         """Give a MOVEABS the shape that follows from where it starts."""
@@ -167,28 +184,24 @@ class Motion:
         for axis in axes:
             self._load_next(axis)
         steps = dict.fromkeys(self.axes, 0.0)
-        following = False
+        linked = {axis.number: axis.move for axis in axes if axis.move is not None and not axis.move.profiled}
         for axis in axes:
-            following |= axis.superimposed is not None
-            if axis.move is not None:
-                if axis.move.profiled:
-                    self._advance(axis, axis.move, steps)
-                else:
-                    following = True
-        if following:
-            self._follow(axes, steps)
+            if axis.move is not None and axis.move.profiled:
+                self._advance(axis, axis.move, steps)
+        if linked or any(axis.superimposed is not None for axis in axes):
+            follow(self.axes, linked, steps, self._end)
         for axis in axes:
             axis.step = step = steps[axis.number]
             if step:
                 axis.position += step
                 axis.moved = True
-                if not (axis.servo and self.enabled) and axis.type != 0:
+                if not (axis.servo and self.enabled) and axis.number in self.real:
                     self._refuse(axis)
 
     def _refuse(self, axis: Axis) -> None:
         off = "WDOG" if axis.servo else f"SERVO AXIS({axis.number})"
         where = "" if axis.member is None else f"line {axis.member.line}: "
-        raise InputError(f"{where}axis {axis.number} is to move while {off} = OFF: must be ON, or ATYPE 0 (virtual)")
+        raise InputError(f"{where}axis {axis.number} is to move while {off} = OFF: must be ON")
 
     def _merged(self, base: Axis, move: Move) -> Move | None:
         """The buffered move that follows a move without a stop, if any."""
@@ -242,56 +255,6 @@ class Motion:
         for n, now, before in zip(move.axes, at, move.at, strict=True):
             steps[n] += now - before
         move.s, move.at = s, at
-
-    def _follow(self, axes: list[Axis], steps: dict[int, float]) -> None:
-        """Add to the steps of the axes with a profile those of the axes that are linked to others."""
-        done: set[int] = set()
-
-        def total(axis: Axis) -> float:
-            if axis.number not in done:
-                done.add(axis.number)
-                if axis.move is not None and axis.move.driver is not None:
-                    link = self.axes[axis.move.driver]
-                    steps[axis.number] += self._linked(axis, axis.move, total(link), link.units / axis.units)
-                if axis.superimposed is not None:
-                    added = self.axes[axis.superimposed]
-                    steps[axis.number] += total(added) * added.units / axis.units
-            return steps[axis.number]
-
-        for axis in axes:
-            total(axis)
-
-    def _linked(self, axis: Axis, move: Move, driven: float, edges: float) -> float:
-        """Motion of a linked axis, given that of its link axis, and the ratio of their UNITS."""
-        if move.kind == CONNECT:
-            return move.ratio * driven * edges
-        s, step = move.s + (max(driven, 0.0) if move.forward_only else driven), 0.0
-        while move.link_start is None or s >= 0:
-            move.link_start = None
-            full = move.shape.length
-            if move.repeats:
-                rounds = math.floor(s / full)
-                step += rounds * move.shape.displacement(full)[0]
-                s -= rounds * full
-            if s < full:
-                break
-            step += move.shape.displacement(full)[0] - move.at[0]
-            move.finished, move.s = True, full
-            follows = axis.queue[0] if axis.queue else None
-            self._end(axis)
-            if (
-                axis.move is None
-                or axis.move is not follows
-                or follows.driver != move.driver
-                or follows.kind == CONNECT
-            ):
-                return step
-            s, move = s - full, follows  # nothing of the link axis' motion is lost
-            move.start = (axis.position + step,)
-        at = move.shape.displacement(s)
-        step += at[0] - move.at[0]
-        move.s, move.at = s, at
-        return step
 
 
 def _merge(move: Move, follows: Move) -> bool:

@@ -12,6 +12,8 @@ from gantrysim.errors import InputError
 IDLE, MOVE, MOVEABS, MHELICAL, MOVECIRC = 0, 1, 2, 3, 4
 FORWARD, REVERSE, CAM, CAMBOX, CONNECT, MOVELINK = 10, 11, 13, 20, 21, 22
 
+STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC})  # moves that state their path
+
 OFF_CIRCLE = 1e-3  # largest difference of the end's and the start's distance from a circle's centre [units]
 
 

@@ -13,10 +13,10 @@ from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import SHORTEST, Coil, Line, vector
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.trio.basic.moves import MHELICAL, MOVE, MOVEABS, MOVECIRC, Arc, Move
+from gantrysim.controllers.trio.basic.moves import Arc, Move
 from gantrysim.errors import InputError, finite, point, positive, whole
 
-TOLERANCE = 2e-4  # of the commanded trace that stands for a path which the program does not state [mm]
+TOLERANCE = 5e-4  # of the commanded trace that stands for a path which the program does not state [mm]
 _JOINT = 1e-6  # [mm]
 
 
@@ -63,7 +63,7 @@ class StatedSpiral:
 
 
 def exact(
-    moves: list[Move], followers: set[int], numbers: tuple[int, ...], start: Floats, at: Placement
+    moves: list[Move], unstated: set[int], numbers: tuple[int, ...], start: Floats, at: Placement
 ) -> Chain | None:
     """Return the moves of the machine's axes as geometry, None where they do not state it.
 
@@ -71,8 +71,8 @@ def exact(
     time and to their ends.
 
     Args:
-        moves: in the order of their beginning.
-        followers: axes that were linked to others.
+        moves: those kinds, in the order of their beginning.
+        unstated: axes that were moved otherwise.
         numbers: of the machine's axes.
         start: their first positions, (3,) [mm].
         at: where the program lies.
@@ -80,14 +80,13 @@ def exact(
     columns = {number: k for k, number in enumerate(numbers[:3])}
     pieces: list[Line | Coil] = []
     place = start.copy()
-    if followers & columns.keys():
+    if unstated & columns.keys():
         return None
     for move in moves:
         real = [number for number in move.axes if number in columns]
         if not real:
             continue
-        known = move.kind in (MOVE, MOVEABS, MOVECIRC, MHELICAL) and move.finished
-        if not known or columns.keys() & set(move.beside):
+        if not move.finished or columns.keys() & set(move.beside):
             return None
         ends = move.shape.displacement(move.shape.length) if move.shape.length else (0.0,) * len(move.axes)
         end = place.copy()

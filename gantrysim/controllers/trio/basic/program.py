@@ -165,8 +165,7 @@ class Basic(Controller):
             InputError: a statement fails, or a limit is exceeded, with the line.
         """
         if period not in self._runs:
-            if self.time_limit / positive("period", period, "s") > MAX_TICKS:
-                raise InputError(f"time_limit = {self.time_limit:g} s: must be at most {MAX_TICKS * period:g} s")
+            positive("period", period, "s")
             recorded = self.axis_numbers or (0, 1, 2)
             starts = dict(zip(self.axis_numbers or range(len(_AXES)), self.start, strict=False))
             motion = Motion(
@@ -176,13 +175,14 @@ class Basic(Controller):
                 self.initial_acceleration,
                 self.initial_acceleration,
                 self.buffers,
+                self.axis_numbers or (0, 1),
                 self.ratio_bits or None,
             )
             state = State(
                 motion, {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
             )
             times = asdict(self.interpreter_time)
-            limits = Limits(self.statement_limit, self.time_limit)
+            limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period))
             self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
         return self._runs[period]
 
@@ -231,7 +231,7 @@ class Basic(Controller):
         motion, numbers = trace.state.motion, self._numbers(trace)
         start = np.zeros(3)
         start[: min(len(numbers), 3)] = trace.position[0, : min(len(numbers), 3)]
-        return exact(motion.loaded, motion.followers, numbers, start, self.placement)
+        return exact(motion.loaded, motion.unstated, numbers, start, self.placement)
 
     @property
     def printed(self) -> tuple[Printed, ...]:

@@ -21,14 +21,17 @@ from gantrysim.controllers.trio.basic.expressions import (
     binary,
     constant,
     inverted,
+    known_words,
     negative,
     power,
+    unknown_word,
     value_of,
 )
 from gantrysim.errors import InputError
 
-LONGEST = 2_000_000  # characters of a text
+LONGEST, LONGEST_LINE, LONGEST_WORD = 1_000_000, 4096, 64  # characters of a text, a line, a word
 _SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
+_VERB = re.compile(r"\s*([A-Z_]\w{0,63})[^\S\n]+(?!AXIS\b)[\w\"#(]", re.IGNORECASE)
 MAIN = "MAIN"  # name of a program without one
 MOST_SECTIONS = 64
 
@@ -80,6 +83,9 @@ def read(text: str) -> list[Source]:
     """
     if len(text) > LONGEST:
         raise InputError(f"program of {len(text)} characters: must have at most {LONGEST}")
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > LONGEST_LINE:
+            raise InputError(f"line {number}: {len(line)} characters: must have at most {LONGEST_LINE}")
     heads = list(_SECTION.finditer(text))
     if len(heads) > MOST_SECTIONS:
         raise InputError(f"{len(heads)} programs: must be at most {MOST_SECTIONS}")
@@ -105,9 +111,13 @@ def _source(name: str, text: str, before: int) -> Source:
         tree = parser().parse(text.replace("\r", "") + "\n")
         source.lines = _Builder(source.read, before).transform(tree)
     except UnexpectedToken as error:
-        shown = "the line ends too early" if error.token.type in ("_NL", "$END") else f"{str(error.token)!r} unexpected"
+        shown = (
+            "the line ends too early"
+            if error.token.type in ("_NL", "$END")
+            else f"{str(error.token)[:LONGEST_WORD]!r} unexpected"
+        )
         line = before + (error.line if isinstance(error.line, int) and error.line > 0 else 1)
-        raise InputError(f"line {line}: syntax error, {shown}") from None
+        raise _misspelt(text, before, line) or InputError(f"line {line}: syntax error, {shown}") from None
     except UnexpectedCharacters as error:
         raise InputError(f"line {before + error.line}: syntax error, {error.char!r} unexpected") from None
     except UnexpectedEOF:
@@ -119,10 +129,19 @@ def _source(name: str, text: str, before: int) -> Source:
     return source
 
 
+def _misspelt(text: str, before: int, line: int) -> InputError | None:
+    """The error for a line whose first word is unknown and is followed by what no variable can be."""
+    lines = text.split("\n")
+    found = _VERB.match(lines[line - before - 1]) if 0 < line - before <= len(lines) else None
+    if found is None or found[1].upper() in known_words():
+        return None
+    return InputError(f"line {line}: {unknown_word(Reference(found[1].upper(), None, None, line, found[1]))}")
+
+
 def _number(text: str) -> float:
     value = float(text)
     if math.isinf(value):
-        raise InputError(f"number {text}: too large")
+        raise InputError(f"number {text[:LONGEST_WORD]}: too large")
     return value
 
 
@@ -194,6 +213,10 @@ class _Builder(Transformer_NonRecursive):  # type: ignore[type-arg]
 
     def ref(self, children: list[Any]) -> Reference:
         name, arguments, axis = children
+        if len(name) > LONGEST_WORD:
+            raise InputError(
+                f"line {name.line + self.before}: word of {len(name)} characters: must have at most {LONGEST_WORD}"
+            )
         return Reference(name.upper(), arguments, axis, (name.line or 1) + self.before, str(name))
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
