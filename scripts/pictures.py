@@ -9,7 +9,6 @@ import numpy as np
 from PIL import Image
 
 from gantrysim import Bead, Job
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots import save_plots
 from gantrysim.render import Film, Renderer, Take
@@ -70,7 +69,7 @@ def machine_box(renderer: Renderer) -> tuple[float, ...]:
 
 
 FOLDER.mkdir(exist_ok=True)
-for name in builtin_jobs():
+for name in DETAILS:
     job = Job.load(name)
     run, machine, size = job.run(), job.built_machine, SIZE if name == PLOTTED else SMALL
     with Renderer(machine, run, "overview", (FINER * size[0], FINER * size[1]), job.bead) as renderer:

@@ -10,11 +10,17 @@ from gantrysim.job.job import Job
 SPEEDS = {  # of the built-in jobs [mm/s]
     "an225": 100.0,
     "an225-3d": 100.0,
+    "delta-arc": 150.0,
     "fanuc-conical": 120.0,
     "fanuc-spiral": 100.0,
+    "linuxcnc-flanges": 40.0,
+    "slicer-square": 100.0,
     "softmc-arc": 150.0,
+    "softmc-basic": 120.0,
     "softmc-helical": 200.0,
     "stage-outline": 50.0,
+    "svg-gasket": 60.0,
+    "trio-basic": 120.0,
 }
 DIGITS = 1e-7  # relative, of a speed in a program's text
 

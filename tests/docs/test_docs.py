@@ -20,7 +20,14 @@ from gantrysim.job.loading import builtin_jobs
 
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
-README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
+README, TUTORIAL, EXAMPLES = (
+    "linuxcnc-flanges",
+    "slicer-square",
+    "softmc-basic",
+    "svg-gasket",
+    "trio-basic",
+)  # of languages, not shown
+CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
 
 # Encoder counts and friction make a micrometre of the last bit of a setpoint, so other processors' sines show.
 SHOWN = 0.02  # relative
@@ -133,7 +140,7 @@ def test_the_jobs_table_is_what_the_jobs_give(name):
     assert row[:2] == in_um(values.contour.rms, values.contour.max)
     spacings = [] if values.spacing is None else [values.spacing.mean]
     assert [1e3 * spacing for spacing in row[2:]] == in_um(*spacings)
-    assert name == "an225" or f"pictures/{name}.png" in CONTROLLERS
+    assert name == "an225" or name in EXAMPLES or f"pictures/{name}.png" in CONTROLLERS
 
 
 def test_the_tutorial_s_job_runs(tmp_path):

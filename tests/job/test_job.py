@@ -79,7 +79,7 @@ BAD = {
     "key": (["loop_perod=1"], "unknown key 'loop_perod': did you mean program.loop_period\\? known: "),
     "no value": (["turns"], "--set turns: must be key=value"),
     "ambiguous": (["controller=trio.Spiral"], "unknown controller 'trio.Spiral': did you mean trio.MoveSpiral"),
-    "servo": (["damping=-1"], "damping = -1: must be greater than 0"),
+    "servo": (["damping=-1"], "damping = -1: must be 0.001 to 1000"),
     "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
     "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
     "huge speed": (["speed=1e300"], "ratio x = .* on pass 1 of 1: must be at least"),

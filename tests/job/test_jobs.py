@@ -65,7 +65,8 @@ def test_a_job_runs_with_plausible_tracking_contour_and_spacing(analyses, name):
     soft = SOFT.get(name, 1.0)
     for axis, unit in zip(run.axes, run.units, strict=True):
         spread = values.tracking[axis]
-        assert 0 < spread.rms < soft * SERVO_RMS * (2 if unit == "deg" else 1)
+        assert spread.rms > 0 or axis == "z"
+        assert spread.rms < soft * SERVO_RMS * (2 if unit == "deg" else 1)
     # servo and mechanics, without the controller
     beyond = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)[analysis.ticks]
     assert np.sqrt(np.mean(beyond**2)) < soft * SERVO_RMS
