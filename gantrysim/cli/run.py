@@ -58,6 +58,7 @@ def run(
         speed=speed,
     )
     machine = loaded.built_machine
+    loaded.check_fit()
     folder = out if out is not None else Path("out") / loaded.name
     shown: list[Callable[[], None]] = []
     with interruptible("nothing is written") as go_on, output_folder(folder) as scratch:

@@ -13,7 +13,7 @@ from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
 from gantrysim.errors import InputError, at_least, between, finite, positive
 from gantrysim.stability.compensator import Compensator
 
-_LARGEST_GAIN = 1e9
+_LARGEST_GAIN = 1e18
 _DAMPINGS = (1e-3, 1e3)
 _LONGEST_PERIOD = 1.0  # [s]
 

@@ -14,30 +14,37 @@ _PROBES = 64  # places along the path
 _OFF = 1.0  # distance of the commanded tip from the path beyond which the geometry is another [mm]
 
 
-def check_frame(machine: Machine, controller: Controller, name: str) -> None:
-    """Raise InputError for a program in the work frame on a machine that turns its work, or the other way round."""
-    if machine.turns_work and not controller.commands_axes:
-        raise InputError(
-            f"{name} gives positions in the work frame, but machine {machine.name} turns its work and takes positions "
-            "of its axes: use a machine such as xy, or a program such as stage.OutlineTrace"
-        )
+def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, name: str) -> None:
+    """Raise InputError where a program speaks of another frame, or of another geometry, than its machine.
+
+    On a machine that turns its work, programs give positions of the axes: they must put the nozzle on the requested
+    path.
+
+    Args:
+        machine: the machine.
+        controller: the motion controller with its program.
+        setpoints: its own.
+        name: of the controller, for the message.
+    """
     if controller.commands_axes and not machine.turns_work:
         raise InputError(
             f"{name} gives positions of the axes of a machine that turns its work, but machine {machine.name} does "
             "not: use machine stage"
         )
-
-
-def check_geometry(machine: Machine, controller: Controller, setpoints: Setpoints, name: str) -> None:
-    """Raise InputError where axis positions of a program put the machine's nozzle off the program's own path."""
     on = np.flatnonzero(setpoints.dispense)
-    if not controller.commands_axes or not on.size:
+    if not machine.turns_work or not on.size:
         return
     ticks = on[np.linspace(0, on.size - 1, min(_PROBES, on.size)).astype(int)]
     tip = machine.tip(axis_positions(machine, setpoints)[ticks])
     off = float(controller.requested.project(tip).distance.max())
     if off > _OFF:
+        reason = (
+            "its sigma, needle, centre, work_centre or normal are not those of the machine"
+            if controller.commands_axes
+            else f"it gives positions in the work frame, but machine {machine.name} turns its work and takes positions "
+            "of its axes; use a machine such as xy, or a program such as stage.OutlineTrace"
+        )
         raise InputError(
-            f"{name}: on machine {machine.name} its axis positions put the nozzle up to {off:.4g} mm off the requested "
-            "path: its sigma, needle, centre, work_centre or normal are not those of the machine"
+            f"{name}: on machine {machine.name} its positions put the nozzle up to {off:.4g} mm off the requested "
+            f"path: {reason}"
         )

@@ -17,7 +17,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.errors import InputError, TimedError, at_least
 from gantrysim.job.content import JobContent
-from gantrysim.job.fitting import check_frame, check_geometry
+from gantrysim.job.fitting import check_fit
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
 from gantrysim.job.overrides import absolute_machine, known_keys, override, place
@@ -217,7 +217,6 @@ class Job(JobContent):
             InputError: a servo that is unstable on the job's machine, unless `simulation.allow_unstable`; and as
                 `simulate`.
         """
-        self._check_fit()
         if not self.simulation.allow_unstable:
             check_stability(self.built_machine, self.margins)
         with self._located():
@@ -237,7 +236,7 @@ class Job(JobContent):
             InputError: a program that the controller or the machine refuses.
         """
         with self._located():
-            self._check_fit()
+            self.check_fit()
             controller = self.controller
             return plan_of(
                 self.built_machine,
@@ -247,11 +246,9 @@ class Job(JobContent):
                 controller.duration,
             )
 
-    def _check_fit(self) -> None:
+    def check_fit(self) -> None:
         """Raise InputError unless program and machine speak of the same frame and geometry."""
-        name = self.program["controller"]
-        check_frame(self.built_machine, self.controller, name)
-        check_geometry(self.built_machine, self.controller, self.setpoints, name)
+        check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""

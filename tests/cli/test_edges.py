@@ -10,7 +10,7 @@ LINES = {
     "output in a home": (["run", "an225", "--out", "~nobody-here/x"], "~nobody-here/x: there is no such home folder"),
     "machine in a home": (["check", "an225", "--machine", "~nobody-here/x.xml"], "there is no such home folder"),
     "long period": (["check", "an225", "--set", "servo.period=1e308"], "servo period = 1e+308 s: must be at most 1 s"),
-    "large gain": (["check", "an225", "--set", "servo.kp=1e308"], "kp = 1e+308: must be at most 1e+09"),
+    "large gain": (["check", "an225", "--set", "servo.kp=1e308"], "kp = 1e+308: must be at most 1e+18"),
     "deep list": (["check", "an225", "--set", f"kp={'[' * 5000}{']' * 5000}"], "is nested too deeply"),
     "backend": (
         ["study", "loop", "an225", "--backend", "multiprocessing"],

@@ -23,6 +23,7 @@ class Plant:
     peak_torque: float = 0.9
     resolution: float = 1e-3
     motion: None = None
+    chain: None = None
 
 
 def margin(frequency, damping, lag):

@@ -20,14 +20,9 @@ from gantrysim.job.loading import builtin_jobs
 
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
-README, TUTORIAL, EXAMPLES = (
-    "linuxcnc-flanges",
-    "slicer-square",
-    "softmc-basic",
-    "svg-gasket",
-    "trio-basic",
-)  # of languages, not shown
-CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
+README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
+# jobs that show a language, without a picture
+EXAMPLES = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
 
 # Encoder counts and friction make a micrometre of the last bit of a setpoint, so other processors' sines show.
 SHOWN = 0.02  # relative

@@ -7,7 +7,7 @@ from gantrysim import InputError, Job
 LINES = {
     "work frame": (
         ("fanuc-spiral", (), "stage"),
-        r"fanuc\.Program gives positions in the work frame, but machine stage turns its work",
+        r"fanuc\.Program: on machine stage .* mm off .* positions in the work frame, but machine stage turns its work",
     ),
     "axes": (
         ("stage-outline", (), "xyzr"),
@@ -25,9 +25,16 @@ LINES = {
 def test_a_program_of_another_machine_is_refused(job, line):
     name, settings, machine = job
     loaded = Job.load(name, settings, machine)
-    for refused in (loaded.run, loaded.plan):
+    for refused in (loaded.check_fit, loaded.plan):
         with pytest.raises(InputError, match=line):
             refused()
+
+
+def test_the_command_refuses_it_before_it_simulates(gantrysim_command, tmp_path):
+    status, _, errors = gantrysim_command("run", "stage-outline", "--set", "sigma=1", "--out", tmp_path / "out")
+    assert status == 2
+    assert "mm off the requested path: its sigma" in errors
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("name", ["stage-outline", "an225", "softmc-helical"])
