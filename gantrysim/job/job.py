@@ -248,7 +248,8 @@ class Job(JobContent):
 
     def check_fit(self) -> None:
         """Raise InputError unless program and machine speak of the same frame and geometry."""
-        check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
+        with self._located():
+            check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
