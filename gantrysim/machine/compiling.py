@@ -31,9 +31,9 @@ def compile_mjcf(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.Mj
 def _no_force_early(compiled: mujoco.MjModel) -> None:
     """Make a dcmotor's force that of its current at the beginning of a step.
 
-    MuJoCo compiles it to be that at the end. With semi-implicit Euler, whose positions lead by half a step, motion would
-    then be about a step early, and every loop would seem more stable than it is. From the beginning, the force is late
-    by the half step by which positions are early, and the error falls with the square of the step.
+    MuJoCo compiles it to be that at the end. With semi-implicit Euler, whose positions lead by half a step, motion is
+    then about a step early, and every loop seems more stable than it is. From the beginning, the force is late by
+    the half step by which positions are early, and the error falls with the square of the step.
     """
     compiled.actuator_actearly[:] = False
 
