@@ -84,6 +84,15 @@ def point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, f
     return finite(f"{name} x", numbers[0], unit), finite(f"{name} y", numbers[1], unit)
 
 
+def place(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, float, float]:
+    """Return `value` as x, y and z, z being 0 where it is left out, or raise InputError."""
+    numbers = tuple(value)
+    if len(numbers) not in (2, 3):
+        raise InputError(f"{name} of {len(numbers)} numbers: must be x, y[, z]")
+    x, y, z = (*(finite(f"{name} {axis}", one, unit) for axis, one in zip("xyz", numbers, strict=False)), 0.0)[:3]
+    return x, y, z
+
+
 def whole(name: str, value: float, bound: int) -> int:
     """Return `value` as an int, or raise InputError where it is no whole number or below `bound`."""
     number = at_least(name, value, bound)

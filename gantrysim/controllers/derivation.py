@@ -13,7 +13,7 @@ from gantrysim.controllers import notch
 from gantrysim.controllers.law import GAIN_NAMES, compensator
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.margins import Margins, Plant
+from gantrysim.stability.margins import Laws, Margins, Plant
 from gantrysim.stability.motion import Motion
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
@@ -138,11 +138,6 @@ class _AxisLoop:
         self.axis, self.period, self.delay = axis, period, delay
         self._damping, self._integral_time = damping, integral_time
         self._plant = None if axis.motion is None else Plant(axis.motion, period, delay)
-        self._laws: tuple[Compensator, ...] = ()
-
-    def compensators(self) -> tuple[Compensator, ...]:
-        """Return the law, as `Plant` wants it."""
-        return self._laws
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
@@ -181,8 +176,7 @@ class _AxisLoop:
     def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
         if self._plant is None:
             return _UNBOUNDED
-        self._laws = (self.law(frequency, mode),)
-        return self._plant.margins(self)[0]
+        return self._plant.margins(Laws(self.period, self.delay, (self.law(frequency, mode),)))[0]
 
     def _mode(self, frequency: float) -> float:
         """Return the frequency of the mode at which the loop is largest, 0 without modes [Hz]."""
@@ -192,9 +186,9 @@ class _AxisLoop:
         below = modes[modes < 0.5 / self.period]
         if not below.size:
             return float(modes.min(initial=math.inf)) if modes.size else 0.0
-        self._margins(frequency)
+        plain = Laws(self.period, self.delay, (self.law(frequency, notch.NONE),))
         beside = below * (1 + _BESIDE)  # the loop has no bound at a mode without damping
-        return float(below[np.abs(self._plant.loop(self, beside)[:, 0]).argmax()])
+        return float(below[np.abs(self._plant.loop(plain, beside)[:, 0]).argmax()])
 
 
 class _Chain:
@@ -203,7 +197,6 @@ class _Chain:
     def __init__(self, motion: Motion, loops: Sequence[_AxisLoop], period: float, delay: float) -> None:
         self.period, self.delay, self._loops = period, delay, loops
         self._plant = Plant(motion, period, delay)
-        self._laws: tuple[Compensator, ...] = ()
 
     @classmethod
     def of(cls, axes: Sequence[AxisDynamics], loops: Sequence[_AxisLoop], period: float, delay: float) -> _Chain | None:
@@ -211,14 +204,11 @@ class _Chain:
         motion = axes[0].chain
         return None if motion is None else cls(motion, loops, period, delay)
 
-    def compensators(self) -> tuple[Compensator, ...]:
-        """Return the laws, as `Plant` wants them."""
-        return self._laws
-
     def trouble(self, frequency: float) -> str:
         """Return which margin is too small at a natural frequency, in words; empty if none is."""
-        self._laws = tuple(one.law(frequency, one.notch_at(frequency) or notch.NONE) for one in self._loops)
-        for one, found in zip(self._loops, self._plant.margins(self), strict=True):
+        each = tuple(one.law(frequency, one.notch_at(frequency) or notch.NONE) for one in self._loops)
+        found_of = self._plant.margins(Laws(self.period, self.delay, each))
+        for one, found in zip(self._loops, found_of, strict=True):
             gain, name = min(found.gain, found.together), one.axis.name
             if gain < LEAST_GAIN_MARGIN:
                 return f"{name} in its chain has a gain margin of {gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"

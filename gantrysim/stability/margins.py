@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -76,6 +76,24 @@ class LinearLaw(Protocol):
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law of each axis."""
+
+
+class Laws(NamedTuple):
+    """Laws of axes that no servo holds yet.
+
+    Attributes:
+        period: servo period T [s].
+        delay: time from sample to output [s].
+        each: the law of each axis.
+    """
+
+    period: float
+    delay: float
+    each: tuple[Compensator, ...]
+
+    def compensators(self) -> tuple[Compensator, ...]:
+        """Return the law of each axis."""
+        return self.each
 
 
 class Movable(Protocol):

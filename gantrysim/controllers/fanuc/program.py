@@ -25,7 +25,7 @@ from gantrysim.controllers.paths.pieces import Vector, vector
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least, finite, positive, whole
+from gantrysim.errors import InputError, at_least, finite, place, positive, whole
 
 _WORDS, _LINEAR = "ABC", "xyz"
 
@@ -117,11 +117,7 @@ class Program(Controller):
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
             object.__setattr__(self, "program", tuple(self.program))
-        start = tuple(self.start)
-        if len(start) not in (2, 3):
-            raise InputError(f"start of {len(start)} numbers: must be x, y[, z]")
-        start = tuple(finite(f"start {name}", value, "mm") for name, value in zip("xyz", start, strict=False))
-        object.__setattr__(self, "start", (*start, 0.0)[:3])
+        object.__setattr__(self, "start", place("start", self.start))
         positive("rapid", self.rapid, "mm/min")
         if self.acceleration != math.inf:
             positive("acceleration", self.acceleration, "mm/s²")

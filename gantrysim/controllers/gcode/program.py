@@ -21,7 +21,7 @@ from gantrysim.controllers.gcode.planned import Plan, Settings, plan
 from gantrysim.controllers.gcode.track import Track
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least, finite, positive, whole
+from gantrysim.errors import InputError, at_least, place, positive, whole
 
 PER_MINUTE = 60.0
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]
@@ -63,11 +63,7 @@ class GCode(Controller):
     max_steps: int = 10_000_000
 
     def __post_init__(self) -> None:
-        start = tuple(self.start)
-        if len(start) not in (2, 3):
-            raise InputError(f"start of {len(start)} numbers: must be x, y[, z]")
-        start = tuple(finite(f"start {name}", value, "mm") for name, value in zip("xyz", start, strict=False))
-        object.__setattr__(self, "start", (*start, 0.0)[:3])
+        object.__setattr__(self, "start", place("start", self.start))
         positive("rapid", self.rapid, "mm/min")
         positive("acceleration", self.acceleration, "mm/s²")
         positive("cycle", self.cycle, "s")

@@ -42,8 +42,8 @@ _LONG_NAMES = {
     "name": "elementname",
 }
 
-# of a group; those of a length also hold for the system's and the axes' own values, which have no effect
-EFFECTIVE = frozenset(
+# of a single motion, where its command names them
+NODAL = frozenset(
     (
         "vcruise",
         "vtran",
@@ -57,6 +57,13 @@ EFFECTIVE = frozenset(
         "prftype",
         "smooth",
         "abs",
+        "starttype",
+        "dispense",
+    )
+)
+# of a group; those of a length also hold for the system's and the axes' own values, which have no effect
+EFFECTIVE = NODAL | frozenset(
+    (
         "pemax",
         "positionerrordelay",
         "positionerrorsettle",
@@ -67,9 +74,7 @@ EFFECTIVE = frozenset(
         "jfac",
         "vord",
         "en",
-        "starttype",
         "blendingmethod",
-        "dispense",
     )
 )
 IDLE = frozenset(
@@ -89,25 +94,6 @@ IDLE = frozenset(
 RECORDED = ("pcmd", "pfb", "pe", "vcmd", "vfb", "setpoint")
 READ_ONLY = frozenset(("pcmd", "pfb", "setpoint", "ismoving", "issettled", "clock", "time"))
 NAMES = EFFECTIVE | IDLE | READ_ONLY | frozenset(RECORDED)
-NODAL = frozenset(
-    (
-        "vcruise",
-        "vtran",
-        "vmax",
-        "acc",
-        "amax",
-        "dec",
-        "dmax",
-        "jerk",
-        "jmax",
-        "prftype",
-        "smooth",
-        "abs",
-        "starttype",
-        "dispense",
-    )
-)
-
 _STARTS = (2, 3)  # in position, generator completed
 
 
