@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.arrays import Floats, read_only
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.errors import InputError, TimedError
 from gantrysim.machine.kinematics import UnreachableError
@@ -51,7 +51,7 @@ def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
 
 
 def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
-    """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes).
+    """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes); read-only.
 
     Setpoints that name axes which are no coordinates give the positions of the axes themselves.
 
@@ -92,4 +92,4 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
                 f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}",
                 k * setpoints.period,
             )
-    return position
+    return read_only(position)

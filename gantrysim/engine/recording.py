@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats, dot, read_only
+from gantrysim.arrays import Floats, read_only
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
@@ -86,6 +86,21 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
                 columns[row, a, k] = value
 
 
+@jit
+def _speeds(tip: Floats, period: float) -> Floats:
+    """Return the mean speed over the period after each tick, 0 after the last, (n,) [mm/s].
+
+    Args:
+        tip: commanded nozzle, (n, 3) [mm].
+        period: servo period [s].
+    """
+    speeds = np.zeros(len(tip))
+    for k in range(len(tip) - 1):
+        x, y, z = tip[k + 1, 0] - tip[k, 0], tip[k + 1, 1] - tip[k, 1], tip[k + 1, 2] - tip[k, 2]
+        speeds[k] = np.sqrt(x * x + y * y + z * z) / period
+    return speeds
+
+
 def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:
     """Return the record of a machine without tracking error, and without torque; arguments as in `record`."""
     sent = _sent(machine, setpoints, position, np.arange(len(position)), dispenser)
@@ -108,10 +123,12 @@ def _sent(
     machine: Machine, setpoints: Setpoints, position: Floats, sent: NDArray[np.integer], dispenser: Dispenser
 ) -> dict[str, Any]:
     """Return the part of a record that follows from the setpoints, given the index of the one at each tick, (n,)."""
-    commanded, dispense = position[sent], setpoints.dispense[sent]
+    if sent[-1] == sent.size - 1:  # one at a tick: the run waited nowhere
+        commanded, dispense = position[: sent.size], setpoints.dispense[: sent.size]
+    else:
+        commanded, dispense = position[sent], setpoints.dispense[sent]
     tip, period = machine.tip(commanded), setpoints.period
-    steps = np.diff(tip, axis=0, append=tip[-1:])
-    speed = np.sqrt(dot(steps, steps)) / period
+    speed = _speeds(tip, period)
     columns = {
         "time": np.arange(sent.size, dtype=np.float64) * period,
         "commanded": commanded,

@@ -7,7 +7,7 @@ in the work frame at
     J_m(q)^-1 T_m^-1 ... J_1(q)^-1 T_1^-1   T_1 J_1(q) ... T_n J_n(q)  p
     (down to the work)                      (up from the nozzle)
 
-Everything is in SI units, as in the compiled model.
+Its parts are in SI units, as in the compiled model.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
+
+_MM = 1e3  # per m
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,14 @@ class Chain:
         site: index of the nozzle.
         body: index of the work.
         moving: address in qpos of each joint that moves, a slide or a hinge.
+        per_si: unit of these joints' positions per m or rad, (joints,).
 
     Attributes:
         turns_body: whether one of these joints is a hinge that turns the body.
     """
 
-    def __init__(self, model: mujoco.MjModel, site: int, body: int, moving: Sequence[int]) -> None:
+    def __init__(self, model: mujoco.MjModel, site: int, body: int, moving: Sequence[int], per_si: Floats) -> None:
+        self._per_si = per_si
         columns = {address: column for column, address in enumerate(moving)}
         up, down = _to_world(model, int(model.site_bodyid[site])), _to_world(model, body)
         while up and down and up[-1] == down[-1]:
@@ -99,7 +103,7 @@ class Chain:
         self._linear: tuple[Floats, Floats] | None = None
         if not any(isinstance(step, _Hinge) for step in self._steps):
             origin = self(np.zeros((1, len(columns))))
-            self._linear = origin, self(np.eye(len(columns))) - origin
+            self._linear = origin, (self(np.diag(per_si)) - origin) / per_si[:, None]
 
     def _append(self, step: _Rigid | _Slide | _Hinge) -> None:
         if self._steps and isinstance(step, _Rigid) and isinstance(last := self._steps[-1], _Rigid):
@@ -107,21 +111,22 @@ class Chain:
         else:
             self._steps.append(step)
 
-    def __call__(self, q: Floats) -> Floats:
-        """Return positions of the site in the frame of the body, (n, 3) [m].
+    def __call__(self, positions: Floats) -> Floats:
+        """Return positions of the site in the frame of the body, (n, 3) [mm].
 
         Args:
-            q: positions of these joints, (n, joints) [m or rad].
+            positions: of these joints, (n, joints), in the units of `per_si`.
         """
         if self._linear is not None:
             origin, directions = self._linear
-            points = q @ directions
+            points = positions @ directions
             points += origin
             return points
+        q = positions / self._per_si
         points = np.broadcast_to(self._site, (len(q), 3))
         for step in self._steps:
             points = step.move(points, q)
-        return points
+        return _MM * points
 
 
 def _to_world(model: mujoco.MjModel, body: int) -> list[int]:

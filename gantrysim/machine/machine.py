@@ -104,7 +104,8 @@ class Machine:
         self._followers = physics.jnt_qposadr[np.array(self.kinematics.followers, int)].tolist()
         self._reference: Floats = physics.qpos0.copy()
         moving = [*(axis.joint for axis in self.addresses), *self._followers]
-        self._chain = Chain(physics, self.nozzle, self.work, moving)
+        per_si = np.concatenate([self._per_si, np.ones(len(self._followers))])
+        self._chain = Chain(physics, self.nozzle, self.work, moving, per_si)
         self._use(physics)
         if not self.turns_work:
             check_work_frame(self.kinematics, self.home, self.tip)
@@ -285,12 +286,9 @@ class Machine:
         """
         at = np.asarray(position, float)
         rows = np.atleast_2d(at)
-        q = rows / self._per_si
         if self._followers:
-            q = np.concatenate([q, self.kinematics.follow(rows)], axis=1)
-        points = self._chain(q)
-        points *= _MM
-        return points.reshape(*at.shape[:-1], 3)
+            rows = np.concatenate([rows, self.kinematics.follow(rows)], axis=1)
+        return self._chain(rows).reshape(*at.shape[:-1], 3)
 
     def _perturbed_model(self, model: mujoco.MjModel, perturbation: Perturbation) -> mujoco.MjModel:
         return perturbed_model(
