@@ -75,11 +75,12 @@ def spiral(diameter: float, turns: int) -> tuple[Machine, Servo, Setpoints, int]
 
 def to_and_fro(machine: Machine, steps: int) -> None:
     """Bare mj_step of the model that simulate steps; it moves, as friction costs more in motion than at rest."""
-    data = mujoco.MjData(machine.physics)
+    model = machine.stepping(machine.physics.opt.timestep)
+    data = mujoco.MjData(model)
     torque = np.array([2 * axis.coulomb for axis in machine.axes])
     for k in range(0, steps, SWING):
         data.ctrl[:] = torque if k // SWING % 2 else -torque
-        mujoco.mj_step(machine.physics, data, min(SWING, steps - k))
+        mujoco.mj_step(model, data, min(SWING, steps - k))
 
 
 def engine(rounds: int) -> float:

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# A thousand episodes of random actions in every environment: nothing breaks, nothing is left behind. Takes minutes.
+# Attacks on what reads and writes a user's files, physics at fine steps, a thousand episodes: takes an hour.
+# Writes docs/robustness.md. Usage: bash scripts/soak.sh [ARGUMENT OF PYTEST ...]
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" test
 
 cd "$root"
-pytest -m soak "$@"
+python scripts/soak.py "$@"

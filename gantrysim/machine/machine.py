@@ -25,6 +25,7 @@ from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
+from gantrysim.machine.motors import damp_bristles
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
 from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
@@ -221,12 +222,11 @@ class Machine:
         return machine
 
     def stepping(self, timestep: float) -> mujoco.MjModel:
-        """Return `physics` with another timestep [s]; the same object at every call, not to be changed."""
-        if timestep == self.physics.opt.timestep:
-            return self.physics
+        """Return `physics` for steps of a length [s]; the same object at every call, not to be changed."""
         if timestep not in self._stepping:
             model = copy.copy(self.physics)
             model.opt.timestep = positive("physics step", timestep, "s")
+            damp_bristles(model)
             self._stepping[timestep] = model
         return self._stepping[timestep]
 

@@ -16,6 +16,16 @@ BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6  # dynprm
 _NEGLIGIBLE = 1e-30
 
 
+def damp_bristles(model: mujoco.MjModel) -> None:
+    """Give the bristles of LuGre friction the damping that steps of this length take from them.
+
+    The force of a step sees the bristle of the step before. A spring that is late by h acts as a damper of -h times
+    its stiffness: a standing axis would swing on its bristles with a fifth less damping at 0.25 ms.
+    """
+    prm = model.actuator_dynprm
+    prm[:, BRISTLE_DAMPING] += dcmotors(model)[:, 0] * prm[:, BRISTLE_STIFFNESS] * model.opt.timestep
+
+
 def dcmotors(model: mujoco.MjModel) -> Floats:
     """Return 1 for a dcmotor, 0 for an ideal torque source, whose parameters have other meanings, (actuators, 1)."""
     return (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR).astype(float)[:, None]

@@ -44,6 +44,8 @@ def damaged(rng):
 
 
 def survives(text, plan):
+    """How many dialects read a text; any other error than InputError is the test's."""
+    read = 0
     for make in (
         lambda: LinuxCNC(text=text, max_steps=300, skip_axes="ABCUVW"),
         lambda: Slicer(text=text, max_steps=300),
@@ -55,8 +57,10 @@ def survives(text, plan):
                 assert controller.duration > 0
             elif not isinstance(controller, Fanuc):
                 assert controller.program.moves.ndim == 2
+            read += 1
         except InputError:
             continue
+    return read
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -67,7 +71,9 @@ def test_damaged_programs_run_or_are_refused(seed):
 
 
 @pytest.mark.soak
-def test_many_damaged_programs_run_or_are_refused():
+def test_many_damaged_programs_run_or_are_refused(record_property):
     rng = random.Random(99)
-    for k in range(100_000):
-        survives(damaged(rng), plan=k % 10 == 0)
+    read = sum(survives(damaged(rng), plan=k % 10 == 0) for k in range(100_000))
+    record_property("attack", "G-code of LinuxCNC, slicers and FANUC: programs changed at random")
+    record_property("tries", 300_000)
+    record_property("refused", 300_000 - read)

@@ -85,5 +85,9 @@ def test_a_mutated_program_runs_or_is_refused():
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(10))
-def test_a_hundred_thousand_mutated_programs_run_or_are_refused(seed):
-    assert run(random.Random(100 + seed), 10_000) > 100
+def test_a_hundred_thousand_mutated_programs_run_or_are_refused(seed, record_property):
+    accepted = run(random.Random(100 + seed), 10_000)
+    assert accepted > 100
+    record_property("attack", "MC-Basic: programs changed at random")
+    record_property("tries", 10_000)
+    record_property("refused", 10_000 - accepted)

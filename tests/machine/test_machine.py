@@ -84,7 +84,6 @@ def test_the_physics_has_no_visual_geoms_and_the_same_dynamics(name):
                 mujoco.mj_step(model, data, 50)
             runs.append([data.qpos.tobytes(), data.qvel.tobytes(), data.act.tobytes(), data.site_xpos.tobytes()])
         assert runs[0] == runs[1]
-        assert each.stepping(each.physics.opt.timestep) is each.physics
 
 
 def test_geoms_that_collide_or_define_an_inertia_stay_in_the_physics(rigid):

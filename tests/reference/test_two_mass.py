@@ -224,9 +224,11 @@ def test_another_law_does_not_agree(changes):
 def test_delay_velocity_gain_and_torque_limit_act_as_in_the_reference(changes):
     name = "softmc-arc"
     servo = stiff(name, **changes)
-    found = engine(name, servo, physics_step=FINE)
-    assert within(found, reference(name, servo), EXACT, EXACT_TORQUE)
-    assert not within(found, reference(name, stiff(name)), EXACT, EXACT_TORQUE)
+    found, expected = engine(name, servo, physics_step=FINE), reference(name, servo)
+    rms, largest = sizes(expected[0])  # up to 0.9 mm where the torque is short: to a thousandth of that
+    bounds = max(EXACT[0], 1e-3 * rms), max(EXACT[1], 1e-3 * largest)
+    assert within(found, expected, bounds, EXACT_TORQUE)
+    assert not within(found, reference(name, stiff(name)), bounds, EXACT_TORQUE)
 
 
 @pytest.mark.parametrize("frequency", [60.0, 290.0, 480.0])

@@ -1,0 +1,64 @@
+"""Attacks what reads a user's input and what writes a user's files, and writes docs/robustness.md; takes an hour.
+
+python scripts/soak.py [ARGUMENT OF PYTEST ...]
+
+It runs the tests marked soak. With arguments, which may leave some out, the page is printed and not written.
+"""
+
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "robustness.md"
+INTRODUCTION = """# Robustness
+
+What was tried to break gantrysim, by `scripts/soak.sh`, which writes this page. Every try must end well: in a result,
+or in one line that names the quantity and its bound; no traceback, no file half-written, no number that is not finite,
+memory bounded. A short form of each runs with the tests.
+
+| attack | tries | of these refused in one line | tests that failed |
+|---|---:|---:|---:|
+"""
+
+
+class Tally:
+    """What the tests say of their attacks, a plugin of pytest.
+
+    Attributes:
+        tries: number of tries by attack.
+        refused: of these, the inputs that were refused, where the test tells.
+        failed: failed tests by attack.
+    """
+
+    def __init__(self) -> None:
+        self.tries, self.refused, self.failed = Counter[str](), Counter[str](), Counter[str]()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        told = dict(report.user_properties)
+        attack = str(told.get("attack", ""))
+        if report.when == "call" and attack:
+            self.tries[attack] += int(str(told.get("tries", 0)))
+            if "refused" in told:
+                self.refused[attack] += int(str(told["refused"]))
+            self.failed[attack] += report.failed
+
+    def page(self) -> str:
+        """The page with the table."""
+        rows = []
+        for attack, tries in sorted(self.tries.items()):
+            refused = f"{self.refused[attack]:,}" if attack in self.refused else ""
+            rows.append(f"| {attack} | {tries:,} | {refused} | {self.failed[attack]} |\n")
+        return INTRODUCTION + "".join(rows)
+
+
+if __name__ == "__main__":
+    tally, given = Tally(), sys.argv[1:]
+    status = pytest.main(["-m", "soak", "--rootdir", str(ROOT), *given], plugins=[tally])
+    if given:
+        print(tally.page())
+    else:
+        PAGE.write_text(tally.page(), encoding="utf-8")
+    sys.exit(status)
