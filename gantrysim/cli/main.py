@@ -9,11 +9,12 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from gantrysim import signals
 from gantrysim.cli.check import check
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
-from gantrysim.cli.terminal import INPUT_ERROR, INTERRUPTED, show, warn
+from gantrysim.cli.terminal import INPUT_ERROR, show, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
 from gantrysim.errors import GantryError
@@ -27,7 +28,7 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
         except KeyboardInterrupt as interrupt:
             warn(": ".join(["interrupted", *map(str, interrupt.args)]))
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(signals.status()) from None
 
 
 app = typer.Typer(
@@ -73,6 +74,7 @@ def info() -> None:
 
 def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
+    signals.forget()
     try:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:

@@ -79,7 +79,7 @@ def render(
         positive("speed of the film", speed)
     pixels = None if size is None else size_of(size)
     target = _target(folders, out, at)
-    with interruptible("nothing was written") as go_on:
+    with interruptible() as go_on:
         runs = [SavedRun.load(folder) for folder in folders]
         for run in runs:
             if run.changed:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gantrysim.errors import InputError, expanded
+from gantrysim.files import settle
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.folder import JOB, RUN, SUMMARY
@@ -59,6 +60,7 @@ class SavedRun:
             raise InputError(f"run {place}: no such folder; gantrysim run JOB --out {place} makes one")
         if not where.is_dir():
             raise InputError(f"run {place}: is a file, must be a folder that gantrysim run has written")
+        settle(where, f"run {place}")
         missing = [name for name in (JOB, RUN) if not (where / name).is_file()]
         if missing:
             raise InputError(f"run {place}: holds no run: {' and '.join(missing)} missing")

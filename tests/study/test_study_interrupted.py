@@ -12,6 +12,7 @@ import typer
 
 from gantrysim import Job
 from gantrysim.cli.study import carry_out
+from gantrysim.files import LOCK
 from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study.ledger import LEDGER
 
@@ -41,7 +42,7 @@ def test_a_resumed_study_ends_like_an_uninterrupted_one(tmp_path, job, at):
 def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_path, job, capsys):
     with pytest.raises(typer.Exit):
         carry_out(Toy(job, Counted(interrupted_at=0)), tmp_path / "a" / "b", 1)
-    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is kept\n"
+    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is written\n"
     assert not list(tmp_path.iterdir())
 
 
@@ -83,7 +84,7 @@ def test_sigterm_interrupts_and_the_next_run_reports_what_it_resumes(tmp_path, j
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(typer.Exit) as stopped:
         carry_out(Toy(job, Killed()), tmp_path, 1)
-    assert stopped.value.exit_code == 130
+    assert stopped.value.exit_code == 143
     assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before
     carry_out(Toy(job), tmp_path, 1)
@@ -105,7 +106,7 @@ def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
         before = (folder / LEDGER).read_bytes()
         status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
         assert status == 2
-        assert said == f"error: --out {folder}: in use by another study\n"
+        assert said == f"error: --out {folder}: in use by another command\n"
         assert (folder / LEDGER).read_bytes().startswith(before)
         assert process.poll() is None
     finally:
@@ -133,7 +134,7 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     done = spoken(folder)
-    assert list(content(folder)) == [LEDGER]
+    assert list(content(folder)) == [LOCK, LEDGER]
     from gantrysim.study.loop import LoopStudy
 
     study = LoopStudy(Job.load("an225", SHORT))
