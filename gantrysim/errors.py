@@ -33,7 +33,7 @@ class TimedError(InputError):
 
 def text_of(error: Exception) -> str:
     """Return an error in one line, with its type where it is none of the domain."""
-    text = " ".join(str(error).split())
+    text = " ".join(str(getattr(error, "strerror", None) or error).split())
     return text if isinstance(error, GantryError) else f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
