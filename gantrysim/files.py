@@ -46,8 +46,8 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
         InputError: a folder, no regular file, or a file that cannot be written.
     """
     target = _writable(file)
-    old = f"the earlier {target.name} is kept" if target.exists() else ""
-    with _written(f"file {file}", old, f"{file} is complete") as done, _scratch(target.parent) as scratch:
+    kept = f"; the earlier {target.name} is kept" if target.exists() else ""
+    with _written(f"file {file}", kept, f"{file} is complete") as done, _scratch(target.parent) as scratch:
         yield scratch / target.name
         _to_disk([scratch / target.name])
         with deferred():
@@ -70,13 +70,13 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
         InputError: the files cannot be written; the old ones are kept.
     """
     names = list(names)
-    old = f"the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
-    with _written(label, old, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
+    kept = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
+    with _written(label, kept, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
         (scratch / _NEW).mkdir()
         yield scratch / _NEW
         check_free(folder, names, label)
         (scratch / _NAMES).write_text(json.dumps(names), encoding="utf-8")
-        _to_disk(file for file in scratch.rglob("*") if file.is_file())
+        _to_disk(_files(scratch))
         with deferred():
             scratch.rename(folder / SWAP)
             _swap(folder)
@@ -84,11 +84,7 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
 
 
 def check_free(folder: Path, names: Iterable[str], label: str) -> None:
-    """Check that nothing but files and their folders stands where files are to be written.
-
-    Raises:
-        InputError: a folder in the place of a file, or the reverse.
-    """
+    """Raise InputError where a folder stands in the place of a file that is to be written, or the reverse."""
     for name in names:
         if (folder / name).is_dir():
             raise InputError(f"{label}: {name} in it is a folder, must be a file: move it away")
@@ -112,25 +108,27 @@ def held(folder: Path, label: str) -> Iterator[None]:
     stream: BinaryIO | None = None
     try:
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            stream = _locked(lock)
-            _swap(folder)
-            _sweep(folder)
+            with deferred():
+                folder.mkdir(parents=True, exist_ok=True)
+                stream = _locked(lock)
+                _swap(folder)
+                _sweep(folder)
         except BlockingIOError:
             raise InputError(f"{label}: in use by another command") from None
         except OSError as error:
             raise InputError(f"{label}: cannot be written: {error.strerror}") from None
         yield
     finally:
-        if stream is not None:
-            if fcntl is None:  # Windows deletes no open file
-                stream.close()
-            with suppress(OSError):
-                lock.unlink()
-            stream.close()  # releases the lock, after its file is gone
-        for parent in made:
-            with suppress(OSError):  # not empty
-                parent.rmdir()
+        with deferred():
+            if stream is not None:
+                if fcntl is None:  # Windows deletes no open file
+                    stream.close()
+                with suppress(OSError):
+                    lock.unlink()
+                stream.close()  # releases the lock, after its file is gone
+            for parent in made:
+                with suppress(OSError):  # not empty
+                    parent.rmdir()
 
 
 def settle(folder: Path, label: str) -> None:
@@ -167,16 +165,14 @@ def _writable(file: str | os.PathLike[str]) -> Path:
 def _written(label: str, kept: str, complete: str) -> Iterator[list[bool]]:
     """Say in errors and interrupts of the block what they leave; yields a list to be filled once that is the new."""
     done: list[bool] = []
-    nothing = "; ".join(filter(None, ("nothing is written", kept)))
     try:
         yield done
     except KeyboardInterrupt:
-        raise (ReplacedError(complete) if done else KeyboardInterrupt(nothing)) from None
+        raise (ReplacedError(complete) if done else KeyboardInterrupt(f"nothing is written{kept}")) from None
     except OSError as error:
         if error.errno not in _DISK and not any(part in str(error.filename) for part in (PARTIAL, SWAP)):
             raise
-        reason = f"cannot be written: {error.strerror or error}"
-        raise InputError("; ".join(filter(None, (f"{label}: {reason}", kept)))) from None
+        raise InputError(f"{label}: cannot be written: {error.strerror or error}{kept}") from None
 
 
 @contextmanager
@@ -184,18 +180,15 @@ def _scratch(folder: Path) -> Iterator[Path]:
     """Give a new hidden folder in a folder, locked as long as this process needs it, and remove it at the end."""
     _sweep(folder)
     with ExitStack() as stack:
-        while True:
-            scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=folder))
-            stack.callback(_remove, scratch)
-            with suppress(FileNotFoundError, BlockingIOError):  # taken for an abandoned one before it was locked
-                stack.enter_context(_claimed(scratch))
-                break
+        claimed = False
+        while not claimed:
+            with deferred():
+                scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=folder))
+                stack.callback(deferred()(shutil.rmtree), scratch, ignore_errors=True)
+                with suppress(FileNotFoundError, BlockingIOError):  # swept as abandoned before it was locked
+                    stack.enter_context(_claimed(scratch, own=True))
+                    claimed = True
         yield scratch
-
-
-def _remove(folder: Path) -> None:
-    with deferred():
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _sweep(folder: Path) -> None:
@@ -207,19 +200,24 @@ def _sweep(folder: Path) -> None:
 
 
 @contextmanager
-def _claimed(scratch: Path) -> Iterator[None]:
-    """Lock a hidden folder in the block.
+def _claimed(scratch: Path, *, own: bool = False) -> Iterator[None]:
+    """Lock a hidden folder in the block; without locks one of our `own` will do, and nothing is known of another's.
 
     Raises:
-        BlockingIOError: another process has.
+        BlockingIOError: another process has locked it.
         FileNotFoundError: it is gone.
+        OSError: a file system without locks, unless it is our own.
     """
     if fcntl is None:
         yield
         return
     number = os.open(scratch, os.O_RDONLY)
     try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if not own or isinstance(error, BlockingIOError):
+                raise
         scratch.stat()
         yield
     finally:

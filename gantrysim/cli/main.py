@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from typing import Annotated, Any
 
@@ -21,14 +23,24 @@ from gantrysim.errors import GantryError
 
 
 class _Commands(TyperGroup):
-    """The commands; an interrupt ends them with a message, which typer itself does not print."""
+    """The commands; an interrupt ends them with a message and a status, where typer itself has 130 for all."""
+
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        with _reported():
+            return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with _reported():
             return super().invoke(ctx)
-        except KeyboardInterrupt as interrupt:
-            warn(": ".join(["interrupted", *map(str, interrupt.args)]))
-            raise typer.Exit(signals.status()) from None
+
+
+@contextmanager
+def _reported() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        warn(": ".join(["interrupted", *map(str, interrupt.args)]))
+        raise typer.Exit(signals.status()) from None
 
 
 app = typer.Typer(
