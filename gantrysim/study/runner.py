@@ -69,9 +69,13 @@ def run_cases(
                 del missing[key]
             advance()
     finally:
-        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
-            finished.close()
+        _close(finished)
     return [{**dict(case.tags), **ledger[case.key]} for case in cases]
+
+
+def _close(results: Generator[object, None, None]) -> None:
+    with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+        results.close()
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
@@ -102,10 +106,15 @@ def _finished(
     with parallel_config(n_jobs=workers):
         # a lot is kept as soon as it is finished
         parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=dispatched, **started)
+        results = None
         try:
             with deferred(), blocked():  # for the workers started here; this process stops them
                 results = parallel(delayed(measured)(measure, lot, origin) for lot in lots)
             yield from results
+        except KeyboardInterrupt:
+            if results is not None:  # deferred: before a result was asked for, which would have ended it
+                _close(results)
+            raise
         except BrokenProcessPool:
             raise WorkerError(
                 "a worker ended unexpectedly, possibly out of memory: finished cases are kept, run again to resume"

@@ -21,7 +21,7 @@ from gantrysim import Fault, Job, Run, metrics
 from gantrysim.cli.start import last_words
 from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
-from gantrysim.files import PARTIAL, replaced
+from gantrysim.files import PARTIAL, held, replaced
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report.summary import summary as summary_of
@@ -423,6 +423,45 @@ def test_partial_files_of_killed_runs_are_removed_and_those_of_active_ones_stay(
         assert gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)[0] == 0
         assert not left.exists()
     assert (tmp_path / "mine.png").read_bytes() == b"mine"
+
+
+def test_a_plot_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise ValueError("no\nnumbers")
+
+    monkeypatch.setattr("gantrysim.plots.draw_error", broken)
+    status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    assert (status, errors) == (1, "error: no plot: error.png: ValueError: no numbers\n")
+    assert "Contour error: " in printed
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
+    assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
+
+
+def test_without_an_encoder_a_run_lacks_its_video_alone(gantrysim_command, tmp_path, monkeypatch):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "ffmpeg"))
+    arguments = [word for word in SHORT if word != "--no-video"]
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *arguments, "--no-report")
+    said = f"no encoder: {tmp_path}/ffmpeg cannot be run: reinstall imageio-ffmpeg or unset IMAGEIO_FFMPEG_EXE\n"
+    assert (status, errors) == (0, f"no video: {said}")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["job.toml", "run.npz", "summary.json"]
+    assert gantrysim_command("render", tmp_path / "out", "--size", "300x200") == (2, "", f"error: {said}")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["job.toml", "run.npz", "summary.json"]
+
+
+def test_of_two_runs_into_one_folder_the_second_is_refused(gantrysim_command, tmp_path):
+    with held(tmp_path, "here"):
+        status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
+    assert (status, printed, errors) == (2, "", f"error: --out {tmp_path}: in use by another command\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_stands_in_the_way_of_a_run_is_named_before_it_begins(gantrysim_command, tmp_path, monkeypatch):
+    monkeypatch.setattr(Job, "run", lambda *_: pytest.fail("begun"))
+    (tmp_path / "run.npz" / "mine").mkdir(parents=True)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
+    said = f"error: --out {tmp_path}: run.npz in it is a folder, must be a file: move it away\n"
+    assert (status, errors) == (2, said)
+    assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):

@@ -13,6 +13,7 @@ import typer
 from gantrysim import Job
 from gantrysim.cli.study import carry_out
 from gantrysim.files import LOCK
+from gantrysim.signals import ENDING
 from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study.ledger import LEDGER
 
@@ -117,15 +118,41 @@ def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
-def test_workers_end_with_a_study_that_is_killed(tmp_path):
-    process = begun(tmp_path / "loop")
-    assert len(members(process.pid)) >= 2
+@pytest.mark.parametrize("rows", [0, 1])
+def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
+    process = begun(tmp_path / "loop", rows)
+    until = time.monotonic() + PATIENCE
+    while len(members(process.pid)) < 3:  # itself, its helper and a worker, which without a row has only just begun
+        assert time.monotonic() < until
+        time.sleep(0.01)
     process.kill()  # it alone
     process.communicate()
     until = time.monotonic() + PATIENCE
     while left := members(process.pid):
         assert time.monotonic() < until, left
         time.sleep(0.1)
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_no_signal_is_lost_while_workers_start(tmp_path, job, monkeypatch, capsys, number):
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+    from gantrysim.study.loop import LoopStudy
+
+    start = ProcessPoolExecutor._adjust_process_count
+
+    def interrupted(pool):
+        os.kill(os.getpid(), number)
+        start(pool)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "_adjust_process_count", interrupted)
+    began = time.monotonic()
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(LoopStudy(job), tmp_path / "loop", 2)
+    assert stopped.value.exit_code == 128 + number
+    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is written\n"
+    assert time.monotonic() - began < PATIENCE / 4  # where it is lost, all cases are run
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
