@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gantrysim import InputError, Job
+from gantrysim import InputError, Job, Run
 from gantrysim.cli.render import size_of
 from gantrysim.files import PARTIAL
 from gantrysim.plots.style import INK
@@ -233,6 +233,16 @@ def test_a_full_disk_is_reported_with_file_and_reason(folder, arguments):
 
 def _heed_interrupts():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.mark.parametrize("arguments", [("--fps", "2"), ("--at", "0.1")])
+def test_a_film_is_not_put_beside_a_later_run(gantrysim_command, folder, monkeypatch, arguments):
+    record = Run.load(folder / "slow" / "run.npz")
+    monkeypatch.setattr(Film, "__enter__", lambda film: (record.save(folder / "slow" / "run.npz"), film)[1])
+    status, printed, errors = gantrysim_command("render", folder / "slow", *SMALLEST, *arguments)
+    said = f"error: run {folder}/slow: has been run again meanwhile: render it again\n"
+    assert (status, printed, errors) == (2, "", said)
+    assert not [name for name in names(folder / "slow") if "render" in str(name)]
 
 
 def test_a_later_run_removes_the_files_of_a_killed_process(gantrysim_command, folder):
