@@ -89,7 +89,8 @@ def _child(action, folder, at, number, output, tell):
         traceback.print_exc()
         status = 98
     finally:
-        with contextlib.suppress(BaseException):
+        with contextlib.suppress(BaseException):  # as Python ends
+            threading._shutdown()
             atexit._run_exitfuncs()
         os._exit(status)
 
