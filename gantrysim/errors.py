@@ -31,6 +31,12 @@ class TimedError(InputError):
         self.time = time
 
 
+def text_of(error: Exception) -> str:
+    """Return an error in one line, with its type where it is none of the domain."""
+    text = " ".join(str(getattr(error, "strerror", None) or error).split())
+    return text if isinstance(error, GantryError) else f"{type(error).__name__}: {text}".removesuffix(": ")
+
+
 def expanded(path: str | os.PathLike[str]) -> Path:
     """Return a path with ~ as the home folder, or raise InputError where there is none."""
     try:

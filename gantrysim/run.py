@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
+from gantrysim.files import replaced
 
 _FORMAT = 6
 # arrays of older formats that are still read, by their names today; what they lack has its default
@@ -118,13 +119,17 @@ class Run:
                 object.__setattr__(self, field.name, own)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the record to a NumPy .npz file."""
+        """Write the record to a NumPy .npz file; an earlier file stays until it is complete.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
         arrays["format"] = _FORMAT
-        with FilePath(file).open("wb") as stream:
+        with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             np.savez_compressed(stream, **arrays)
 
     @classmethod

@@ -3,31 +3,44 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from gantrysim import signals
 from gantrysim.cli.check import check
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
-from gantrysim.cli.terminal import INPUT_ERROR, INTERRUPTED, show, warn
+from gantrysim.cli.terminal import INPUT_ERROR, show, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
 from gantrysim.errors import GantryError
 
 
 class _Commands(TyperGroup):
-    """The commands; an interrupt ends them with a message, which typer itself does not print."""
+    """The commands; an interrupt ends them with a message and a status, where typer itself has 130 for all."""
+
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        with _reported():
+            return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with _reported():
             return super().invoke(ctx)
-        except KeyboardInterrupt as interrupt:
-            warn(": ".join(["interrupted", *map(str, interrupt.args)]))
-            raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def _reported() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        warn(": ".join(["interrupted", *map(str, interrupt.args)]))
+        raise typer.Exit(signals.status()) from None
 
 
 app = typer.Typer(
@@ -73,6 +86,7 @@ def info() -> None:
 
 def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
+    signals.forget()
     try:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:

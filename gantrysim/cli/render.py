@@ -79,19 +79,28 @@ def render(
         positive("speed of the film", speed)
     pixels = None if size is None else size_of(size)
     target = _target(folders, out, at)
-    with interruptible("nothing was written") as go_on:
+    with interruptible() as go_on:
         runs = [SavedRun.load(folder) for folder in folders]
         for run in runs:
             if run.changed:
                 warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
         names = label or labels_of(runs)
+        own = [run for run in runs if expanded(run.folder).absolute() == target.absolute().parent]
+
+        def check() -> None:
+            go_on()
+            for run in own:
+                if not run.is_current:
+                    raise InputError(f"run {run.folder}: has been run again meanwhile: render it again")
+
         takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
         with Film(takes, camera=camera, size=pixels, colour=colour) as film:
             if target.suffix.lower() not in FILMS:
+                check()
                 film.save_picture(target, at)
                 content = "picture"
             else:
-                with share_bar("render", go_on) as advance:
+                with share_bar("render", check) as advance:
                     frames = film.save(target, fps=fps, speed=speed, progress=advance)
                 content = f"{frames} frames, {frames / film_rate(target, fps):.1f} s"
     say(f"written to {target}: {content}")

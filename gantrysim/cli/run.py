@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gantrysim.cli.options import At, Model, Reader, Rotate, Scale, Settings, Speed, placement
-from gantrysim.cli.terminal import FAULT, interruptible, say, share_bar, show, warn
+from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_bar, show, warn
+from gantrysim.errors import text_of
 
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
@@ -42,8 +44,8 @@ def run(
     is run again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and
     the change of the error is what that cause is worth.
 
-    Exit status: 0 for a complete run, 2 for bad input, 3 for a run that ended in a fault, 130 after Ctrl-C, which
-    leaves the output folder unchanged.
+    Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
+    input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
     from gantrysim.job.job import Job
     from gantrysim.report.folder import output_folder, write_fault
@@ -61,26 +63,33 @@ def run(
     loaded.check_fit()
     folder = out if out is not None else Path("out") / loaded.name
     shown: list[Callable[[], None]] = []
-    with interruptible("nothing is written") as go_on, output_folder(folder) as scratch:
+    failed: list[str] = []
+    with interruptible() as go_on, output_folder(folder) as scratch:
         with share_bar("simulate", go_on) as advance:
             record = loaded.run(advance)
         if record.fault is not None and not record.dispense.any():
             write_fault(scratch, loaded, machine, record)
             say("the run ended before the dispenser was on: there are no errors to evaluate")
         else:
-            shown = _evaluated(scratch, loaded, record, go_on, causes=causes, video=video, with_report=with_report)
+            shown = _evaluated(
+                scratch, loaded, record, go_on, failed, causes=causes, video=video, with_report=with_report
+            )
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     for show_one in shown:
         show_one()
     say(f"servo: {loaded.servo_reason}", wrap=True)
     for note in loaded.notes:
         say(f"note: {note}")
+    for text in failed:
+        warn(text, "error")
     say(f"written to {folder}/: {', '.join(written)}")
     if record.fault is not None:
         if causes:
             say("note: no causes, they are those of a complete run")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)
+    if failed:
+        raise typer.Exit(INCOMPLETE)
 
 
 def _evaluated(
@@ -88,12 +97,16 @@ def _evaluated(
     job: Job,
     record: Run,
     go_on: Callable[[], None],
+    failed: list[str],
     *,
     causes: bool,
     video: bool,
     with_report: bool,
 ) -> list[Callable[[], None]]:
-    """Write everything that follows from a record; return what is to be shown of it once it is in place."""
+    """Write everything that follows from a record; return what is to be shown of it once it is in place.
+
+    A plot, video or report that fails is told in `failed`; the rest is written.
+    """
     from gantrysim.bead import Bead
     from gantrysim.cli.tables import causes_table, links_table, outcome_table
     from gantrysim.job.causes import causes_of
@@ -101,6 +114,7 @@ def _evaluated(
     from gantrysim.metrics.budget import Budget
     from gantrysim.plots import save_plots
     from gantrysim.render import NoOpenGLError, save_video
+    from gantrysim.render.encoding import NoEncoderError
     from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run
     from gantrysim.report.headline import headline
     from gantrysim.report.page import write_run_page
@@ -115,8 +129,20 @@ def _evaluated(
         with share_bar("causes", go_on) as advance:
             found = causes_of(job, record, advance)
     write_run(scratch, job, machine, budget, laid, found)
+
+    @contextmanager
+    def optional(kind: str) -> Iterator[None]:
+        try:
+            yield
+        except (NoOpenGLError, NoEncoderError) as error:
+            missing = f"no {kind}: {error}"
+            shown.append(lambda: warn(missing))
+        except Exception as error:
+            go_on()
+            failed.append(f"no {kind}: {text_of(error).replace(f'{scratch}/', '')}")
+
     if with_report:
-        with share_bar("plot", go_on) as advance:
+        with optional("plot"), share_bar("plot", go_on) as advance:
             save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
     shown.append(lambda: show(links_table(job.name, machine, budget)))
     if found is not None:
@@ -125,13 +151,9 @@ def _evaluated(
     shown.append(lambda: show(outcome_table(record, analysis.values, laid, job.margins)))
     shown.append(lambda: say(headline(budget), wrap=True))
     if video:
-        try:
-            with share_bar("video", go_on) as advance:
-                save_video(machine, record, scratch / VIDEO, bead=job.bead, label=job.name, progress=advance)
-        except NoOpenGLError as error:
-            missing = f"no video: {error}"
-            shown.append(lambda: warn(missing))
+        with optional("video"), share_bar("video", go_on) as advance:
+            save_video(machine, record, scratch / VIDEO, bead=job.bead, label=job.name, progress=advance)
     if with_report:
-        with share_bar("report", go_on) as advance:
+        with optional("report"), share_bar("report", go_on) as advance:
             write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found)
     return shown

@@ -1,4 +1,4 @@
-"""Entry point of the command; handles an interrupt while its modules are still being imported."""
+"""Entry point of the command; handles signals while its modules are still being imported."""
 
 from __future__ import annotations
 
@@ -6,27 +6,36 @@ import sys
 from collections.abc import Iterator
 from types import TracebackType
 
-_BAD_INPUT, _INTERRUPTED = 2, 130  # as in gantrysim.cli.terminal, which is slow to import
+from gantrysim import signals
+
+_left = ": nothing is written"  # as long as modules are being imported
+_BAD_INPUT = 2  # as in gantrysim.cli.terminal, which is slow to import
 
 
 def main() -> None:
     """Run the command."""
     sys.excepthook = last_words
+    signals.heed()
     from gantrysim.cli.main import main
 
-    main()
+    global _left
+    _left = ""
+    try:
+        main()
+    finally:
+        signals.leave()
 
 
 def last_words(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Report Ctrl-C and an invalid MUJOCO_GL in one line, as `sys.excepthook`; leave the rest to Python's own hook.
+    """Report an interrupt or an invalid MUJOCO_GL in one line, as `sys.excepthook`; leave the rest to Python's own.
 
     Raises:
         SystemExit: with the exit status of the command.
     """
     # an interrupted import may raise an error of its own
     if any(isinstance(each, KeyboardInterrupt) for each in _causes(error)):
-        print("interrupted: nothing is written", file=sys.stderr)
-        raise SystemExit(_INTERRUPTED)
+        print(f"interrupted{_left}", file=sys.stderr)
+        raise SystemExit(signals.status())
     if isinstance(error, RuntimeError) and "MUJOCO_GL" in str(error):
         name = str(error).rpartition(": ")[2]
         print(f"error: MUJOCO_GL = {name}: must be egl, osmesa, off or unset", file=sys.stderr)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim import signals
 from gantrysim.cli.options import Model, Settings
-from gantrysim.cli.terminal import FAULT, INTERRUPTED, count_bar, interruptible, say, show, warn
+from gantrysim.cli.terminal import FAULT, count_bar, interruptible, say, show, warn
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -51,7 +52,7 @@ def _main() -> None:
 def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> None:
     """Run a study with a progress bar, print its result and list the files written.
 
-    Exit status 130 after an interrupt, with a hint on how to resume, and 3 if faults left no case with values.
+    Exit status 130 after Ctrl-C, with a hint on how to resume, and 3 if faults left no case with values.
     """
     from gantrysim.study.backends import on_backend
     from gantrysim.study.run import NoValuesError, StudyInterrupted, run_study
@@ -66,12 +67,12 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
 
             outcome = run_study(study, folder, workers=workers, progress=progress)
     except StudyInterrupted as interrupted:
-        text = "interrupted: no case was finished, nothing is kept"
+        text = "interrupted: no case was finished, nothing is written"
         if interrupted.done:
             text = f"interrupted: the rows of {interrupted.done} finished cases are kept in {folder}/; "
             text += "run the same command again to resume"
         warn(text)
-        raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(signals.status()) from None
     except NoValuesError as error:
         if not error.faulted:
             raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -21,10 +22,14 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-# exit statuses
+from gantrysim import signals
+
+# exit statuses; that of an interrupted command is signals.status()
 INPUT_ERROR = 2
 FAULT = 3  # a fault ended the run, or all runs of a study
-INTERRUPTED = 130  # the shells' status after Ctrl-C
+INCOMPLETE = 1  # all is written but a plot, a report or a video that failed
+
+_AGAIN = 0.1  # until a lost interrupt is raised again [s]
 
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
@@ -77,37 +82,43 @@ def _bars(*columns: ProgressColumn) -> Progress:
 
 
 @contextmanager
-def interruptible(left: str = "") -> Iterator[Callable[[], None]]:
-    """Let SIGTERM end the block as Ctrl-C does; yields a function that raises a pending interrupt again.
+def interruptible() -> Iterator[Callable[[], None]]:
+    """Let SIGTERM and SIGHUP end the block as Ctrl-C does; yields a function that raises a pending interrupt again.
 
-    The first interrupt is lost in code that cannot propagate it, such as a finaliser, which is then not reported. Where
-    code turns it into another error, as ctypes does when converting arguments, the block still ends as interrupted.
-    `left` tells what the command leaves behind, for its message.
+    An interrupt is lost in code that cannot propagate it, such as a finaliser, which is then not reported; it is raised
+    again soon after. Where code turns it into another error, as ctypes does when converting arguments, the block still
+    ends as interrupted.
     """
-    interrupted = False
-    message = (left,) if left else ()
+    signals.forget()
+    came: list[int] = []
+    again: list[threading.Timer] = []
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
-        raise KeyboardInterrupt(*message)
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        signals.interrupt(number, frame)
 
     def go_on() -> None:
-        if interrupted:
-            raise KeyboardInterrupt(*message)
+        if came:
+            raise KeyboardInterrupt
 
     def unraisable(lost: Any) -> None:
-        if not interrupted:
+        if not came:
             report(lost)
+        elif issubclass(lost.exc_type, KeyboardInterrupt) and hasattr(signal, "pthread_kill"):  # not on Windows
+            again.append(threading.Timer(_AGAIN, signal.pthread_kill, (threading.main_thread().ident, came[0])))
+            again[-1].daemon = True
+            again[-1].start()
 
     report, sys.unraisablehook = sys.unraisablehook, unraisable
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield go_on
-    except Exception:
-        go_on()
-        raise
+        with signals.handled(interrupt):
+            try:
+                yield go_on
+            except Exception:
+                go_on()
+                raise
+            finally:
+                for timer in again:
+                    timer.cancel()
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
         sys.unraisablehook = report

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,6 +11,7 @@ import typer
 from gantrysim.cli.options import Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
 from gantrysim.errors import InputError, expanded, positive
+from gantrysim.signals import deferred
 
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
@@ -124,32 +122,11 @@ def _play(
     from gantrysim.view.player import Player
     from gantrysim.view.window import ViewerWindow, WindowClosedError
 
-    with suppress(WindowClosedError), _deferred_interrupts() as stopped:
+    # an exception while a window opens or closes would leave its thread drawing freed memory
+    with suppress(WindowClosedError), deferred() as stopped:
         window = ViewerWindow(scene, camera)
         try:
             return Player(name, scene, source, window, bodies=bodies, speed=speed).play(stopped)
         finally:
             window.close()
     return None
-
-
-@contextmanager
-def _deferred_interrupts() -> Iterator[Callable[[], bool]]:
-    """Defer Ctrl-C and SIGTERM to the end of the block, and give a function that returns whether one has arrived.
-
-    An exception while a window opens or closes would leave its thread drawing freed memory.
-    """
-    interrupted = False
-
-    def remember(_number: int, _frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
-
-    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: interrupted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    if interrupted:
-        raise KeyboardInterrupt

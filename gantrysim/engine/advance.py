@@ -11,8 +11,8 @@ from gantrysim.controllers.law import PlainLaw
 from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.native.hook import installed, installed_law
 
-CALLS = 50  # of the stepping function for a whole run: they cost nothing, and let Ctrl-C and progress in between
-_MOST_STEPS = 20_000  # per call where the number of steps is given
+CALLS = 50  # of the stepping function for a run, or more: they cost nothing, and let Ctrl-C and progress in between
+_MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
 
 
 def advance(
@@ -34,7 +34,9 @@ def advance(
         hook: context in which the servo is MuJoCo's control callback, by default that of the compiled law.
         progress: called after every call of `step` with the number of setpoints that all simulations have sent.
     """
-    most = max(run.steps_left for run in runs.values()) // CALLS + 1 if steps is None else _MOST_STEPS
+    most = _MOST_STEPS
+    if steps is None:
+        most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
     made = 0
     with installed() if hook is None else hook:
         while (steps is None or made < steps) and (left := [number for number, run in runs.items() if not run.done]):

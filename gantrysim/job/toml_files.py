@@ -9,12 +9,14 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from gantrysim.errors import InputError
+from gantrysim.files import settle
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(file: Path, label: str) -> dict[str, Any]:
     """Return the content of a TOML file."""
+    settle(file.parent, label)
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.bead import Bead
+from gantrysim.errors import GantryError, text_of
+from gantrysim.files import replaced
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
@@ -21,6 +23,10 @@ from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet, view_height
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+class PlotError(GantryError):
+    """Plots that could not be drawn or written."""
 
 
 def save_plots(
@@ -36,6 +42,9 @@ def save_plots(
 
     Returns:
         The files written.
+
+    Raises:
+        PlotError: plots that failed; the others are written.
     """
     tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axis, and one for the path
     drawings: dict[str, tuple[Callable[[Figure], None], tuple[float, float]]] = {
@@ -48,14 +57,20 @@ def save_plots(
     if bead is not None and bead.volume[-1] > 0:
         extent = float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y))
         drawings["bead"] = (partial(draw_height_map, bead=bead), (7.0, 0.9 * view_height(*extent, 7.0)))
-    written = []
-    for name, (draw, size) in drawings.items():
-        with sheet(*size) as figure:
-            draw(figure)
-            if analysis.run.fault is not None:
-                figure.supxlabel(f"fault: {analysis.run.fault}", color=COLOURS["fault"], fontsize="medium")
-            written.append(folder / f"{name}.png")
-            figure.savefig(written[-1])
+    written, failed = [], []
+    for done, (name, (draw, size)) in enumerate(drawings.items(), 1):
+        file = folder / f"{name}.png"
+        try:
+            with sheet(*size) as figure, replaced(file) as new:
+                draw(figure)
+                if analysis.run.fault is not None:
+                    figure.supxlabel(f"fault: {analysis.run.fault}", color=COLOURS["fault"], fontsize="medium")
+                figure.savefig(new)
+            written.append(file)
+        except Exception as error:  # the others are worth having
+            failed.append(f"{file.name}: {text_of(error)}")
         if progress is not None:
-            progress(len(written) / len(drawings))
+            progress(done / len(drawings))
+    if failed:
+        raise PlotError("; ".join(failed))
     return written

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gantrysim.errors import InputError, positive
-from gantrysim.report.folder import partial_name
+from gantrysim.errors import GantryError, InputError, positive, text_of
+from gantrysim.files import replaced
 
 Picture = NDArray[np.uint8]
 
@@ -81,24 +80,22 @@ def film_writer(
 
     Raises:
         InputError: a file that cannot be written, or an odd size of an MP4.
+        NoEncoderError: no ffmpeg.
     """
-    from imageio_ffmpeg import get_ffmpeg_exe
-
     suffix = suffix_of(file, FILMS)
     width, height = size
     if suffix == _MP4 and (width % 2 or height % 2):
         raise InputError(f"size of the video = {width} x {height}: must be even numbers of pixels")
-    with _partial(file) as partial:
+    with replaced(file) as partial:
         rate = Fraction(fps).limit_denominator(_FINEST_RATE)
         frames = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
         options = _MP4_OPTIONS.split()
         if suffix == _GIF:
             palette = partial.with_name("palette.png")
             colours = _palette(samples())
-            with _write_errors(file):
-                colours.save(palette)
+            colours.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
-        command = [get_ffmpeg_exe(), "-y", "-v", "error", *frames, *options, str(partial)]
+        command = [_encoder(), "-y", "-v", "error", *frames, *options, str(partial)]
         # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
         encoder = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
@@ -136,6 +133,27 @@ def film_writer(
             raise InputError(f"file {file}: cannot be written: {_reason(messages, encoder.returncode)}")
 
 
+class NoEncoderError(GantryError, RuntimeError):
+    """No ffmpeg that encodes films."""
+
+
+def _encoder() -> str:
+    """Return the file of ffmpeg.
+
+    Raises:
+        NoEncoderError: there is none that can be run.
+    """
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        found = get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
+        raise NoEncoderError(f"no encoder: {text_of(error)}: reinstall imageio-ffmpeg") from None
+    if shutil.which(found) is None:
+        raise NoEncoderError(f"no encoder: {found} cannot be run: reinstall imageio-ffmpeg or unset IMAGEIO_FFMPEG_EXE")
+    return str(found)
+
+
 class _StoppedError(Exception):
     """The encoder no longer accepts frames."""
 
@@ -147,7 +165,7 @@ def save_picture(file: Path, picture: Picture) -> None:
         InputError: another suffix, or a file that cannot be written.
     """
     suffix_of(file, PICTURES)
-    with _partial(file) as partial, _write_errors(file):
+    with replaced(file) as partial:
         Image.fromarray(picture).save(partial)
 
 
@@ -158,32 +176,6 @@ def _reason(messages: Iterable[bytes], status: int) -> str:
     if reasons:
         return reasons[-1]
     return f"the encoder stopped by signal {-status}" if status < 0 else "the encoder stopped"
-
-
-@contextmanager
-def _write_errors(file: Path) -> Iterator[None]:
-    """Raise InputError with the file's name for an OSError."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"file {file}: cannot be written: {error.strerror or error}") from None
-
-
-@contextmanager
-def _partial(file: Path) -> Iterator[Path]:
-    """Give a file in a hidden folder that replaces a file beside it on success and is removed otherwise.
-
-    Removing the folder also stops an encoder that is still writing.
-    """
-    target = file.absolute()
-    with _write_errors(file):
-        scratch = Path(tempfile.mkdtemp(prefix=partial_name(""), dir=target.parent))
-    try:
-        yield scratch / target.name
-        with _write_errors(file):
-            (scratch / target.name).replace(target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _palette(samples: Sequence[Picture]) -> Image.Image:

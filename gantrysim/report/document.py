@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from numbers import Integral
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gantrysim.errors import InputError
+from gantrysim.files import replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,7 +117,7 @@ def write_page(
         progress: called with the completed share.
 
     Raises:
-        OSError: the file cannot be written.
+        InputError: the file cannot be written.
     """
     from jinja2 import Environment, StrictUndefined  # slow to import
     from markupsafe import Markup
@@ -133,13 +133,8 @@ def write_page(
         style=Markup((own / "page.css").read_text(encoding="utf-8")),
         sections=list(_with_figures(sections, progress or (lambda share: None))),
     )
-    target = Path(file)
-    partial = target.with_name(f".partial-{target.name}")
-    try:
+    with replaced(file) as partial:
         partial.write_text(content, encoding="utf-8")
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _with_figures(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gantrysim.bead import BeadValues
 from gantrysim.errors import InputError, expanded
+from gantrysim.files import check_free, held, replaced_files, settle
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
@@ -28,8 +26,6 @@ RECORD = "record.csv"  # what the controller itself records, where its program a
 _PLOT_NAMES = ("plan", "error", "budget", "spacing", "bead")
 _RENDERED = tuple(f"{RENDER}{suffix}" for suffix in (".mp4", ".gif", ".png"))
 _FILES = (JOB, RUN, SUMMARY, VIDEO, REPORT, RECORD, *_RENDERED, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
-
-_PARTIAL = ".partial-"  # followed by the number of the writing process
 
 
 @dataclass(frozen=True)
@@ -50,11 +46,13 @@ class Output:
         """Return the absolute path of a folder that may be written to.
 
         Raises:
-            InputError: it is a file, or holds files of these names without `mark`.
+            InputError: it is a file, or holds files of these names without `mark`, or folders of these names.
         """
         target = expanded(folder).absolute()
         if target.exists() and not target.is_dir():
             raise InputError(f"--out {folder}: is a file, must be a folder")
+        settle(target, f"--out {folder}")
+        check_free(target, self.files, f"--out {folder}")
         foreign = [name for name in self.files if (target / name).exists()]
         if foreign and not (target / self.mark).exists():
             raise InputError(
@@ -62,70 +60,34 @@ class Output:
             )
         return target
 
+    @contextmanager
+    def written(self, folder: Path) -> Iterator[Path]:
+        """Yield a hidden folder in a held one, whose files replace those of an earlier command on success.
+
+        Raises:
+            InputError: as `check`, or the folder cannot be written.
+        """
+        with replaced_files(self.check(folder), self.files, f"--out {folder}") as scratch:
+            (scratch / PLOTS).mkdir()
+            yield scratch
+
 
 _RUN_OUTPUT = Output("run", RUN, _FILES)
 
 
 @contextmanager
 def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
-    """Yield a scratch folder inside `folder`; on success its files replace those of an earlier command.
+    """Hold a folder and yield a hidden one in it, whose files replace those of an earlier command on success.
 
     Other files in the folder stay. On failure nothing is left, not even a folder that this call created.
 
     Raises:
-        InputError: the folder cannot be written, or holds files of these names that no such command has written.
+        InputError: the folder cannot be written, is in use by another command, or holds files of these names that no
+            such command has written.
     """
     target = output.check(folder)
-    created = [parent for parent in (target, *target.parents) if not parent.exists()]
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(target)
-        scratch = Path(tempfile.mkdtemp(prefix=partial_name(""), dir=target))
-    except OSError as error:
-        raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
-    try:
-        (scratch / PLOTS).mkdir()
+    with held(target, f"--out {folder}"), output.written(folder) as scratch:
         yield scratch
-        (target / PLOTS).mkdir(exist_ok=True)
-        for name in output.files:
-            if (scratch / name).exists():
-                (scratch / name).replace(target / name)
-            else:
-                (target / name).unlink(missing_ok=True)
-        with suppress(OSError):  # not empty
-            (target / PLOTS).rmdir()
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        if not (target / output.mark).exists():
-            for parent in created:
-                with suppress(OSError):
-                    parent.rmdir()
-
-
-def partial_name(name: str) -> str:
-    """Return the hidden name under which this process writes `name` until the file is complete."""
-    return f"{_PARTIAL}{os.getpid()}-{name}"
-
-
-def _remove_abandoned(folder: Path) -> None:
-    """Remove the partial files of processes that no longer exist."""
-    for partial in folder.glob(f"{_PARTIAL}*"):
-        owner = partial.name.removeprefix(_PARTIAL).partition("-")[0]
-        if owner.isdigit() and not _alive(int(owner)):
-            shutil.rmtree(partial, ignore_errors=True)
-
-
-def _alive(process: int) -> bool:
-    """Return whether a process exists; True where asking could end it, as on Windows."""
-    if os.name != "posix":
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return True
 
 
 def write_run(

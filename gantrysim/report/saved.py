@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gantrysim.errors import InputError, expanded
+from gantrysim.files import settle
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.folder import JOB, RUN, SUMMARY
@@ -25,6 +26,7 @@ class SavedRun:
         machine: its machine, built now.
         changed: whether the physics of the machine differ from the digest in the summary; visual changes do not count.
             False without such a digest.
+        written: when the record was written [ns].
     """
 
     folder: Path
@@ -32,6 +34,7 @@ class SavedRun:
     run: Run
     machine: Machine
     changed: bool
+    written: int = 0
 
     def __post_init__(self) -> None:
         for kind, had, has in (
@@ -59,7 +62,9 @@ class SavedRun:
             raise InputError(f"run {place}: no such folder; gantrysim run JOB --out {place} makes one")
         if not where.is_dir():
             raise InputError(f"run {place}: is a file, must be a folder that gantrysim run has written")
+        settle(where, f"run {place}")
         missing = [name for name in (JOB, RUN) if not (where / name).is_file()]
+        written = _written(where)
         if missing:
             raise InputError(f"run {place}: holds no run: {' and '.join(missing)} missing")
         record = Run.load(where / RUN)
@@ -69,7 +74,17 @@ class SavedRun:
                 f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "
                 f"to one of {', '.join(builtin_models())}"
             )
-        return cls(place, job, record, job.built_machine, _changed(where / SUMMARY, job.built_machine))
+        saved = cls(place, job, record, job.built_machine, _changed(where / SUMMARY, job.built_machine), written)
+        return saved if saved.is_current else cls.load(folder)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the folder still holds this record, and not that of a later run."""
+        return _written(expanded(self.folder)) == self.written
+
+
+def _written(folder: Path) -> int:
+    return (folder / RUN).stat().st_mtime_ns if (folder / RUN).exists() else 0
 
 
 def _changed(summary: Path, machine: Machine) -> bool:

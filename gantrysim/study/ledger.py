@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-from contextlib import suppress
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
 from gantrysim.errors import InputError
+from gantrysim.files import held
 from gantrysim.study.cases import Row
-
-try:
-    import fcntl
-except ImportError:  # Windows: nothing is locked
-    fcntl = None  # type: ignore[assignment]
 
 LEDGER = ".study-progress.jsonl"
 
@@ -24,8 +19,8 @@ class Ledger:
     """A file of JSON lines: the identity of the study, then one line per finished case.
 
     A line is written as soon as its case is finished; a last line that was cut off is ignored. While the ledger is
-    open, its file is locked against other studies in the folder; the system releases the lock however the process
-    ends. A ledger closed without any row leaves nothing, not even a folder that it made.
+    open, its folder is held against other commands. A ledger closed without any row leaves nothing, not even a folder
+    that it made.
 
     Args:
         folder: of the file, or None to keep the rows in memory.
@@ -41,7 +36,7 @@ class Ledger:
         self._file = None if folder is None else folder / LEDGER
         self._identity = identity
         self._stream: BinaryIO | None = None
-        self._made: list[Path] = []
+        self._held = ExitStack()
         self.discarded: str | None = None
         self.kept = 0
 
@@ -49,31 +44,26 @@ class Ledger:
         if self._file is None:
             return self
         folder = self._file.parent
-        self._made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._stream = _locked(self._file)
-            good = self._read(self._stream.read())
-            self._stream.truncate(good)
-            self._stream.seek(good)
-            self.kept = len(self._rows)
-            if not good:
-                self._write(self._identity)
-        except BlockingIOError:
-            raise InputError(f"--out {folder}: in use by another study") from None
-        except OSError as error:
-            self._leave()
-            raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
+        with ExitStack() as stack:
+            stack.enter_context(held(folder, f"--out {folder}"))
+            try:
+                self._stream = stack.enter_context(self._file.open("r+b" if self._file.exists() else "w+b"))
+                good = self._read(self._stream.read())
+                self._stream.truncate(good)
+                self._stream.seek(good)
+                self.kept = len(self._rows)
+                if not good:
+                    self._write(self._identity)
+            except OSError as error:
+                raise InputError(f"--out {folder}: cannot be written: {error.strerror}") from None
+            self._held = stack.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         if not self._rows:
             self.remove()
-        if self._stream is not None:
-            self._stream.close()
-            self._stream = None
-        if not self._rows:
-            self._leave()
+        self._held.close()
+        self._stream = None
 
     def __contains__(self, key: str) -> bool:
         return key in self._rows
@@ -92,19 +82,10 @@ class Ledger:
     def remove(self) -> None:
         """Delete the file and the rows: the study is complete, or has no values."""
         self._rows = {}
-        if self._file is None or self._stream is None:
-            return
-        if fcntl is None:  # Windows deletes no open file
+        if self._file is not None and self._stream is not None:
             self._stream.close()
-        self._file.unlink(missing_ok=True)
-        self._stream.close()  # releases the lock, after the file is gone
-        self._stream = None
-
-    def _leave(self) -> None:
-        """Remove the empty folders that this ledger has made."""
-        for parent in self._made:
-            with suppress(OSError):
-                parent.rmdir()
+            self._stream = None
+            self._file.unlink(missing_ok=True)
 
     def _write(self, content: object) -> None:
         if self._stream is not None:
@@ -130,29 +111,6 @@ class Ledger:
                 break
             good += len(line)
         return good
-
-
-def _locked(file: Path) -> BinaryIO:
-    """Open and lock a file for reading and writing.
-
-    Raises:
-        BlockingIOError: another process has locked it.
-    """
-    while True:
-        stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
-        if fcntl is None:
-            return stream
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            stream.close()
-            raise
-        except OSError:  # a file system without locks
-            return stream
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(stream.fileno()), file.stat()):
-                return stream
-        stream.close()  # its owner has deleted it between the two calls
 
 
 def _differs(found: Any, identity: dict[str, Any]) -> str:

@@ -13,10 +13,11 @@ import tomli_w
 
 from gantrysim.engine.simulate import simulate
 from gantrysim.errors import InputError
+from gantrysim.files import ReplacedError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.report.document import Section, Table, write_page
-from gantrysim.report.folder import JOB, PLOTS, REPORT, Output, output_folder
+from gantrysim.report.folder import JOB, PLOTS, REPORT, Output
 from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Row, forget_jobs, is_fault
 from gantrysim.study.ledger import Ledger
@@ -97,6 +98,7 @@ def run_study(
         NoValuesError: no case has values; nothing is written.
         WorkerError: as in `run_cases`; finished rows are kept.
         StudyInterrupted: by Ctrl-C; the same call resumes.
+        ReplacedError: by Ctrl-C when all was written.
     """
     plots = (f"{PLOTS}/{name}.png" for name in study.plots)
     output = Output("study", _ROWS, (_ROWS, _CURVES, _STUDY, JOB, REPORT, *study.texts, *plots))
@@ -133,17 +135,16 @@ def run_study(
                     cases = rounds.send(found)
                 except StopIteration:
                     break
-        except KeyboardInterrupt:
-            raise StudyInterrupted(len(ledger)) from None
-        try:
             _check_values(rows)
-        except NoValuesError:
+            report = study.report(rows)
+            with output.written(folder) as scratch:
+                _write(study, rows, report, scratch, identity)
+                written = sorted(item.name for item in scratch.iterdir())
+        except (NoValuesError, ReplacedError):
             ledger.remove()
             raise
-        report = study.report(rows)
-        with output_folder(folder, output) as scratch:
-            _write(study, rows, report, scratch, identity)
-            written = sorted(item.name for item in scratch.iterdir())
+        except KeyboardInterrupt:
+            raise StudyInterrupted(len(ledger)) from None
         ledger.remove()
     return Outcome(rows, report, written, ledger.kept, ledger.discarded)
 

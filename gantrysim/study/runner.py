@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import signal
-import threading
+import os
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
 from functools import partial
 from itertools import pairwise
 
 from gantrysim.errors import whole
+from gantrysim.signals import blocked, deferred, end_with
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.worker import MeasureTogether, Origin, WorkerError, measured
@@ -70,9 +69,13 @@ def run_cases(
                 del missing[key]
             advance()
     finally:
-        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
-            finished.close()
+        _close(finished)
     return [{**dict(case.tags), **ledger[case.key]} for case in cases]
+
+
+def _close(results: Generator[object, None, None]) -> None:
+    with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+        results.close()
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
@@ -87,6 +90,7 @@ def _finished(
         return
     # slow to import
     from joblib import Parallel, delayed, parallel_config
+    from joblib._parallel_backends import LokyBackend
     from joblib.externals.loky.process_executor import BrokenProcessPool
     from joblib.parallel import get_active_backend
 
@@ -97,13 +101,20 @@ def _finished(
     dispatched = workers if backend.effective_n_jobs(workers) > workers else "2 * n_jobs"
     origin = Origin.here(cases)
     lots = _lots(cases, workers, most)
+    # a worker that has no case yet must end with this process too
+    started = {"initializer": end_with, "initargs": (os.getpid(),)} if isinstance(backend, LokyBackend) else {}
     with parallel_config(n_jobs=workers):
         # a lot is kept as soon as it is finished
-        parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=dispatched)
+        parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=dispatched, **started)
+        results = None
         try:
-            with _interrupts_ignored():  # by the workers started here, which inherit it; this process stops them
+            with deferred(), blocked():  # for the workers started here; this process stops them
                 results = parallel(delayed(measured)(measure, lot, origin) for lot in lots)
             yield from results
+        except KeyboardInterrupt:
+            if results is not None:  # deferred: before a result was asked for, which would have ended it
+                _close(results)
+            raise
         except BrokenProcessPool:
             raise WorkerError(
                 "a worker ended unexpectedly, possibly out of memory: finished cases are kept, run again to resume"
@@ -115,16 +126,3 @@ def _lots(cases: list[Case], workers: int, most: int) -> list[list[Case]]:
     lots = min(workers * math.ceil(len(cases) / (workers * most)), len(cases))
     ends = [len(cases) * k // lots for k in range(lots + 1)]
     return [cases[begin:end] for begin, end in pairwise(ends)]
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C inside the block, in the main thread alone."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -1,4 +1,4 @@
-"""Measure cases in a worker: check that it computes the study's numbers, measure, and end with the study.
+"""Measure cases in a worker: check that it computes the study's numbers, and measure.
 
 A worker may be the study's own process, a copy that it started, or a process on another computer.
 """
@@ -10,8 +10,6 @@ import json
 import multiprocessing
 import os
 import platform
-import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,7 +23,6 @@ from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
 
 MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # one row per case, in order
 
-_GLANCE = 1.0  # between two checks that the study is alive [s]
 _SOURCES = "source files of gantrysim"
 _SHOWN = 12  # digits of a digest
 
@@ -64,9 +61,7 @@ def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) ->
     Raises:
         WorkerError: this process differs from the study's in its versions or machines.
     """
-    if _started_by(origin):
-        _end_with(origin.process)
-    elif (platform.node(), os.getpid()) != (origin.host, origin.process):  # started by others
+    if not _started_by(origin) and (platform.node(), os.getpid()) != (origin.host, origin.process):  # started by others
         _check_installed(origin)
     _check_machines(cases, origin)
     # as read back from the ledger: tuples become lists, keys strings
@@ -118,15 +113,3 @@ def _installed() -> tuple[tuple[str, str], ...]:
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     system = f"{platform.system()} {platform.machine()}"
     return (*package_versions().items(), ("system", system), (_SOURCES, digest.hexdigest()[:_SHOWN]))
-
-
-@cache
-def _end_with(parent: int) -> None:
-    """End this process soon after its parent; else a worker of a killed study would wait for minutes."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_GLANCE)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

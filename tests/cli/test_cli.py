@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -20,11 +21,14 @@ from gantrysim import Fault, Job, Run, metrics
 from gantrysim.cli.start import last_words
 from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
+from gantrysim.files import PARTIAL, held, replaced
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report.summary import summary as summary_of
+from gantrysim.signals import ENDING
 
 from support.runs import turn, turntable
+from support.studies import PATIENCE
 
 SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
 QUICK = [*SHORT, "--no-report"]
@@ -262,7 +266,7 @@ def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypa
     assert signal.getsignal(signal.SIGINT) is before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDING)
 def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, tmp_path, monkeypatch, number):
     """ctypes raises an error of its own when the conversion of an argument is interrupted, as in calls of OpenGL."""
 
@@ -274,7 +278,7 @@ def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, 
     function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
     monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
     stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
-    assert stopped == (130, "", "interrupted: nothing is written\n")
+    assert stopped == (128 + number, "", "interrupted: nothing is written\n")
     assert not list(tmp_path.iterdir())
 
 
@@ -301,12 +305,13 @@ def test_an_interrupt_lost_in_a_finaliser_is_not_reported_and_other_errors_are(m
             self.leave()
 
     def interrupted():
-        with interruptible("what is left") as go_on:
+        with interruptible():
             Final(lambda: 1 / 0)
             Final(lambda: signal.raise_signal(signal.SIGINT))
-            go_on()
+            time.sleep(PATIENCE)  # nothing asks for a pending interrupt
+            pytest.fail("went on")
 
-    with pytest.raises(KeyboardInterrupt, match="what is left"):
+    with pytest.raises(KeyboardInterrupt):
         interrupted()
     Final(lambda: 1 / 0)
     assert reported == [ZeroDivisionError, ZeroDivisionError]
@@ -316,7 +321,7 @@ def test_other_errors_are_raised_unchanged(gantrysim_command, tmp_path, monkeypa
     def broken(*_, **__):
         raise ctypes.ArgumentError("argument 1")
 
-    monkeypatch.setattr("gantrysim.plots.save_plots", broken)
+    monkeypatch.setattr("gantrysim.report.folder.write_run", broken)
     with pytest.raises(ctypes.ArgumentError, match="argument 1"):
         gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
 
@@ -329,9 +334,10 @@ def test_every_command_reports_an_interrupt(gantrysim_command, monkeypatch):
     assert gantrysim_command("info") == (130, "", "interrupted\n")
 
 
-def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
+@pytest.mark.parametrize("number", ENDING)
+def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path, number):
     """A module that is imported early sends the signal, so that the test does not depend on timing."""
-    (tmp_path / "rich.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n")
+    (tmp_path / "rich.py").write_text(f"import os, signal, time\nos.kill(os.getpid(), {number.value})\ntime.sleep(9)\n")
     done = subprocess.run(
         [sys.executable, "-m", "gantrysim", "info"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
@@ -341,7 +347,7 @@ def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path):
         check=False,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted: nothing is written\n")
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", "interrupted: nothing is written\n")
 
 
 def test_an_invalid_mujoco_gl_is_one_line():
@@ -375,6 +381,7 @@ def test_version_and_help_import_no_simulation(option):
     """The command answers at once: what takes long to import is imported by the commands that need it."""
     code = f"""
 import sys
+import time
 from gantrysim.cli.start import main
 sys.argv[1:] = [{option!r}]
 try:
@@ -408,16 +415,53 @@ def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command
 
 
 def test_partial_files_of_killed_runs_are_removed_and_those_of_active_ones_stay(gantrysim_command, tmp_path):
-    killed = subprocess.Popen([sys.executable, "-c", ""])
-    killed.wait()
-    left, active, other = (tmp_path / f".partial-{name}" for name in (f"{killed.pid}-ab", f"{os.getpid()}-ab", "mine"))
-    for folder in (left, active, other):
-        folder.mkdir()
-        (folder / "run.npz").write_bytes(b"half of it")
-    assert gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)[0] == 0
-    assert not left.exists()
-    assert (active / "run.npz").exists()
-    assert (other / "run.npz").exists()
+    left = tmp_path / f"{PARTIAL}ab"
+    left.mkdir()
+    (left / "run.npz").write_bytes(b"half of it")
+    with replaced(tmp_path / "mine.png") as active:
+        active.write_bytes(b"mine")
+        assert gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)[0] == 0
+        assert not left.exists()
+    assert (tmp_path / "mine.png").read_bytes() == b"mine"
+
+
+def test_a_plot_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise ValueError("no\nnumbers")
+
+    monkeypatch.setattr("gantrysim.plots.draw_error", broken)
+    status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    assert (status, errors) == (1, "error: no plot: error.png: ValueError: no numbers\n")
+    assert "Contour error: " in printed
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
+    assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
+
+
+def test_without_an_encoder_a_run_lacks_its_video_alone(gantrysim_command, tmp_path, monkeypatch):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "ffmpeg"))
+    arguments = [word for word in SHORT if word != "--no-video"]
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *arguments, "--no-report")
+    said = f"no encoder: {tmp_path}/ffmpeg cannot be run: reinstall imageio-ffmpeg or unset IMAGEIO_FFMPEG_EXE\n"
+    assert (status, errors) == (0, f"no video: {said}")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["job.toml", "run.npz", "summary.json"]
+    assert gantrysim_command("render", tmp_path / "out", "--size", "300x200") == (2, "", f"error: {said}")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["job.toml", "run.npz", "summary.json"]
+
+
+def test_of_two_runs_into_one_folder_the_second_is_refused(gantrysim_command, tmp_path):
+    with held(tmp_path, "here"):
+        status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
+    assert (status, printed, errors) == (2, "", f"error: --out {tmp_path}: in use by another command\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_stands_in_the_way_of_a_run_is_named_before_it_begins(gantrysim_command, tmp_path, monkeypatch):
+    monkeypatch.setattr(Job, "run", lambda *_: pytest.fail("begun"))
+    (tmp_path / "run.npz" / "mine").mkdir(parents=True)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
+    said = f"error: --out {tmp_path}: run.npz in it is a folder, must be a file: move it away\n"
+    assert (status, errors) == (2, said)
+    assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
@@ -460,7 +504,7 @@ def test_a_write_error_is_one_line(gantrysim_command, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Run, "save", full)
     status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "a" / "b", *SHORT)
-    assert (status, errors) == (2, "error: No space left on device (run.npz)\n")
+    assert (status, errors) == (2, f"error: --out {tmp_path}/a/b: cannot be written: No space left on device\n")
     assert not list(tmp_path.iterdir())
 
 

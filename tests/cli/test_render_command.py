@@ -1,7 +1,6 @@
 """The command `gantrysim render`, as used at a terminal."""
 
 import ctypes.util
-import os
 import signal
 import subprocess
 import sys
@@ -12,8 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gantrysim import InputError, Job
+from gantrysim import InputError, Job, Run
 from gantrysim.cli.render import size_of
+from gantrysim.files import PARTIAL
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, Take
 from gantrysim.render.labels import labels_of
@@ -200,13 +200,13 @@ def test_an_interrupt_leaves_what_was_there(folder):
     before = names(folder / "slow")
     arguments = [sys.executable, "-m", "gantrysim", "render", str(folder / "slow"), "--speed", "0.02", *SMALLEST]
     process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts)
-    while not list((folder / "slow").glob(".partial-*")):
+    while not list((folder / "slow").glob(f"{PARTIAL}*/*")):
         assert process.poll() is None
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert errors == "interrupted: nothing was written\n"
+    assert errors == "interrupted: nothing is written; the earlier render.mp4 is kept\n"
     assert names(folder / "slow") == before
     assert (folder / "slow" / "render.mp4").read_bytes() == b"earlier"
 
@@ -235,18 +235,23 @@ def _heed_interrupts():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.mark.parametrize("arguments", [("--fps", "2"), ("--at", "0.1")])
+def test_a_film_is_not_put_beside_a_later_run(gantrysim_command, folder, monkeypatch, arguments):
+    record = Run.load(folder / "slow" / "run.npz")
+    monkeypatch.setattr(Film, "__enter__", lambda film: (record.save(folder / "slow" / "run.npz"), film)[1])
+    status, printed, errors = gantrysim_command("render", folder / "slow", *SMALLEST, *arguments)
+    said = f"error: run {folder}/slow: has been run again meanwhile: render it again\n"
+    assert (status, printed, errors) == (2, "", said)
+    assert not [name for name in names(folder / "slow") if "render" in str(name)]
+
+
 def test_a_later_run_removes_the_files_of_a_killed_process(gantrysim_command, folder):
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    left = folder / "slow" / f".partial-{gone.pid}-xyz"
-    of_another = folder / "slow" / f".partial-{os.getppid()}-xyz"
-    for place in (left, of_another):
-        place.mkdir()
-        (place / "render.mp4").write_bytes(b"half")
+    left = folder / "slow" / f"{PARTIAL}xyz"
+    left.mkdir()
+    (left / "render.mp4").write_bytes(b"half")
     small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
     gantrysim_command("run", "an225", *small, "--out", folder / "slow", "--no-video", "--no-report")
     assert not left.exists()
-    assert of_another.exists()
 
 
 def test_the_video_of_a_run_is_headed_by_its_job(gantrysim_command, tmp_path, monkeypatch):

@@ -341,8 +341,8 @@ def test_the_least_height_in_the_error_is_accepted(xy, run, monkeypatch, count):
 
 
 def test_a_read_only_folder_is_named(alone, tmp_path, monkeypatch):
-    def refuse(*_, **__):
-        raise PermissionError(13, "Permission denied")
+    def refuse(*_, prefix, dir):
+        raise PermissionError(13, "Permission denied", f"{dir}/{prefix}abc")
 
     monkeypatch.setattr("tempfile.mkdtemp", refuse)
     for save, name in ((alone.save, "a.mp4"), (alone.save_picture, "a.png")):

@@ -47,6 +47,24 @@ def test_job_record_and_machine_are_read_back(folder):
     assert SavedRun.load(str(folder)).run.fault is None
 
 
+def test_a_run_that_is_replaced_while_it_is_read_is_read_again(folder, tmp_path, monkeypatch):
+    other = small_job("loop_period=0.02")
+    place = saved(tmp_path / "run", small_job())
+    read = Job.load
+    left = [lambda: saved(place, other)]
+
+    def meanwhile(*arguments):
+        if left:
+            left.pop()()
+        return read(*arguments)
+
+    monkeypatch.setattr(Job, "load", meanwhile)
+    back = SavedRun.load(place)
+    assert back.job.program["loop_period"] == 0.02
+    np.testing.assert_array_equal(back.run.nozzle, other.run().nozzle)
+    assert back.is_current
+
+
 def test_a_home_folder_is_expanded(folder, monkeypatch):
     monkeypatch.setenv("HOME", str(folder.parent))
     assert SavedRun.load("~/one").job.name == "an225"

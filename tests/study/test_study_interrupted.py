@@ -12,6 +12,8 @@ import typer
 
 from gantrysim import Job
 from gantrysim.cli.study import carry_out
+from gantrysim.files import LOCK
+from gantrysim.signals import ENDING
 from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study.ledger import LEDGER
 
@@ -41,7 +43,7 @@ def test_a_resumed_study_ends_like_an_uninterrupted_one(tmp_path, job, at):
 def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_path, job, capsys):
     with pytest.raises(typer.Exit):
         carry_out(Toy(job, Counted(interrupted_at=0)), tmp_path / "a" / "b", 1)
-    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is kept\n"
+    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is written\n"
     assert not list(tmp_path.iterdir())
 
 
@@ -83,7 +85,7 @@ def test_sigterm_interrupts_and_the_next_run_reports_what_it_resumes(tmp_path, j
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(typer.Exit) as stopped:
         carry_out(Toy(job, Killed()), tmp_path, 1)
-    assert stopped.value.exit_code == 130
+    assert stopped.value.exit_code == 143
     assert "the rows of 2 finished cases are kept" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before
     carry_out(Toy(job), tmp_path, 1)
@@ -105,7 +107,7 @@ def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
         before = (folder / LEDGER).read_bytes()
         status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
         assert status == 2
-        assert said == f"error: --out {folder}: in use by another study\n"
+        assert said == f"error: --out {folder}: in use by another command\n"
         assert (folder / LEDGER).read_bytes().startswith(before)
         assert process.poll() is None
     finally:
@@ -116,9 +118,13 @@ def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
-def test_workers_end_with_a_study_that_is_killed(tmp_path):
-    process = begun(tmp_path / "loop")
-    assert len(members(process.pid)) >= 2
+@pytest.mark.parametrize("rows", [0, 1])
+def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
+    process = begun(tmp_path / "loop", rows)
+    until = time.monotonic() + PATIENCE
+    while len(members(process.pid)) < 3:  # itself, its helper and a worker, which without a row has only just begun
+        assert time.monotonic() < until
+        time.sleep(0.01)
     process.kill()  # it alone
     process.communicate()
     until = time.monotonic() + PATIENCE
@@ -127,13 +133,35 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path):
         time.sleep(0.1)
 
 
+@pytest.mark.parametrize("number", ENDING)
+def test_no_signal_is_lost_while_workers_start(tmp_path, job, monkeypatch, capsys, number):
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+    from gantrysim.study.loop import LoopStudy
+
+    start = ProcessPoolExecutor._adjust_process_count
+
+    def interrupted(pool):
+        os.kill(os.getpid(), number)
+        start(pool)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "_adjust_process_count", interrupted)
+    began = time.monotonic()
+    with pytest.raises(typer.Exit) as stopped:
+        carry_out(LoopStudy(job), tmp_path / "loop", 2)
+    assert stopped.value.exit_code == 128 + number
+    assert capsys.readouterr().err == "interrupted: no case was finished, nothing is written\n"
+    assert time.monotonic() - began < PATIENCE / 4  # where it is lost, all cases are run
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
     folder = tmp_path / "loop"
     process = begun(folder)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     done = spoken(folder)
-    assert list(content(folder)) == [LEDGER]
+    assert list(content(folder)) == [LOCK, LEDGER]
     from gantrysim.study.loop import LoopStudy
 
     study = LoopStudy(Job.load("an225", SHORT))

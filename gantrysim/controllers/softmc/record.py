@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.controller import Recorded
 from gantrysim.errors import unknown, whole
+from gantrysim.files import replaced
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
 
@@ -64,7 +64,7 @@ class Record:
         for axis, unit in zip(run.axes, run.units, strict=True):
             units |= {f"{name} {axis}": unit for name in ("PCMD", "PFB", "PE")}
             units |= {f"{name} {axis}": f"{unit}/s" for name in ("VCMD", "VFB")}
-        with Path(file).open("w", newline="", encoding="utf-8") as stream:
+        with replaced(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow([f"{name} [{units[name]}]" for name in columns])
             writer.writerows(np.column_stack(list(columns.values())).tolist())

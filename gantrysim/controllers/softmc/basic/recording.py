@@ -6,7 +6,6 @@ import csv
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.softmc.basic.timeline import Mark
 from gantrysim.controllers.softmc.record import evaluated
 from gantrysim.errors import InputError
+from gantrysim.files import replaced
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Recording:
             taken.append(np.arange(first, min(last, len(run.time) - 1) + 1, self.gap))
         samples = np.concatenate([*taken, np.zeros(0, np.int64)])[: self.points]
         values = [_column(column, run, coordinates, delay) for column in self.columns]
-        with Path(file).open("w", newline="", encoding="utf-8") as stream:
+        with replaced(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow([f"{column.name} [{unit}]" for column, (unit, _) in zip(self.columns, values, strict=True)])
             writer.writerows(np.column_stack([of[samples] for _, of in values]).tolist())

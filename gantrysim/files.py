@@ -1,0 +1,300 @@
+"""Results on disk: a file, or the files of a folder, are replaced as a whole or stay as they were.
+
+New files are written to a hidden folder beside the old ones. A single file then takes its place in one step. The files
+of a folder cannot: the hidden folder gets a name that says it is complete, the old files are moved into it, then the
+new ones out of it. So old and new files never lie side by side, and the next command completes what was cut short.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from gantrysim.errors import InputError, expanded
+from gantrysim.signals import deferred
+
+try:
+    import fcntl
+except ImportError:  # Windows: nothing is locked, and what a killed command left stays
+    fcntl = None  # type: ignore[assignment]
+
+LOCK = ".gantrysim-lock"
+PARTIAL = ".gantrysim-partial-"  # prefix of a hidden folder of new files that are being written
+SWAP = ".gantrysim-complete"  # hidden folder of new files that are complete
+_NEW, _OLD, _NAMES = "new", "old", "names.json"
+_PATIENCE = 2.0  # of a reader, with a folder whose files are being replaced [s]
+_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
+
+
+class ReplacedError(KeyboardInterrupt):
+    """An interrupt that arrived while new files took their place: they have."""
+
+
+@contextmanager
+def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a file in a hidden folder that replaces a file on success, in one step, and is removed otherwise.
+
+    Raises:
+        InputError: a folder, no regular file, or a file that cannot be written.
+    """
+    target = _writable(file)
+    kept = f"; the earlier {target.name} is kept" if target.exists() else ""
+    with _written(f"file {file}", kept, f"{file} is complete") as done, _scratch(target.parent) as scratch:
+        yield scratch / target.name
+        _to_disk([scratch / target.name])
+        with deferred():
+            (scratch / target.name).replace(target)
+            done.append(True)
+
+
+@contextmanager
+def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[Path]:
+    """Give a hidden folder whose files replace those of these names in a held folder on success, as a whole.
+
+    Other files in the folder stay.
+
+    Args:
+        folder: see `held`.
+        names: of all files that may be written, in the folder or in a subfolder; those not written are removed.
+        label: of the folder in errors.
+
+    Raises:
+        InputError: the files cannot be written; the old ones are kept.
+    """
+    names = list(names)
+    kept = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
+    with _written(label, kept, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
+        (scratch / _NEW).mkdir()
+        yield scratch / _NEW
+        check_free(folder, names, label)
+        (scratch / _NAMES).write_text(json.dumps(names), encoding="utf-8")
+        _to_disk(_files(scratch))
+        with deferred():
+            scratch.rename(folder / SWAP)
+            _swap(folder)
+            done.append(True)
+
+
+def check_free(folder: Path, names: Iterable[str], label: str) -> None:
+    """Raise InputError where a folder stands in the place of a file that is to be written, or the reverse."""
+    for name in names:
+        if (folder / name).is_dir():
+            raise InputError(f"{label}: {name} in it is a folder, must be a file: move it away")
+        parent = (folder / name).parent
+        if parent != folder and parent.exists() and not parent.is_dir():
+            raise InputError(f"{label}: {parent.name} in it is a file, must be a folder: move it away")
+
+
+@contextmanager
+def held(folder: Path, label: str) -> Iterator[None]:
+    """Hold a folder against other commands that write to it, in the block; however a process ends, its hold ends.
+
+    The folder is made where it is missing, and removed if the block leaves it empty. What a killed command has left in
+    it is completed or removed.
+
+    Raises:
+        InputError: in use by another command, or not to be written to.
+    """
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    lock = folder / LOCK
+    stream: BinaryIO | None = None
+    try:
+        try:
+            with deferred():
+                folder.mkdir(parents=True, exist_ok=True)
+                stream = _locked(lock)
+                _swap(folder)
+                _sweep(folder)
+        except BlockingIOError:
+            raise InputError(f"{label}: in use by another command") from None
+        except OSError as error:
+            raise InputError(f"{label}: cannot be written: {error.strerror}") from None
+        yield
+    finally:
+        with deferred():
+            if stream is not None:
+                if fcntl is None:  # Windows deletes no open file
+                    stream.close()
+                with suppress(OSError):
+                    lock.unlink()
+                stream.close()  # releases the lock, after its file is gone
+            for parent in made:
+                with suppress(OSError):  # not empty
+                    parent.rmdir()
+
+
+def settle(folder: Path, label: str) -> None:
+    """Complete the replacement of files in a folder if a killed command has left it half done.
+
+    Raises:
+        InputError: it cannot be completed.
+    """
+    until = time.monotonic() + _PATIENCE
+    while (folder / SWAP).exists():
+        try:
+            with held(folder, label):
+                return
+        except InputError:  # in use: a command is replacing them now
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.01)
+
+
+def _writable(file: str | os.PathLike[str]) -> Path:
+    target = expanded(file).absolute()
+    if target.is_symlink():
+        target = target.resolve()
+    if target.is_dir():
+        raise InputError(f"file {file}: is a folder")
+    if target.exists() and not target.is_file():
+        raise InputError(f"file {file}: is no regular file")
+    if not target.parent.is_dir():
+        raise InputError(f"file {file}: no such folder {Path(file).parent}")
+    return target
+
+
+@contextmanager
+def _written(label: str, kept: str, complete: str) -> Iterator[list[bool]]:
+    """Say in errors and interrupts of the block what they leave; yields a list to be filled once that is the new."""
+    done: list[bool] = []
+    try:
+        yield done
+    except KeyboardInterrupt:
+        raise (ReplacedError(complete) if done else KeyboardInterrupt(f"nothing is written{kept}")) from None
+    except OSError as error:
+        if error.errno not in _DISK and not any(part in str(error.filename) for part in (PARTIAL, SWAP)):
+            raise
+        raise InputError(f"{label}: cannot be written: {error.strerror or error}{kept}") from None
+
+
+@contextmanager
+def _scratch(folder: Path) -> Iterator[Path]:
+    """Give a new hidden folder in a folder, locked as long as this process needs it, and remove it at the end."""
+    _sweep(folder)
+    with ExitStack() as stack:
+        claimed = False
+        while not claimed:
+            with deferred():
+                scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=folder))
+                stack.callback(deferred()(shutil.rmtree), scratch, ignore_errors=True)
+                with suppress(FileNotFoundError, BlockingIOError):  # swept as abandoned before it was locked
+                    stack.enter_context(_claimed(scratch, own=True))
+                    claimed = True
+        yield scratch
+
+
+def _sweep(folder: Path) -> None:
+    """Remove the hidden folders of processes that no longer exist."""
+    for scratch in folder.glob(f"{PARTIAL}*"):
+        if fcntl is not None:
+            with suppress(OSError), _claimed(scratch):
+                shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def _claimed(scratch: Path, *, own: bool = False) -> Iterator[None]:
+    """Lock a hidden folder in the block; without locks one of our `own` will do, and nothing is known of another's.
+
+    Raises:
+        BlockingIOError: another process has locked it.
+        FileNotFoundError: it is gone.
+        OSError: a file system without locks, unless it is our own.
+    """
+    if fcntl is None:
+        yield
+        return
+    number = os.open(scratch, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if not own or isinstance(error, BlockingIOError):
+                raise
+        scratch.stat()
+        yield
+    finally:
+        os.close(number)
+
+
+def _locked(file: Path) -> BinaryIO:
+    """Open and lock a file for reading and writing.
+
+    Raises:
+        BlockingIOError: another process has locked it.
+    """
+    while True:
+        stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
+        if fcntl is None:
+            return stream
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stream.close()
+            raise
+        except OSError:  # a file system without locks
+            return stream
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(stream.fileno()), file.stat()):
+                return stream
+        stream.close()  # its owner has deleted it between the two calls
+
+
+def _swap(folder: Path) -> None:
+    """Move the old files of a held folder away and the complete new ones in; continue where a killed process stopped.
+
+    The list of names says that old files are left. While it is there, an error moves them back.
+
+    Raises:
+        OSError: an old file cannot be moved; all are kept, and the new files are removed.
+        InputError: a new file cannot be moved; all are kept.
+    """
+    swap = folder / SWAP
+    names, new, old = swap / _NAMES, swap / _NEW, swap / _OLD
+    if not swap.exists():
+        return
+    if names.exists():
+        listed = json.loads(names.read_text(encoding="utf-8"))
+        try:
+            for name in listed:
+                if os.path.lexists(folder / name):
+                    _move(folder / name, old / name)
+        except OSError:
+            for file in _files(old):
+                _move(file, folder / file.relative_to(old))
+            shutil.rmtree(swap)
+            raise
+        names.unlink()
+        for parent in {(folder / name).parent for name in listed} - {folder}:
+            with suppress(OSError):  # other files are in it, or it never was
+                parent.rmdir()
+    try:
+        for file in _files(new):
+            _move(file, folder / file.relative_to(new))
+    except OSError as error:
+        text = f"{folder}: cannot be written: {error.strerror}; the new files are in {new}, the earlier ones in {old}"
+        raise InputError(text) from None
+    shutil.rmtree(swap)
+
+
+def _files(folder: Path) -> list[Path]:
+    return [file for file in folder.rglob("*") if not file.is_dir()]
+
+
+def _move(file: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    file.rename(target)
+
+
+def _to_disk(files: Iterable[Path]) -> None:
+    """Have the content of files written before anything refers to it, so that it also survives a loss of power."""
+    for file in files:
+        with file.open("rb") as stream:
+            os.fsync(stream.fileno())
