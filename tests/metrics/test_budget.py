@@ -286,6 +286,21 @@ def test_values_of_a_part_locate_its_maximum():
     assert part.point == pytest.approx(tuple(INVOLUTE.position(s[3000])[0]), abs=1e-6)
 
 
+def test_the_time_of_a_maximum_is_that_of_the_record(xy):
+    """Of a run whose dispenser opens late and closes between: ticks of the analysis are not those of the record."""
+    run = Job.load("softmc-arc").run()
+    budget = Budget(run)
+    assert budget.analysis.ticks[0] > 100
+    for part in (*budget.values.parts.values(), budget.values.contour):
+        if part.rms > 1e-6:
+            at = np.searchsorted(run.time, part.time)
+            assert run.time[at] == part.time
+            assert run.dispense[at]
+    error = np.full(len(run.time), -1.0)
+    error[budget.analysis.ticks] = budget.contour.size
+    assert budget.values.contour.time == run.time[error.argmax()]
+
+
 @pytest.mark.parametrize("clockwise", [True, False])
 def test_turns_of_a_spiral(clockwise):
     path = Involute(60, 10, 4, clockwise=clockwise)
