@@ -18,6 +18,8 @@ from gantrysim.bead import Bead
 from gantrysim.cli.main import app
 from gantrysim.job.loading import builtin_jobs
 
+from support.jobs import job_run
+
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
 README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
@@ -47,7 +49,7 @@ def blocks(page, language):
 
 @pytest.fixture(scope="module")
 def an225():
-    return Job.load("an225").run()
+    return job_run("an225")
 
 
 @pytest.mark.parametrize("name", [name for name in PAGES if "```python" in PAGES[name]])
@@ -130,7 +132,7 @@ def test_each_limit_of_the_controller_costs_what_the_tutorial_says(settings):
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_the_jobs_table_is_what_the_jobs_give(name):
     job = Job.load(name)
-    values = metrics.values(job.run())
+    values = metrics.values(job_run(name))
     row = row_of(CONTROLLERS, f"`{name}`", f"`{job.machine}`")
     assert row[:2] == in_um(values.contour.rms, values.contour.max)
     spacings = [] if values.spacing is None else [values.spacing.mean]

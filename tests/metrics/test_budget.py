@@ -21,6 +21,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.run import Fault, Run
 
+from support.jobs import job_run
 from support.runs import PERIOD, plain
 
 SUM = 1e-12  # of the parts against the whole [mm]
@@ -147,7 +148,7 @@ def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direct
 
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_the_parts_of_every_job_add_up(name):
-    run = Job.load(name).run()
+    run = job_run(name)
     analysis = Analysis(run)
     found = Budget(analysis)
     lateral = sum(part.lateral for part in found.parts.values())
@@ -288,7 +289,7 @@ def test_values_of_a_part_locate_its_maximum():
 
 def test_the_time_of_a_maximum_is_that_of_the_record(xy):
     """Of a run whose dispenser opens late and closes between: ticks of the analysis are not those of the record."""
-    run = Job.load("softmc-arc").run()
+    run = job_run("softmc-arc")
     budget = Budget(run)
     assert budget.analysis.ticks[0] > 100
     for part in (*budget.values.parts.values(), budget.values.contour):
