@@ -169,6 +169,20 @@ def test_the_motors_are_the_documented_ones():
         assert speed(name, "r") == pytest.approx(float(numbers(r["declared speed"])[0]))
 
 
+@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage", "delta"])
+def test_an_axis_has_the_friction_of_its_motor_and_its_guides(name):
+    """At the motor's shaft: Coulomb friction, and the torque that a speed of the axis takes."""
+    machine = Machine(name)
+    for axis in machine.axes:
+        i = model(name).actuator(axis.name).id
+        gear = float(model(name).actuator_gear[i, 0])
+        motor = 4.3e-7 if axis.name == "r" else 2.57e-6  # [N·m·s/rad]
+        speed = 0.1 * axis.speed_limit
+        si = 1e-3 * speed if axis.unit == "mm" else math.radians(speed)
+        assert axis.viscous * speed == pytest.approx(damping()(name, axis.name) * si / gear + motor * gear * si)
+        assert axis.coulomb == actuator("biasprm", 3)(name, axis.name)
+
+
 def test_the_arms_of_the_delta_robot_are_the_documented_ones():
     table = {name: cells["arm"] for name, cells in rows("Drives of the delta robot") if "arm" in cells}
     rad = {
