@@ -163,6 +163,12 @@ def test_the_parts_of_every_job_add_up(name):
     values = found.values
     assert sum(part.share for part in values.parts.values()) == pytest.approx(1.0, abs=1e-9)
     assert list(values.parts) == list(LINKS)
+    # reports show both: the budget's and the distances of the nozzle and of the command
+    for error, part in (
+        (analysis.values.contour, values.contour),
+        (analysis.values.generation, values.parts[LINKS[0]]),
+    ):
+        assert (part.rms, part.max) == pytest.approx((error.rms, error.max), abs=EXACT)
     # the counts of the first are of arms; at the second's sharp corners the feet of two traces may lie on other legs
     if name not in ("delta-arc", "linuxcnc-flanges"):
         assert values.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)

@@ -104,10 +104,10 @@ def test_the_row_of_a_case_is_of_its_run(job):
 
 def test_the_lag_in_a_row_is_that_of_its_magnitude(job):
     """A lag of either sign: leading and lagging ticks count alike."""
-    case = Case.of(job, {"servo.feedforward": 1.3})
+    case = Case.of(job, {"servo.feedforward": 0.5})
     signed = Budget(case.job().run()).lag
-    assert signed.min() < -1e-3
     lag = np.abs(signed)
+    assert np.percentile(signed, 95) < 0.95 * np.percentile(lag, 95)
     row = measure(case)
     expected = np.sqrt(np.mean(lag**2)), np.percentile(lag, 95), lag.max()
     assert [row[f"lag_{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx([1e3 * one for one in expected])
