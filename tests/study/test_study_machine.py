@@ -190,7 +190,7 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
     for row, value in zip(rows, (33.0, *range(101, 165)), strict=True):
         row["contour_max_um"] = 0.5 * value
     report = study.report(rows)
-    distribution, _, variation = report.tables
+    distribution, influence, variation = report.tables
     # the smallest value that at least 5, 50 and 95 % of the 64 machines do not exceed: numbers 4, 32 and 61
     assert distribution.rows == [
         ["nominal", 16.5],
@@ -210,6 +210,12 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
         assert shown == [values[machine - 1] for values in study.machines.values()]
     words = [text.get_text() for text in report.plots[0].figure.axes[0].texts]
     assert words == ["yield 31.2 %"]
+    (axes,) = report.plots[1].figure.axes
+    shown = zip(axes.get_yticklabels(), axes.texts, axes.patches, influence.rows, strict=True)
+    for label, text, bar, (name, coefficient, *_) in shown:
+        assert label.get_text() == name
+        assert text.get_text() == f"{round(coefficient, 2) + 0.0:+.2f}"
+        assert bar.get_width() == coefficient
     labels = [text.get_text() for text in report.plots[0].figure.legends[0].texts]
     assert labels == ["tolerance 60", "nominal machine 16.5"]
     assert variation.rows == [

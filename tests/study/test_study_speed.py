@@ -119,6 +119,8 @@ def test_the_study_reports_a_known_limit(tmp_path):
         ["fastest", found.fastest], ["next", found.above], ["programmed", 100], ["slowest", 25]
     ]  # fmt: skip
     assert table.rows[0][2] <= 50 < table.rows[1][2]
+    (axes,) = outcome.report.plots[0].figure.axes
+    assert axes.get_title(loc="right") == f"within the tolerance up to {found.fastest:g} mm/s"
     factor = found.fastest / 100
     assert unaccounted(outcome.report.headline, [table], 50, factor) == []
     for _, speed, *shown in table.rows:
