@@ -1,11 +1,16 @@
 """Machines and paths that several tests share."""
 
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
+# for one another on busy cores take a hundred times as long as one alone.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from gantrysim import Machine
 from gantrysim.cli.main import main

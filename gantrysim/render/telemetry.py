@@ -40,8 +40,7 @@ class Telemetry:
     def error(self) -> Floats:
         """Contour error: distance of the nozzle to the requested path; nan while the dispenser is off, (n,) [µm].
 
-        Its final rms and maximum are summary.json's "contour_error_um". The row "contour" of "error_budget" there is
-        of the error normal to the path, which differs slightly at corners and ends.
+        Its final rms and maximum are summary.json's "contour_error_um".
         """
         error = np.full(len(self.run.time), np.nan)
         if self.run.dispense.any():

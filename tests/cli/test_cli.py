@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from rich.console import Console
 
 import gantrysim
 from gantrysim import Fault, Job, Run, metrics
+from gantrysim.cli.main import main
 from gantrysim.cli.start import last_words
 from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
@@ -32,6 +34,17 @@ from support.studies import PATIENCE
 
 SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
 QUICK = [*SHORT, "--no-report"]
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory):
+    """The folder of a run with plots and report."""
+    out = tmp_path_factory.mktemp("reported") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["gantrysim", "run", "an225", "--out", str(out), *SHORT])
+        with contextlib.suppress(SystemExit):
+            main()
+    return out
 
 
 def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
@@ -120,8 +133,9 @@ def test_the_written_job_repeats_the_run_to_the_last_bit(gantrysim_command, tmp_
     assert (tmp_path / "a" / "job.toml").read_text() == (tmp_path / "b" / "job.toml").read_text()
 
 
-def test_a_run_replaces_the_files_of_an_earlier_one(gantrysim_command, tmp_path):
-    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+def test_a_run_replaces_the_files_of_an_earlier_one(gantrysim_command, reported, tmp_path):
+    shutil.copytree(reported, tmp_path, dirs_exist_ok=True)
+    assert (tmp_path / "plots" / "spacing.png").exists()
     (tmp_path / "video.mp4").write_bytes(b"of the earlier run")
     (tmp_path / "notes.txt").write_text("mine")
     gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")  # has no neighbouring turns
@@ -131,17 +145,16 @@ def test_a_run_replaces_the_files_of_an_earlier_one(gantrysim_command, tmp_path)
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_plots_are_not_blank(gantrysim_command, tmp_path):
-    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+def test_plots_are_not_blank(reported):
     for plot in ("plan", "error", "budget", "spacing", "bead"):
-        picture = np.asarray(Image.open(tmp_path / "plots" / f"{plot}.png").convert("RGB"), float)
+        picture = np.asarray(Image.open(reported / "plots" / f"{plot}.png").convert("RGB"), float)
         assert min(picture.shape[:2]) > 500
         drawn = picture.min(axis=2) < 150  # not the paper, nor the grid
         assert 0.005 < drawn.mean() < 0.5
 
 
-def test_a_run_without_report_removes_the_plots_of_an_earlier_one(gantrysim_command, tmp_path):
-    gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+def test_a_run_without_report_removes_the_plots_of_an_earlier_one(gantrysim_command, reported, tmp_path):
+    shutil.copytree(reported, tmp_path, dirs_exist_ok=True)
     assert (tmp_path / "plots" / "plan.png").exists()
     gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["job.toml", "run.npz", "summary.json"]

@@ -131,7 +131,7 @@ def test_a_small_loop_period_deviates_from_the_continuous_limit_by_a_radius_step
 
 
 @given(spirals)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_two_centred_half_circles_meet_archimedes_at_every_half_turn_and_bulge_in_between(spiral):
     """Half circles of the radii R - pitch/4 - k pitch/2 about (R -+ pitch/4, 0) begin and end on Archimedes' spiral.
 

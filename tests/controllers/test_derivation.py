@@ -37,7 +37,7 @@ def derived(name, period=1e-3, frequency=None, damping=1.0, integral_time=math.i
     return loop(machine(name).axes, period, frequency, damping, integral_time, delay)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(name=st.sampled_from(MACHINES), period=st.floats(FASTEST, SLOWEST), share=st.sampled_from([0.0, 0.3, 1.0]))
 @example(name="stage", period=SLOWEST, share=0.0)
 @example(name="stage", period=2e-3, share=1.0)

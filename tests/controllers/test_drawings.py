@@ -76,7 +76,7 @@ def test_a_bulge_is_the_tangent_of_a_quarter_of_the_angle(bulge, x, y):
 
 
 @given(st.floats(1, 40), st.floats(0.05, 0.99), st.floats(0, 2 * math.pi), st.floats(1e-3, 0.5))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_an_ellipse_has_its_perimeter_and_stays_within_the_tolerance(a, ratio, turned, tolerance):
     document = ezdxf.new("R2000")
     document.header["$INSUNITS"] = 4
@@ -99,7 +99,7 @@ def test_an_ellipse_has_its_perimeter_and_stays_within_the_tolerance(a, ratio, t
 @given(
     st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=3, max_size=8, unique=True), st.booleans()
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_spline_passes_through_the_points_and_is_the_cubic_one_along_the_chords(points, closed):
     points = [*points, points[0]] if closed else points
     drawing = Drawing(csv(points), curve="spline", chord_tolerance=0.02)

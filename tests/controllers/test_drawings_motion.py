@@ -46,7 +46,7 @@ def closely(points, spacing=0.005):
 
 
 @given(vertices, st.floats(1e-3, 2.0))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_every_corner_deviates_by_at_most_the_tolerance(points, tolerance):
     drawing = Drawing(dxf(polyline(points)), corner_tolerance=tolerance)
     exact = closely(drawn(points))

@@ -234,6 +234,16 @@ def test_dry_run_may_be_switched_while_the_motion_brakes_for_its_end():
     assert program("G01 X300 F3000", acceleration=500, **braking).duration == pytest.approx(plain.duration, abs=1e-6)
 
 
+@pytest.mark.parametrize("feed", [50.0, 20.0])
+def test_a_lower_feed_is_reached_with_nearly_the_whole_acceleration(feed):
+    """After a second with a dry run at 100 mm/s; 0.99 of the acceleration brakes, all of it starts and stops."""
+    made = program(f"G01 X300 F{60 * feed}", acceleration=500, dry_run=6000, dry_run_until=1.0)
+    start, stop, slower = 100**2 / 500 / 2, feed**2 / 500 / 2, (100**2 - feed**2) / (2 * 0.99 * 500)
+    steady = 300 - start - 100 * (1 - 100 / 500) - slower - stop
+    expected = 1 + (100 - feed) / (0.99 * 500) + steady / feed + feed / 500
+    assert made.duration == pytest.approx(expected, abs=0.01)
+
+
 def test_dry_run_that_ends_before_a_motion_begins_leaves_it_its_feed():
     made = program("G01 X100 F3000\nG04 P10\nX200", dry_run=6000, dry_run_until=0.5)
     assert made.duration == pytest.approx(0.5 + 1 + 0.01 + 2)

@@ -193,3 +193,36 @@ def test_an_alarm_can_be_pickled():
     with pytest.raises(Alarm) as raised:
         Program("N10 G05")
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
+
+
+def turned(text):
+    """Positions of the rotary axis, from its program."""
+    program = Program(text, acceleration=2000, rotary_velocity=1e4, rotary_acceleration=1e6)
+    return program.setpoints(0.001).position[:, program.axes.index("r")]
+
+
+@pytest.mark.parametrize(
+    ("text", "end"),
+    [
+        ("G90 G01 X1 F6000\nC90\nC90\nC30", 30),
+        ("G91 G01 X1 F6000\nC90\nC90\nC30", 210),
+        ("G90 G01 X1 C90 F6000\nG91 C-20\nG90 C45", 45),
+        ("G91 G01 X1 F6000\nC-20\nX1 C-20", -40),
+    ],
+)
+def test_a_rotary_word_is_absolute_or_incremental_as_all_others(text, end):
+    assert turned(text)[-1] == pytest.approx(end, abs=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "millimetres"), [("G21", 1.0), ("G20", 25.4)])
+def test_the_feed_is_in_the_unit_of_the_lengths(unit, millimetres):
+    program = Program(f"{unit} G01 X1 F60")
+    assert program.requested.length == pytest.approx(millimetres)
+    steps = np.diff(program.setpoints(0.001).position[:, 0])
+    assert steps.max() / 0.001 == pytest.approx(millimetres, rel=1e-6)
+
+
+@pytest.mark.parametrize(("end", "reached"), [(19.9, 9.9), (20.1, 10.1)])
+def test_an_arc_that_ends_within_or_beyond_its_circle_is_refused(end, reached):
+    with pytest.raises(Alarm, match=rf"radius = 10 mm at the start, {reached:g} mm at the end: difference 0\.1 mm"):
+        Program(f"G17 G02 X{end} Y0 I10 J0 F600").requested.length  # noqa: B018

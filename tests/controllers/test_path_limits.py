@@ -214,7 +214,7 @@ def test_a_line_into_an_arc_brakes_before_it():
     speed=st.floats(20, 300),
     seed=st.integers(0, 2**31),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, speed, seed):
     random = np.random.default_rng(seed)
     axes = path.amplitude.shape[0]

@@ -164,7 +164,7 @@ def test_mode_0_slows_the_circle_by_the_cosine_of_the_climb(height):
     assert z[0] == pytest.approx(100 * math.tan(beta), rel=1e-3)
 
 
-@pytest.mark.parametrize("height", [40, 400, 1500])
+@pytest.mark.parametrize("height", [40, pytest.param(400, marks=pytest.mark.soak), 1500])
 def test_mode_0_has_its_turns_too_far_apart(height):
     """dx/dt = -change / (T x) goes on in time while dphi/dt = V cos(beta) / (x R): the pitch is thickness / cos(beta).
 

@@ -50,7 +50,7 @@ def built(job):
 
 
 @given(jobs(accelerated=False))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
     spiral, stepped = built(job), Controller(**job).run()
     commanded = places(spiral.setpoints(job["servo_period"]))
@@ -62,7 +62,7 @@ def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
 
 
 @given(jobs())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_setpoints_agree_with_the_stepped_controller_with_an_exact_profile_within_a_tick(job):
     spiral, stepped = built(job), Controller(**job).run()
     assume(stepped.ratios[-1] > 1e-3)

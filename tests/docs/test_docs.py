@@ -1,5 +1,7 @@
 """README and docs: their code runs, their numbers are those of the program, their links lead to files."""
 
+import json
+import math
 import re
 import runpy
 import shlex
@@ -17,6 +19,8 @@ from gantrysim import Budget, Job, metrics
 from gantrysim.bead import Bead
 from gantrysim.cli.main import app
 from gantrysim.job.loading import builtin_jobs
+
+from support.jobs import job_run
 
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
@@ -47,7 +51,7 @@ def blocks(page, language):
 
 @pytest.fixture(scope="module")
 def an225():
-    return Job.load("an225").run()
+    return job_run("an225")
 
 
 @pytest.mark.parametrize("name", [name for name in PAGES if "```python" in PAGES[name]])
@@ -130,7 +134,7 @@ def test_each_limit_of_the_controller_costs_what_the_tutorial_says(settings):
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_the_jobs_table_is_what_the_jobs_give(name):
     job = Job.load(name)
-    values = metrics.values(job.run())
+    values = metrics.values(job_run(name))
     row = row_of(CONTROLLERS, f"`{name}`", f"`{job.machine}`")
     assert row[:2] == in_um(values.contour.rms, values.contour.max)
     spacings = [] if values.spacing is None else [values.spacing.mean]
@@ -191,10 +195,28 @@ def test_the_job_file_s_page_is_up_to_date():
     assert page() == PAGES["job-file.md"], "run python scripts/job_file_page.py"
 
 
-@pytest.mark.parametrize("script", ["benchmark.py"])
-def test_scripts_run(script):
-    command = [sys.executable, ROOT / "scripts" / script, "--json", "--rounds", "1"]
+RATIOS = (
+    "engine", "servo", "converged_cost", "batch", "vector_env", "scalar_env", "import_time", "frame_growth",
+    "frame_cost", "bead_cost", "setpoints", "analysis",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("keys", [("import_time",), pytest.param((), marks=pytest.mark.soak)])
+def test_the_benchmark_prints_what_it_is_asked_for(keys):
+    command = [sys.executable, ROOT / "scripts" / "benchmark.py", "--json", "--rounds", "1", *keys]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert '"engine"' in done.stdout
-    assert '"import_time"' in done.stdout
-    assert '"analysis"' in done.stdout
+    ratios = json.loads(done.stdout)
+    assert tuple(ratios) == (keys or RATIOS)
+    assert min(ratios.values()) > 0
+
+
+@pytest.mark.filterwarnings("ignore::glfw.GLFWError")  # MuJoCo's renderer tries it before what needs no display
+@pytest.mark.parametrize("key", [key for key in RATIOS if key != "import_time"])
+def test_every_benchmark_gives_a_ratio(key, monkeypatch):
+    """With few simulations side by side, and of one job."""
+    names = runpy.run_path(str(ROOT / "scripts" / "benchmark.py"))
+    assert tuple(names["BENCHMARKS"]) == RATIOS
+    measure = names["BENCHMARKS"][key].measure
+    monkeypatch.setitem(measure.__globals__, "SIDE_BY_SIDE", 4)
+    monkeypatch.setitem(measure.__globals__, "builtin_jobs", lambda: ["stage-outline"])
+    assert 0 < measure(1) < math.inf

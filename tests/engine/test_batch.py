@@ -134,6 +134,14 @@ def test_progress_goes_from_nothing_to_all(xy, servo):
     assert shares[-1] == 1
 
 
+def test_progress_never_falls_from_one_machine_s_file_to_the_next(xy, xyz):
+    servos = [Servo.derive(machine.axes) for machine in (xy, xyz)]
+    shares = []
+    simulate_batch([xy, xyz], servos, ramp(SLOW, 60.0), progress=shares.append)
+    assert shares == sorted(shares)
+    assert 0 < shares[0] < 0.5 < shares[-2] < shares[-1] == 1
+
+
 def test_an_interrupt_ends_a_batch(xy, servo):
     def interrupt(share):
         raise KeyboardInterrupt

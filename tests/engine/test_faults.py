@@ -117,6 +117,26 @@ def test_a_fault_of_a_rotary_axis_is_in_degrees(tmp_path, limits, law, text):
     assert re.match(text, str(run.fault)), str(run.fault)
 
 
+@pytest.mark.parametrize(("push", "limit"), [(-0.05, -0.5), (0.05, 80.1)])
+def test_the_travel_ends_where_it_does_on_either_side(push, limit):
+    """Of an axis whose travel is to one side of its zero alone."""
+    machine = Machine("xyz")
+    machine.physics.jnt_limited[:] = 0  # no hard stop before the limit switch
+    axis = machine.axis_names.index("z")
+    servo = Servo.derive(machine.axes, PERIOD, following_error_limit=1e6)
+
+    def law(tick):
+        steady = abs(tick.measured_velocity[axis]) < 100
+        return [push if k == axis and steady else 0.0 for k in range(len(machine.axes))]
+
+    run = simulate(machine, servo, ramp(50.0), law=law)
+    assert run.fault is not None
+    assert (run.fault.kind, run.fault.axis) == ("travel", "z")
+    assert run.fault.limit == pytest.approx(limit)
+    assert abs(run.fault.value - limit) < 1.0
+    assert (run.fault.value > limit) == (push > 0)
+
+
 def test_leaving_the_travel_is_a_fault(rigid):
     machine = rigid()
     servo = Servo.derive(machine.axes, PERIOD, following_error_limit=1e6)

@@ -49,6 +49,12 @@ def env():
     made.close()
 
 
+def test_all_numbers_of_turns_between_the_bounds_are_drawn():
+    env = SpiralTuningEnv(**{**SHORT, "turns": (1, 2), "diameter": 60.0})
+    env.reset(seed=1)
+    assert {env.reset()[1]["turns"] for _ in range(20)} == {1, 2}
+
+
 def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
     env = SpiralTuningEnv(**SHORT, gain_range=4.0)
     action = np.array([0.5, 0.25, -0.5, 1.0])

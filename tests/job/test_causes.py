@@ -25,6 +25,7 @@ SHORT_STEP = 2.5e-5  # physics step of the closed forms [s]
 WINDING = 0.03  # of its worth, relative
 SAMPLING = FINE / PERIOD + 0.03  # what is left of the sampling, relative
 
+OF_MACHINE = ("an225", "fanuc-conical", "slicer-square", "stage-outline", "delta-arc")  # counts and springs: one each
 WITHOUT = {cause.name: cause.without for cause in CAUSES}
 SMALL = ("diameter=40", "turns=1", "thickness=5")
 
@@ -46,6 +47,8 @@ def test_every_cause_is_gone_from_the_link_in_which_it_acts(name):
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
     run = WITHOUT["program"](setup).run()
     assert Budget(run).parts["generation"].size.max() < EXACT
+    if name not in OF_MACHINE:
+        return
     without_counts = Budget(WITHOUT["counts"](setup).run())
     assert not without_counts.parts["measurement"].size.any()
     link = RODS if job.built_machine.kinematics.followers else EXACT

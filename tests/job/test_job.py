@@ -6,8 +6,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Job
+from gantrysim import InputError, Job, simulate
 from gantrysim.job.loading import builtin_jobs, job_text
+from gantrysim.job.overrides import override
 
 SHORT = ["diameter=40", "turns=1", "settle=0.05"]
 
@@ -56,6 +57,20 @@ def test_a_relative_machine_is_found_and_written_as_an_absolute_path(rigid, tmp_
     assert Job.load("an225", machine=f"{tmp_path.name}/rigid.xml").machine == job.machine
     assert job.built_machine.name == "rigid"
     assert job.run().machine == "rigid"
+
+
+def test_the_longest_physics_step_reaches_the_run():
+    job = Job.load("an225", [*SHORT, "physics_step=0.0001"])
+    run, default = job.run(), Job.load("an225", SHORT).run()
+    alone = simulate(job.built_machine, job.built_servo, job.setpoints, physics_step=1e-4, dispenser=job.dispenser)
+    np.testing.assert_array_equal(run.nozzle, alone.nozzle)
+    assert np.abs(run.nozzle - default.nozzle).max() > 0
+
+
+@pytest.mark.parametrize("known", [("a.end", "b.end"), ("a.end", "b.end", "c.d.end")])
+def test_a_key_that_two_or_more_settings_end_with_is_ambiguous(known):
+    with pytest.raises(InputError, match=f"^--set end=1: 'end' is ambiguous: {', '.join(known)}$"):
+        override({}, "end=1", known)
 
 
 def test_settings_reach_the_run():

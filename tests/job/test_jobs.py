@@ -13,6 +13,8 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.machine import builtin_models
 from gantrysim.metrics.analysis import Analysis
 
+from support.jobs import job_run
+
 JOBS = (
     "an225",
     "an225-3d",
@@ -36,6 +38,14 @@ SOFT = {"delta-arc": 4.0}  # the same on a machine whose loops are as much slowe
 COMMANDED = 1e-9  # error of a controller that follows the path exactly [mm]
 ROUNDING = ("fanuc-conical", "linuxcnc-flanges", "slicer-square")
 ROUNDED = 0.06  # of one that blends corners [mm]
+REPORTED = ("delta-arc", "svg-gasket")  # the others' kinds of path and machine: tests/report
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", JOBS)
+def test_every_job_gets_a_report(name, tmp_path, gantrysim_command):
+    assert gantrysim_command("run", name, "--no-video", "--out", tmp_path / "out")[0] == 0
+    assert (tmp_path / "out" / "report.html").exists()
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +55,7 @@ def analyses():
 
     def analysis(name):
         if name not in made:
-            made[name] = Analysis(Job.load(name).run())
+            made[name] = Analysis(job_run(name))
         return made[name]
 
     return analysis
@@ -117,8 +127,10 @@ def test_a_bead_conserves_the_volume_of_glue(analyses):
 
 @pytest.mark.parametrize("name", JOBS)
 def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
-    status, printed, _ = gantrysim_command("run", name, "--no-video", "--out", tmp_path / "out")
+    report = [] if name in REPORTED else ["--no-report"]
+    status, printed, _ = gantrysim_command("run", name, "--no-video", *report, "--out", tmp_path / "out")
     assert status == 0
+    assert (tmp_path / "out" / "report.html").exists() == (name in REPORTED)
     assert "contour" in printed
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["job"] == name

@@ -21,6 +21,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.run import Fault, Run
 
+from support.jobs import job_run
 from support.runs import PERIOD, plain
 
 SUM = 1e-12  # of the parts against the whole [mm]
@@ -147,7 +148,7 @@ def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direct
 
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_the_parts_of_every_job_add_up(name):
-    run = Job.load(name).run()
+    run = job_run(name)
     analysis = Analysis(run)
     found = Budget(analysis)
     lateral = sum(part.lateral for part in found.parts.values())
@@ -162,6 +163,12 @@ def test_the_parts_of_every_job_add_up(name):
     values = found.values
     assert sum(part.share for part in values.parts.values()) == pytest.approx(1.0, abs=1e-9)
     assert list(values.parts) == list(LINKS)
+    # reports show both: the budget's and the distances of the nozzle and of the command
+    for error, part in (
+        (analysis.values.contour, values.contour),
+        (analysis.values.generation, values.parts[LINKS[0]]),
+    ):
+        assert (part.rms, part.max) == pytest.approx((error.rms, error.max), abs=EXACT)
     # the counts of the first are of arms; at the second's sharp corners the feet of two traces may lie on other legs
     if name not in ("delta-arc", "linuxcnc-flanges"):
         assert values.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
@@ -284,6 +291,21 @@ def test_values_of_a_part_locate_its_maximum():
     assert part.s == pytest.approx(s[3000], abs=1e-6)
     assert part.time == pytest.approx(3000 * PERIOD)
     assert part.point == pytest.approx(tuple(INVOLUTE.position(s[3000])[0]), abs=1e-6)
+
+
+def test_the_time_of_a_maximum_is_that_of_the_record(xy):
+    """Of a run whose dispenser opens late and closes between: ticks of the analysis are not those of the record."""
+    run = job_run("softmc-arc")
+    budget = Budget(run)
+    assert budget.analysis.ticks[0] > 100
+    for part in (*budget.values.parts.values(), budget.values.contour):
+        if part.rms > 1e-6:
+            at = np.searchsorted(run.time, part.time)
+            assert run.time[at] == part.time
+            assert run.dispense[at]
+    error = np.full(len(run.time), -1.0)
+    error[budget.analysis.ticks] = budget.contour.size
+    assert budget.values.contour.time == run.time[error.argmax()]
 
 
 @pytest.mark.parametrize("clockwise", [True, False])

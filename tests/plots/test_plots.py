@@ -1,5 +1,6 @@
 """What the plots draw, line by line."""
 
+import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -249,6 +250,20 @@ def test_width_and_clearance_are_drawn_along_the_trace(bead, analysis):
     assert {"gap", "overlap"} == {text.get_text() for text in figure.axes[1].get_legend().get_texts()}
     off = [patch.get_x() for patch in figure.axes[0].patches]
     assert off == [pytest.approx(bead.length[bead.stretches[0, 1]])]
+
+
+def test_gaps_are_drawn_above_zero_and_overlaps_below_it(bead, analysis):
+    clearance = 0.5 * np.sin(0.02 * np.arange(bead.clearance.size))
+    other = copy.copy(bead)
+    vars(other)["clearance"] = clearance
+    figure = Figure()
+    plots.draw_bead_along(figure, other)
+    drawn = {area.get_label(): area for area in figure.axes[1].collections}
+    for name, sign in (("gap", 1), ("overlap", -1)):
+        heights = np.concatenate([path.vertices[:, 1] for path in drawn[name].get_paths()])
+        assert (sign * heights).max() == pytest.approx(0.5, abs=0.01)
+        assert (sign * heights).min() > -0.02
+    assert not np.array_equal(drawn["gap"].get_facecolor(), drawn["overlap"].get_facecolor())
 
 
 def test_the_height_of_a_plan_view_follows_its_content():

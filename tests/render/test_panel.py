@@ -318,6 +318,36 @@ def test_the_message_of_a_fault_is_complete(run):
     assert four.strip.bottom - four.strip.above > 1.5 * four.font.size
 
 
+def test_the_fault_of_one_of_several_runs_has_the_colour_of_its_curve(run):
+    broken = dataclasses.replace(run, fault=dataclasses.replace(FAULT, reaction=""))
+    for place in range(3):
+        runs = [Telemetry(broken if k == place else run) for k in range(3)]
+        panel = Panel(runs, (1920, 1080))
+        strip = panel.picture(run.time[-1])[panel.strip_above :, panel.strip_left :][: panel.strip.above]
+        found = [(strip == rgb(colour)).all(axis=2).any() for colour in run_colours(3)]
+        assert found == [k == place for k in range(3)]
+
+
+def test_each_value_stands_in_the_row_of_its_name(run, telemetry, panel):
+    tick = 600
+    readout, size = panel.picture(run.time[tick])[:, : panel.strip_left], panel.font.size
+
+    def height(text, colour):
+        """Middle of the lines of pixels that hold all of a text."""
+        high = round(1.5 * size)
+        tops = [top for top in range(len(readout) - high) if shows(readout[top : top + high], text, size, colour)]
+        return np.mean(tops) + 0.5 * high
+
+    values = {
+        "path speed": f"{telemetry.speed[tick]:.1f} mm/s",
+        "contour error": f"{telemetry.error[tick]:.1f} µm",
+        "rms / max": f"{telemetry.rms[tick]:.0f} / {telemetry.max[tick]:.0f} µm",
+    }
+    apart = height("contour error", MUTED) - height("path speed", MUTED)
+    for name, value in values.items():
+        assert abs(height(name, MUTED) - height(value, INK)) < 0.3 * apart
+
+
 def test_the_legend_shows_the_scale(run, telemetry):
     scale = scale_for("error", [run])
     panel = Panel([telemetry], FRAME, "small", scale)

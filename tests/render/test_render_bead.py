@@ -175,6 +175,24 @@ def test_several_runs_have_one_scale(run):
     assert min(singles) <= both.high <= max(singles)
 
 
+def test_the_width_scale_of_several_runs_is_centred_on_the_first(run):
+    """Of runs whose nominal widths differ."""
+    beads = BeadSettings(), BeadSettings(contact_angle=90.0)
+    nominal = [float(BeadTrace(run, bead).nominal_section.width[0]) for bead in beads]
+    assert abs(nominal[0] - nominal[1]) > 0.1
+    for order in ((0, 1), (1, 0)):
+        scale = scale_for("width", [run, run], [beads[k] for k in order])
+        assert 0.5 * (scale.low + scale.high) == pytest.approx(nominal[order[0]])
+
+
+def test_a_larger_error_is_brighter_and_a_wider_bead_redder(run):
+    error = scale_for("error", [run]).table.astype(int).sum(axis=1)
+    assert (np.diff(error) >= -3).all()
+    assert error[-1] > error[0] + 100
+    width = scale_for("width", [run]).table.astype(int)
+    assert (width[0, 2] - width[0, 0]) > 100 > -100 > (width[-1, 2] - width[-1, 0])
+
+
 def test_a_share_is_linear_and_clipped(run):
     scale = scale_for("error", [run])
     values = np.array([-1, 0, 0.25, 0.5, 1, 2]) * scale.high

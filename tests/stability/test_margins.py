@@ -20,7 +20,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.stability.margins import Margins, Plant, margins_of
+from gantrysim.stability.margins import Margins, Plant, _factors, margins_of
 from gantrysim.stability.motion import Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
@@ -603,3 +603,13 @@ def test_info_lists_the_margins_of_the_derived_gains():
         )
     ]
     assert cells == expected
+
+
+def test_of_several_ranges_that_stabilise_an_axis_the_highest_is_given():
+    class Ranges:
+        """Stable between 0.1 and 0.2 and between 0.4 and 0.8 of the gains."""
+
+        def stable(self, axes, factor):
+            return 0.1 < factor < 0.2 or 0.4 < factor < 0.8
+
+    assert _factors(Ranges(), 0, np.array([0.2, 0.8, 0.4, 0.1]), False) == (0.4, 0.8)

@@ -102,6 +102,17 @@ def test_the_row_of_a_case_is_of_its_run(job):
     assert (row["end_x_mm"], row["end_y_mm"], row["end_z_mm"]) == figures.end_point
 
 
+def test_the_lag_in_a_row_is_that_of_its_magnitude(job):
+    """A lag of either sign: leading and lagging ticks count alike."""
+    case = Case.of(job, {"servo.feedforward": 0.5})
+    signed = Budget(case.job().run()).lag
+    lag = np.abs(signed)
+    assert np.percentile(signed, 95) < 0.95 * np.percentile(lag, 95)
+    row = measure(case)
+    expected = np.sqrt(np.mean(lag**2)), np.percentile(lag, 95), lag.max()
+    assert [row[f"lag_{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx([1e3 * one for one in expected])
+
+
 def test_spacing_and_rotary_axes_in_a_row(job):
     row = measure(Case.of(job, {"program.turns": 2}, "perfect follower"))
     assert row["spacing_mean_mm"] == pytest.approx(5.0, abs=0.2)

@@ -9,7 +9,10 @@ from gantrysim.errors import InputError
 from gantrysim.metrics import Trace
 from gantrysim.study import OK, run_study
 from gantrysim.study.circle import CircleStudy
+from gantrysim.study.circle.study import circle_row
 from gantrysim.study.run import NoValuesError
+
+from support.distinct import unaccounted
 
 ROUND = 2e-4  # [mm], of a frictionless machine whose axes have one frequency
 
@@ -88,6 +91,91 @@ def test_the_report_holds_the_values_of_the_rows(tested):
     assert [row[4] for row in reversals.rows] == pytest.approx(spikes)
     assert "ISO 230-4:2005" in outcome.report.notes[0]
     assert {path.name for path in (folder / "plots").iterdir()} == {"chart.png", "deviation.png"}
+
+
+WAVES = {  # mean and amplitude of the nozzle's deviation, amplitude of the motors' [µm]
+    "clockwise": (7.0, 30.0, 11.0),
+    "counter-clockwise": (-5.0, 20.0, 13.0),
+}
+
+
+@pytest.fixture(scope="module")
+def waved():
+    """The report of two circles with a wave of two lobes each; G of a small wave is twice its amplitude."""
+    study = CircleStudy("xy", 40.0, 80.0)
+    angle = np.arange(0, 360, 0.25)
+    wave = np.cos(2 * np.radians(angle))
+    rows = []
+    for name, (mean, amplitude, motor) in WAVES.items():
+        order = slice(None, None, -1 if name == "clockwise" else 1)
+        curves = {
+            "angle_deg": angle[order],
+            "radial_deviation_um": mean + amplitude * wave[order],
+            "motor_deviation_um": motor * wave[order],
+        }
+        rows.append({"direction": name, "status": OK, **{key: curve.tolist() for key, curve in curves.items()}})
+    return study.report(rows)
+
+
+def test_every_value_of_a_known_pair_of_circles_is_shown_where_it_belongs(waved):
+    values = {row[0]: dict(zip(waved.tables[0].heads[1:], row[1:], strict=True)) for row in waved.tables[0].rows}
+    for name, (mean, amplitude, motor) in WAVES.items():
+        assert [values[name][head] for head in ("G [µm]", "motors' G [µm]", "Fmax [µm]", "Fmin [µm]")] == pytest.approx(
+            [2 * amplitude, 2 * motor, mean + amplitude, mean - amplitude], abs=0.05
+        )
+        assert (values[name]["G(b) [µm]"], values[name]["D [µm]"]) == (None, None)
+    both = values["both"]
+    assert (both["G(b) [µm]"], both["D [µm]"]) == pytest.approx((37 + 25, (7 - 5) / 2), abs=0.05)
+    assert waved.headline == (
+        "Circular deviation G = 60.0 µm clockwise and 40.0 µm counter-clockwise, bidirectional G(b) = 62.0 µm, for a "
+        "radius of 40 mm at 80 mm/s on xy."
+    )
+    legend = [text.get_text() for text in waved.plots[0].figure.legends[0].texts]
+    assert [*legend[:2], legend[2]] == [
+        "clockwise, G = 60.0 µm",
+        "counter-clockwise, G = 40.0 µm",
+        "minimum zone, G(b) = 62.0 µm",
+    ]
+
+
+def test_every_number_of_the_headline_is_in_a_table(tested):
+    study, outcome, _ = tested
+    report = outcome.report
+    assert unaccounted(report.headline, report.tables, study.radius, study.speed) == []
+    assert unaccounted(report.headline, report.tables) == ["40", "80"]
+
+
+def test_the_spikes_of_both_directions_are_marked_on_the_curve(tested):
+    """Where the motion goes, at the spike's own deviation: the largest within a degree."""
+    _, outcome, _ = tested
+    panels = outcome.report.plots[1].figure.axes[:2]
+    for panel, row in zip(panels, outcome.rows, strict=True):
+        angle, deviation = (np.array(row[key]) for key in ("angle_deg", "radial_deviation_um"))
+        sense = -1 if row["direction"] == "clockwise" else 1
+        marks = [line.get_xydata()[0] for line in panel.lines if line.get_marker() in ("v", "^")]
+        expected = [
+            (turned + sense * row[f"reversal_{name}_spike_at_deg"]) % 360
+            for name, turned in (("x_0", 0), ("y_90", 90), ("x_180", 180), ("y_270", 270))
+        ]
+        assert sorted(at for at, _ in marks) == pytest.approx(sorted(expected))
+        for at, top in marks:
+            near = np.abs((angle - at + 180) % 360 - 180) < 1.0
+            assert top == pytest.approx(deviation[near].max(), abs=1.0)
+        words = sorted(text.get_text() for text in panel.texts)
+        assert words == sorted(f"{row[key]:+.1f}" for key in row if key.endswith("spike_um"))
+
+
+def test_the_curves_are_those_of_nozzle_and_motors(tested):
+    study, _, _ = tested
+    run = study.job.run()
+    row = circle_row(run, (0.0, 0.0), study.radius, study.lead, study.reach)
+    angle = np.degrees(np.arctan2(run.commanded_tip[:, 1], run.commanded_tip[:, 0]))
+    passed = np.abs(np.degrees(np.unwrap(np.radians(angle))))
+    ticks = (passed >= study.lead) & (passed < study.lead + 360)
+    for key, tip in (("radial", run.nozzle), ("motor", run.motor_tip)):
+        deviation = 1e3 * (np.hypot(tip[ticks, 0], tip[ticks, 1]) - study.radius)
+        assert row[f"{key}_deviation_um"] == pytest.approx(deviation, abs=1e-3)
+    assert np.ptp(np.subtract(row["radial_deviation_um"], row["motor_deviation_um"])) > 0.1
 
 
 def test_the_stage_moves_the_work_around_the_needle():

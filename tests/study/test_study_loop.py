@@ -24,6 +24,8 @@ from gantrysim.study.loop import (
 from gantrysim.study.loop.report import report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
+from support.distinct import unaccounted
+
 SMALL = {
     "loop_periods": (0.01, 0.03, 0.1),
     "interpreter_times": (0.0, 1e-3, 4e-3),
@@ -361,6 +363,7 @@ def test_a_small_study_from_end_to_end(done):
     small, folder, outcome = done
     assert len(outcome.rows) == len(small.cases)
     assert outcome.report.headline.startswith("Least contour error ")
+    assert unaccounted(outcome.report.headline, outcome.report.tables) == []
     assert {row[0] for row in outcome.report.tables[0].rows} == {
         "loop period", "interpreter time", "servo period", "encoder resolution"
     }  # fmt: skip

@@ -15,6 +15,8 @@ from gantrysim.study.machine import MachineStudy, Tolerances
 from gantrysim.study.machine.report import _draw_yield
 from gantrysim.study.machine.yields import influences, yield_of
 
+from support.distinct import unaccounted
+
 NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I
     (81, 263): (0.2553, 0.3662),
     (15, 148): (0.0624, 0.1605),
@@ -179,6 +181,55 @@ def test_the_yield_of_a_known_metric(tmp_path):
     assert drawn == {"yield.png", "influence.png", "scatter.png"}
     report = (tmp_path / "out" / "report.html").read_text()
     assert "The worst machines" in report
+
+
+def test_every_value_of_known_machines_is_shown_where_it_belongs():
+    study = MachineStudy(Job.load("an225"), 60.0, samples=64)
+    (cases,) = study.rounds()
+    rows = [{**dict(case.tags), "status": OK} for case in cases]
+    for row, value in zip(rows, (33.0, *range(101, 165)), strict=True):
+        row["contour_max_um"] = 0.5 * value
+    report = study.report(rows)
+    distribution, influence, variation = report.tables
+    # the smallest value that at least 5, 50 and 95 % of the 64 machines do not exceed: numbers 4, 32 and 61
+    assert distribution.rows == [
+        ["nominal", 16.5],
+        ["5 % quantile", 52.0],
+        ["median", 66.0],
+        ["95 % quantile", 80.5],
+        ["worst, number 64", 82.0],
+    ]
+    assert report.headline.startswith("Yield 31.2 % (95 % confidence: ")
+    assert "20 of 64 machines are within the tolerance of 60 µm" in report.headline
+    interval = yield_of(20, 64)
+    known = (31.25, 95, 100 * interval.low, 100 * interval.high, 20, 64, 60)
+    assert unaccounted(report.headline, [], *known) == []
+    worst = report.plots[0].tables[0]
+    assert [row[:2] for row in worst.rows] == [[64 - k, 0.5 * (164 - k)] for k in range(5)]
+    for machine, _, *shown in worst.rows:
+        assert shown == [values[machine - 1] for values in study.machines.values()]
+    words = [text.get_text() for text in report.plots[0].figure.axes[0].texts]
+    assert words == ["yield 31.2 %"]
+    (axes,) = report.plots[1].figure.axes
+    shown = zip(axes.get_yticklabels(), axes.texts, axes.patches, influence.rows, strict=True)
+    for label, text, bar, (name, coefficient, *_) in shown:
+        assert label.get_text() == name
+        assert text.get_text() == f"{round(coefficient, 2) + 0.0:+.2f}"
+        assert bar.get_width() == coefficient
+    labels = [text.get_text() for text in report.plots[0].figure.legends[0].texts]
+    assert labels == ["tolerance 60", "nominal machine 16.5"]
+    assert variation.rows == [
+        ["payload", "0 to 0.3 kg"],
+        *(
+            [name, f"{1 / (1 + spread):.3g} to {1 + spread:.3g}"]
+            for name, spread in (
+                ("friction", study.spread.friction),
+                ("viscous friction", study.spread.viscous),
+                ("stiffness", study.spread.stiffness),
+                ("motor constant", study.spread.motor_constant),
+            )
+        ),
+    ]
 
 
 @pytest.mark.parametrize(("tolerance", "shares"), [(1.0, [0, 0]), (50.0, [0, 100]), (1e3, [100, 100])])

@@ -19,6 +19,8 @@ from gantrysim.study.repeat import (
     places_along,
 )
 
+from support.distinct import unaccounted
+
 PROJECTED = 1e-5  # [mm], of a shift seen square to the path: what the repeats' lags along it make of it
 SPIRAL = ("diameter=60.0", "turns=1", "thickness=10.0")
 
@@ -157,6 +159,53 @@ def test_the_curves_of_a_repeat_are_the_offsets_of_the_nozzle():
     assert row["status"] == OK
     offset = 1e-3 * np.array([row[f"offset_{name}_um"] for name in "xyz"]).T
     assert offset == pytest.approx(analysis.nozzle.offset[[400, 800]], abs=1e-6)
+
+
+def test_a_seed_has_its_own_repeats():
+    first, again, other = (list(next(RepeatStudy(small(), 4, 0.1, seed=seed).rounds())) for seed in (1, 1, 2))
+    assert first == again
+    for one, two in zip(first, other, strict=True):
+        if dict(one.tags)["varied"] in ("all", "friction"):
+            assert one.perturbation.friction != two.perturbation.friction
+            assert one.perturbation.viscous != two.perturbation.viscous
+        if dict(one.tags)["varied"] in ("all", "home offset"):
+            assert one.perturbation.home_offset != two.perturbation.home_offset
+    assert [case.phase for case in first] != [case.phase for case in other]
+
+
+def test_every_value_of_known_repeats_is_shown_where_it_belongs():
+    """Off by 20 µm and at one place by 90; scattered by 1 µm either way, at another place by 4."""
+    study = RepeatStudy(small(), repeats=2)
+    count = study.s.size
+    normal = study.job.controller.requested.normal(study.s)
+    rows = []
+    for varied, scale in (("all", 1.0), ("friction", 0.5)):
+        mean, scatter = np.full(count, 20.0 * scale), np.full(count, 1.0 * scale)
+        mean[7], scatter[11] = 90.0 * scale, 4.0 * scale
+        for sign in (1, -1):
+            offset = (mean + sign * scatter)[:, None] * normal
+            curves = {f"offset_{name}_um": offset[:, i].tolist() for i, name in enumerate("xyz")}
+            rows.append({"varied": varied, "status": OK, "s_mm": study.s.tolist(), **curves})
+    report = study.report(rows)
+    table = report.tables[0]
+    assert table.heads[2:] == ["ATp [µm]", "at s [mm]", "median AT [µm]", "RTp [µm]", "at s [mm]", "median RT [µm]"]
+    for (varied, repeats, *values), name, scale in zip(table.rows, ("all", "friction"), (1.0, 0.5), strict=True):
+        assert (varied, repeats) == (name, 2)
+        # two repeats at the same distance from their mean: no spread of it
+        expected = [90 * scale, study.s[7], 20 * scale, 4 * scale, study.s[11], scale]
+        assert values == pytest.approx(expected, abs=1e-6)
+    assert report.headline == "Path accuracy ATp = 90.00 µm, path repeatability RTp = 4.00 µm over 2 repeats of an225."
+    assert unaccounted(report.headline.replace("an225", ""), report.tables) == []
+    assert report.notes[0].endswith(" is 22.5 times the scatter.")
+    along, plan = (plot.figure for plot in report.plots)
+    labels = [text.get_text() for axes in along.axes for text in axes.get_legend().texts]
+    assert [label for label in labels if "µm" in label] == [
+        "ATp = 90.00 µm", "all varied, RTp = 4.00 µm", "friction alone, 2.00 µm"
+    ]  # fmt: skip
+    marks = {line.get_label(): line.get_xydata()[0] for line in plan.axes[0].lines}
+    command = study.job.controller.requested.position(study.s)[:, :2]
+    assert marks["RTp = 4.00 µm"] == pytest.approx(command[11])
+    assert marks["ATp = 90.00 µm"] == pytest.approx(command[7])
 
 
 def test_repeats_that_fault_are_left_out_and_counted():

@@ -15,6 +15,8 @@ from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.criterion import Criterion
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
 
+from support.distinct import unaccounted
+
 MOST_ROUNDS = 40
 
 
@@ -117,6 +119,13 @@ def test_the_study_reports_a_known_limit(tmp_path):
         ["fastest", found.fastest], ["next", found.above], ["programmed", 100], ["slowest", 25]
     ]  # fmt: skip
     assert table.rows[0][2] <= 50 < table.rows[1][2]
+    (axes,) = outcome.report.plots[0].figure.axes
+    assert axes.get_title(loc="right") == f"within the tolerance up to {found.fastest:g} mm/s"
+    factor = found.fastest / 100
+    assert unaccounted(outcome.report.headline, [table], 50, factor) == []
+    for _, speed, *shown in table.rows:
+        size = 50 * (speed / 130) ** 2
+        assert shown == pytest.approx([size, "tracking", 0.9 * size, speed, max(10 / speed, 0.05)])
     assert table.rows[0][3] == "tracking"
     assert "From 200 mm/s on, ramps, clamps and axis limits keep the duration at 0.05 s." in outcome.report.notes
     with (tmp_path / "out" / "study.csv").open() as stream:

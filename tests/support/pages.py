@@ -55,6 +55,26 @@ class Page(HTMLParser):
         """The text of a section."""
         return next(" ".join(one["text"].split()) for one in self.all("section") if one["id"] == name)
 
+    def facts(self):
+        """The facts by name: value and remark."""
+        groups = re.findall(r"<div><dt>(.*?)</dt><dd>(.*?)</dd>(?:<dd class=\"remark\">(.*?)</dd>)?</div>", self.text)
+        return {name: (value, remark) for name, value, remark in groups}
+
+    def tables(self):
+        """Of each table by its caption, or without one by its first head: the rows by name, each with its heads."""
+        found = {}
+        for table in re.findall(r"<table>(.*?)</table>", self.text, re.S):
+            caption = re.search(r"<caption>(.*?)</caption>", table)
+            heads = re.findall(r"<th[^>]*>(.*?)</th>", table)
+            rows = [
+                [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row)]
+                for row in re.findall(r"<tr>(.*?)</tr>", table.partition("<tbody>")[2], re.S)
+            ]
+            found[caption[1] if caption else heads[0]] = {
+                row[0]: dict(zip(heads[1:], row[1:], strict=True)) for row in rows
+            }
+        return found
+
     def rows(self):
         """The cells of the rows of all tables, as text."""
         cells = re.findall(r"<tr>(.*?)</tr>", self.text, re.S)

@@ -13,6 +13,7 @@ from gantrysim.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import torque_ripple
+from gantrysim.stability.margins import margins_of
 from gantrysim.study import StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.tuning import TuningStudy, objective, report
@@ -20,11 +21,13 @@ from gantrysim.tuning.objective import METRICS, case_of, measure_together
 from gantrysim.tuning.search import Candidate, History, TrialResult
 from gantrysim.tuning.servo import TUNED
 
+from support.distinct import unaccounted
 from support.studies import content
 from support.tunings import GAINS, best_of_grid, circle, detuned, searched, tuning
 
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
+NEAR = 1e-3  # relative, of margins found along another grid of frequencies
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +65,14 @@ def test_rows_equal_those_of_runs_measured_one_by_one(job):
             assert row["status"] == "ok"
             assert row[f"{metric}_um"] == pytest.approx(other[f"{metric}_um"], rel=EXACT)
             assert row["contour_rms_um"] == pytest.approx(other["contour_rms_um"], rel=EXACT)
+
+
+def test_rows_are_of_runs_with_the_job_s_physics_step(job):
+    fine = job.changed({"simulation.physics_step": 1e-4})
+    for one in (job, fine):
+        (row,) = measure_together([case_of(one, one.built_servo, None)])
+        contour = Budget(one.run()).analysis.nozzle.distance
+        assert row["contour_rms_um"] == pytest.approx(1e3 * np.sqrt(np.mean(contour**2)), rel=EXACT)
 
 
 def test_torque_ripple_is_the_largest_of_all_axes_over_the_nominal_peak_torque(job):
@@ -439,6 +450,83 @@ def test_the_report_has_the_values_of_the_rows(outcome):
     assert (
         f"{history.runs} runs (budget 44) of {len(history.candidates)} candidates" in report.notes(study, done.rows)[-2]
     )
+
+
+def test_every_value_of_a_phase_stands_in_its_column(outcome):
+    """Against the two servos' own margins and budgets, on every machine."""
+    study, done, folder = outcome
+    page = {plot.name: plot.tables for plot in report.plots(study, done.rows)}
+    servos = {
+        "start": study.job.built_servo,
+        "tuned": Job.load(folder / "job.toml", servo=folder / TUNED).built_servo,
+    }
+    assert servos["start"] != servos["tuned"]
+    table, (loops,), (gains,), (links,) = (
+        report.tables(study, done.rows)[0],
+        page["loop"],
+        page["gains"],
+        page["budget"],
+    )
+    cells = {name: dict(zip(table.heads[1:], row, strict=True)) for name, *row in table.rows}
+    assert loops.heads == [
+        "axis", "", "gain margin", "lower gain margin", "phase margin [deg]", "delay margin [ms]", "peak of |S|",
+        "crossover [Hz]",
+    ]  # fmt: skip
+    for phase, servo in servos.items():
+        by_machine = [margins_of(machine, servo) for machine in study.machines]
+        every = [axis for machine in by_machine for axis in machine]
+        assert cells["gain margin"][phase] == pytest.approx(min(one.gain for one in every), rel=NEAR)
+        assert cells["phase margin [deg]"][phase] == pytest.approx(min(one.phase for one in every), rel=NEAR)
+        assert cells["peak of |S|"][phase] == pytest.approx(max(one.sensitivity for one in every), rel=NEAR)
+        for a, axis in enumerate("xy"):
+            own = [machine[a] for machine in by_machine]
+            (shown,) = (row[2:] for row in loops.rows if row[:2] == [axis, phase])
+            assert shown == pytest.approx(
+                [
+                    min(one.gain for one in own),
+                    max(one.gain_lower for one in own),
+                    min(one.phase for one in own),
+                    1e3 * min(one.delay for one in own),
+                    max(one.sensitivity for one in own),
+                    own[0].crossover,
+                ],
+                rel=NEAR,
+            )
+            (shown,) = (row[3:] for row in gains.rows if row[0] == axis and row[2] == phase)
+            assert shown == [getattr(servo, head.split()[0])[a] for head in gains.heads[3:]]
+        budget = Budget(simulate(study.job.built_machine, servo, study.job.setpoints)).values
+        for link, *row in links.rows:
+            part = {**budget.parts, "contour": budget.contour}[link]
+            shown = dict(zip(links.heads[1:], row, strict=True))
+            expected = {"rms [µm]": 1e3 * part.rms, "95 % [µm]": 1e3 * part.p95, "max [µm]": 1e3 * part.max}
+            expected["share [%]"] = 100 * part.share
+            for head, value in expected.items():
+                assert (shown[f"{head}, {phase}"] or 0.0) == pytest.approx(value, abs=1e-6)
+        unseen = sorted(row["contour_rms_um"] for row in study.unseen_rows(done.rows, phase))
+        for name, value in (("median", unseen[0]), ("95 %", unseen[1]), ("worst", unseen[1])):
+            assert cells[f"rms contour error, {name} of 2 unseen [µm]"][phase] == value
+
+
+def test_every_number_of_the_text_is_in_a_table(outcome):
+    study, done, _ = outcome
+    tables = report.tables(study, done.rows)
+    assert unaccounted(report.headline(study, done.rows), tables, 2) == []
+    links = [table for plot in report.plots(study, done.rows) if plot.name == "budget" for table in plot.tables]
+    notes = [note for note in report.notes(study, done.rows) if note.startswith("Largest part")]
+    assert len(notes) == 1
+    assert unaccounted(notes[0], links) == []
+
+
+def test_the_seed_chooses_the_candidates_and_the_machines(poor):
+    def rows(seed):
+        return searched(tuning(poor, budget=8, robust=1, unseen=1, seed=seed))
+
+    first, again, other = rows(1), rows(1), rows(2)
+    assert first == again
+    tried = [[(row["kp_x"], row["kd_x"]) for row in one if row["candidate"] > 1] for one in (first, other)]
+    assert tried[0] != tried[1]
+    machines = [tuning(poor, seed=seed).perturbations[1] for seed in (1, 1, 2)]
+    assert machines[0] == machines[1] != machines[2]
 
 
 def test_the_median_of_unseen_machines_is_that_of_the_lower_half(outcome):

@@ -1,0 +1,331 @@
+"""Every number of a run's report, its summary and the command's tables against the value that it stands for.
+
+All values of the run are replaced by different ones, so that one shown in the place of another, scaled or rounded
+otherwise, is noticed.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from gantrysim import Job
+from gantrysim.bead import Bead
+from gantrysim.cli.tables import links_table, outcome_table
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
+from gantrysim.plots.budget import draw_budget
+from gantrysim.report.page import write_run_page
+from gantrysim.report.summary import summary
+
+from support.distinct import distinct
+from support.pages import Page
+
+RANGE = ("mean", "std", "min", "max")
+RIPPLE = np.array([0.012345, 0.067891])  # [N·m]
+
+
+class Shown:
+    """A run whose values are all different, with its report, summary and tables."""
+
+    def __init__(self, folder, patch):
+        self.job = Job.load("an225", ("diameter=40", "turns=2", "thickness=5"))
+        self.machine = self.job.built_machine
+        self.run = self.job.run()
+        self.bead = Bead(self.run, self.job.bead, Analysis(self.run))
+        budget = Budget(self.bead.analysis)
+        parts = distinct(budget.values.parts)
+        self.budget = dataclasses.replace(distinct(budget.values), parts=parts)
+        self.by_axis = {axis: distinct(parts["tracking"]) for axis in "xy"}
+        self.analysis = vars(self.bead.analysis)["values"] = distinct(budget.analysis.values)
+        self.glue = vars(self.bead)["values"] = distinct(self.bead.values)
+        self.margins = vars(self.job)["margins"] = distinct(self.job.margins, 3.0, 9.0)
+        patch.setattr(Budget, "values", self.budget)
+        patch.setattr(Budget, "tracking_by_axis", lambda budget, machine: self.by_axis)
+        patch.setattr(Budget, "values_of", lambda budget, part: part)
+        for module in ("summary", "servo"):
+            patch.setattr(f"gantrysim.report.{module}.torque_ripple", lambda run: RIPPLE)
+        patch.setattr("gantrysim.report.sections.drawn", lambda *_: Figure())
+        self.drawn = Budget(self.bead.analysis)
+        write_run_page(folder / "report.html", self.job, self.machine, self.bead)
+        self.page = Page(folder / "report.html")
+        self.summary = summary(self.job, self.machine, self.drawn, self.glue)
+        self.links = cells(links_table("an225", self.machine, self.drawn))
+        self.caption = links_table("an225", self.machine, self.drawn).caption
+        self.outcome = cells(outcome_table(self.run, self.analysis, self.glue, self.margins))
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        yield Shown(tmp_path_factory.mktemp("shown"), patch)
+
+
+def cells(table):
+    """Rows of a table of the command."""
+    return list(zip(*([*column.cells] for column in table.columns), strict=True))
+
+
+def um(value):
+    return f"{1e3 * value:.1f}"
+
+
+def places(part):
+    return ",\N{NO-BREAK SPACE}".join(f"{value:.1f}" for value in part.point)
+
+
+def part_cells(part):
+    return {
+        "share [%]": f"{100 * part.share:.1f}",
+        "rms [µm]": um(part.rms),
+        "95 % [µm]": um(part.p95),
+        "max [µm]": um(part.max),
+        "at s [mm]": f"{part.s:.1f}",
+        "t [s]": f"{part.time:.3f}",
+        "x, y, z [mm]": places(part),
+    }
+
+
+def part_entry(part):
+    return {
+        "rms_um": 1e3 * part.rms,
+        "p95_um": 1e3 * part.p95,
+        "max_um": 1e3 * part.max,
+        "share": part.share,
+        "at_max": {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)},
+    }
+
+
+def test_the_error_budget_in_page_table_and_summary(shown):
+    tables, values = shown.page.tables(), shown.budget
+    links = {**values.parts, "contour": values.contour}
+    table = tables["Error normal to the requested path, its share of the mean square, and where it is largest"]
+    assert table == {link: {"span": DESCRIPTIONS[link], **part_cells(part)} for link, part in links.items()}
+    table = tables["Tracking part by axis, to first order"]
+    assert table == {axis: part_cells(part) for axis, part in shown.by_axis.items()}
+    lag = f"not part of the contour error: {um(values.lag.rms)} µm rms, max {um(values.lag.max)} µm."
+    assert lag in shown.page.section("error-budget")
+    assert tables["By turn of the path&#39;s tangent"] == {
+        str(turn.turn): {
+            "from s [mm]": f"{turn.s[0]:.1f}",
+            "to s [mm]": f"{turn.s[1]:.1f}",
+            **{f"{link}, rms [µm]": um(turn.parts[link].rms) for link in links},
+            "contour, max [µm]": um(turn.parts["contour"].max),
+        }
+        for turn in values.turns
+    }
+
+    def row(name, part, span):
+        return (name, um(part.rms), um(part.p95), um(part.max), f"{100 * part.share:.1f} %", span)
+
+    rows = [row(link, part, DESCRIPTIONS[link]) for link, part in links.items()]
+    rows[2:2] = [row(f"  by {axis}", part, "") for axis, part in shown.by_axis.items()]
+    assert shown.links == rows
+    at = values.contour
+    place = f"t = {at.time:.2f} s, x = {at.point[0]:.1f}, y = {at.point[1]:.1f} mm"
+    assert shown.caption.endswith(f"largest contour error at {place}")
+    assert shown.summary["error_budget"] == {
+        **{link: part_entry(part) for link, part in links.items()},
+        "tracking_by_axis": {axis: part_entry(part) for axis, part in shown.by_axis.items()},
+        "lag_um": {"rms": 1e3 * values.lag.rms, "max": 1e3 * values.lag.max},
+        "turns": [
+            {
+                "turn": turn.turn,
+                "s_mm": list(turn.s),
+                **{link: {"rms_um": 1e3 * size.rms, "max_um": 1e3 * size.max} for link, size in turn.parts.items()},
+            }
+            for turn in values.turns
+        ],
+    }
+
+
+def test_the_headline(shown):
+    values = shown.budget
+    link = max(values.parts, key=lambda name: values.parts[name].share)
+    text = shown.page.texts("p")[1]
+    assert text.startswith(f"Contour error: {1e3 * values.contour.rms:.0f} µm rms, almost all in {link} (")
+    if values.lag.max > values.contour.max:
+        assert f"up to {values.lag.max:.3g} mm from its command, {1e3 * values.lag.rms:.3g} µm rms." in text
+
+
+def test_speed_spacing_and_errors(shown):
+    values, facts, entries = shown.analysis, shown.page.facts(), shown.summary
+    speed, spacing = values.speed, values.spacing
+    for name in ("contour", "generation"):
+        error = getattr(values, name)
+        assert facts[f"{name.capitalize()} error, rms"] == (f"{um(error.rms)} µm", f"max {um(error.max)} µm")
+        assert entries[f"{name}_error_um"] == {"rms": 1e3 * error.rms, "max": 1e3 * error.max}
+    assert facts["Turn spacing"] == (f"{spacing.mean:.4f} mm", f"requested 5, std {spacing.std:.4f} mm")
+    assert facts["Path speed"] == (f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f} mm/s")
+    assert facts["Path length"] == (f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s")
+    errors = {**values.tracking, "along the path": values.tracking_along}
+    assert shown.page.tables()["Tracking error, commanded to encoder; rms and max in the row&#39;s unit"] == {
+        name: {"unit": "µm", "rms": um(error.rms), "max": um(error.max)} for name, error in errors.items()
+    }
+    errors["path"] = errors.pop("along the path")
+    expected = {name: {"rms": 1e3 * error.rms, "max": 1e3 * error.max} for name, error in errors.items()}
+    assert entries["tracking_error_um"] == expected
+    assert entries["bead_spacing_mm"] == {name: getattr(spacing, name) for name in RANGE}
+    assert entries["path_speed_mm_s"] == {"mean": speed.mean, "min": speed.min, "max": speed.max}
+    assert (entries["path_length_mm"], entries["duration_s"]) == (values.path_length, values.duration)
+    assert entries["end_point_mm"] == list(values.end_point)
+    assert entries["requested_spacing_mm"] == 5
+    told = {name: rest for name, *rest in shown.outcome}
+    for axis, error in values.tracking.items():
+        assert told[f"following error {axis}"] == [f"{um(error.rms)} µm", f"max {um(error.max)} µm"]
+    sizes = f"std {spacing.std:.4f}, {spacing.min:.4f} to {spacing.max:.4f}"
+    assert told["turn spacing"] == [f"{spacing.mean:.4f} mm", f"requested 5, {sizes}"]
+    assert told["path speed"] == [f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f}"]
+    assert told["path length"] == [f"{values.path_length:.3f} mm", f"in {values.duration:.3f} s"]
+    assert told["end point"] == ["", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*values.end_point)]
+
+
+def test_stability_and_torque_ripple(shown):
+    peaks = [axis.peak_torque for axis in shown.machine.axes]
+    caption = next(text for text in shown.page.tables() if text.startswith("Stability margins at home"))
+    rows = shown.page.tables()[caption]
+    for axis, margins, ripple, peak in zip("xy", shown.margins, RIPPLE, peaks, strict=True):
+        assert rows[axis] == {
+            "gain margin": f"{margins.gain:.2f}",
+            "with all it moves": f"{margins.together:.2f}",
+            "lower gain margin": f"{margins.gain_lower:.2f}",
+            "phase margin [deg]": f"{margins.phase:.1f}",
+            "delay margin [ms]": f"{1e3 * margins.delay:.2f}",
+            "peak of |S|": f"{margins.sensitivity:.2f}",
+            "crossover [Hz]": f"{margins.crossover:.1f}",
+            "torque ripple [N·m]": f"{ripple:.2g}",
+            "of the peak torque [%]": f"{100 * ripple / peak:.2f}",
+        }
+        assert shown.summary["servo"][axis] == {
+            "torque_ripple_nm": ripple,
+            "torque_ripple_share": ripple / peak,
+            "margins": {
+                "gain": margins.gain,
+                "gain_lower": margins.gain_lower,
+                "phase_deg": margins.phase,
+                "delay_s": margins.delay,
+                "sensitivity": margins.sensitivity,
+                "crossover_hz": margins.crossover,
+                "stable": True,
+            },
+        }
+    least = {axis: min(one.gain, one.together) for axis, one in zip("xy", shown.margins, strict=True)}
+    axis = min(least, key=least.get)
+    phase = shown.margins["xy".index(axis)].phase
+    assert f"Axis {axis} has the smallest gain margin: {least[axis]:.2f}." in shown.page.section("servo")
+    told = {name: rest for name, *rest in shown.outcome}
+    assert told["gain margin"] == [f"{least[axis]:.2f}", f"of {axis}, the smallest; phase margin {phase:.0f} deg"]
+
+
+def test_the_gains(shown):
+    servo, table = shown.job.built_servo, shown.page.tables()["Gains"]
+    for a, axis in enumerate("xy"):
+        for head, cell in table[axis].items():
+            name = head.partition(" ")[0]
+            assert cell == ("mm" if name == "u" else f"{getattr(servo, name)[a]:.4g}")
+
+
+def test_the_bead(shown):
+    values, facts = shown.glue, shown.page.facts()
+    ranges = {
+        "cross-section": (values.section, "mm²", "section_mm2"),
+        "width": (values.width, "mm", "width_mm"),
+        "clearance between neighbouring turns": (values.clearance, "mm", "clearance_of_turns_mm"),
+        "start: missing glue": (values.start_shortfall, "mm", "missing_at_start_mm"),
+        "stop: excess glue": (values.stop_excess, "mm", "too_much_at_stop_mm"),
+        "start: visible delay": (values.start_offset, "mm", "seen_to_begin_late_mm"),
+        "stop: visible overrun": (values.stop_offset, "mm", "seen_to_end_late_mm"),
+    }
+    caption = "The bead while the dispenser is on; missing and excess glue as a length of nominal bead"
+    assert shown.page.tables()[caption] == {
+        name: {"unit": unit, **{one: f"{getattr(sizes, one):.3f}" for one in RANGE}}
+        for name, (sizes, unit, _) in ranges.items()
+    }
+    volumes = {
+        "ramps": values.ramp_error,
+        "starts": values.start_error,
+        "running": values.steady_error,
+        "stops": values.stop_error,
+    }
+    whole, error = values.requested_volume, values.volume - values.requested_volume
+    caption = "Volume laid beyond the nominal section along the path; the parts sum to the error"
+    table = shown.page.tables()[caption]
+    for name, volume in (*volumes.items(), ("error", error)):
+        cells = [cell.replace("−", "-") for cell in table[name].values()]
+        assert cells[:2] == [f"{volume:.4g}", f"{100 * volume / whole:.3f}"]
+    heads = ["volume [mm³]", "of the requested volume [%]", "description"]
+    assert [*table] == [*volumes, "error"]
+    assert [*table["ramps"]] == heads
+    words = {"ramps": "while the speed ramps", "starts": "until the flow has settled", "running": "while the flow is"}
+    words |= {"stops": "from when the dispenser closes", "error": "total"}
+    for name, word in words.items():
+        assert word in table[name]["description"]
+    percent = f"{100 * error / whole:+.2f}"
+    assert facts["Volume laid"] == (
+        f"{values.volume:.4g} mm³",
+        f"{percent.replace('-', '−')} % of {whole:.4g} mm³ requested",
+    )
+    assert facts["Cross-section"] == (f"{values.section.mean:.3f} mm²", f"nominal {values.nominal:.3f} mm²")
+    width, clearance = values.width, values.clearance
+    assert facts["Width"] == (f"{width.mean:.3f} mm", f"{width.min:.3f} to {width.max:.3f} mm")
+    assert facts["Mean gap between turns"] == (f"{clearance.mean:.3f} mm", "")
+    overlap = f"turns overlap on {100 * values.overlap_share:.1f} % of their length"
+    assert facts["Coverage"] == (f"{100 * values.coverage:.1f} %", overlap)
+    assert shown.summary["bead"] == {
+        **{key: {one: getattr(sizes, one) for one in RANGE} for sizes, _, key in ranges.values()},
+        "nominal_section_mm2": values.nominal,
+        "overlapping_share": values.overlap_share,
+        "gapping_share": values.gap_share,
+        "coverage": values.coverage,
+        "volume_mm3": values.volume,
+        "volume_asked_mm3": whole,
+        "volume_error_mm3": error,
+        "volume_error_percent": pytest.approx(100 * error / whole),
+        "volume_error_parts_mm3": volumes,
+        "height_map_ridge": values.ridge,
+    }
+    told = {name: rest for name, *rest in shown.outcome}
+    nominal = f"nominal section {values.nominal:.3f} mm²"
+    assert told["bead width"] == [f"{width.mean:.3f} mm", f"{width.min:.3f} to {width.max:.3f}; {nominal}"]
+    sizes = f"clearance {clearance.min:.3f} to {clearance.max:.3f}; coverage {100 * values.coverage:.1f} %"
+    assert told["gap between turns"] == [f"{clearance.mean:.3f} mm", sizes]
+    assert told["start"] == [f"{values.start_shortfall.mean:.2f} mm missing", "length of nominal bead"]
+    assert told["stop"] == [f"{values.stop_excess.mean:.2f} mm excess", "length of nominal bead"]
+    assert told["volume"] == [f"{values.volume:.4g} mm³", f"{percent} % of {whole:.4g} requested"]
+    digits = 5 - math.ceil(math.log10(whole))
+    assert told["volume error"] == [
+        f"{error:+.{digits}f} mm³",
+        ", ".join(f"{name} {volume:+.{digits}f}" for name, volume in volumes.items()),
+    ]
+    assert told["height map"][1].startswith(f"glue stands {100 * values.ridge:.3g} % above the nozzle")
+
+
+@pytest.mark.parametrize(("sign", "words"), [(1, ("gap", "missing", "excess")), (-1, ("overlap", "excess", "missing"))])
+def test_the_words_for_either_sign(shown, sign, words):
+    turned = {
+        name: dataclasses.replace(one, mean=sign * one.mean)
+        for name in ("clearance", "start_shortfall", "stop_excess")
+        for one in (getattr(shown.glue, name),)
+    }
+    glue = dataclasses.replace(shown.glue, **turned)
+    told = {name: rest[0] for name, *rest in cells(outcome_table(shown.run, shown.analysis, glue, shown.margins))}
+    between, start, stop = words
+    assert told[f"{between} between turns"] == f"{shown.glue.clearance.mean:.3f} mm"
+    assert told["start"].endswith(f" mm {start}")
+    assert told["stop"].endswith(f" mm {stop}")
+
+
+def test_the_bars_of_the_budget(shown):
+    figure = Figure()
+    draw_budget(figure, shown.drawn)
+    parts = shown.budget.parts
+    assert [text.get_text() for text in figure.axes[0].texts] == [f"{100 * parts[link].share:.1f} %" for link in LINKS]
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [100 * parts[link].share for link in LINKS]
+    turns = {str(turn.turn): 1e3 * turn.parts["contour"].rms for turn in shown.budget.turns}
+    heights = {}
+    for bar in figure.axes[1].patches:
+        number = str(round(bar.get_x() + 0.5 * bar.get_width()))
+        heights[number] = heights.get(number, 0.0) + bar.get_height()
+    assert heights == pytest.approx(turns)
