@@ -21,7 +21,8 @@ CHECKSUM = "sha256"
 _SUFFIX = ".npy"
 _MAGIC = b"\x93NUMPY\x01\x00"
 _HEADER = re.compile(
-    r"\{'descr': '([<|][fbiU]\d{1,9})', 'fortran_order': (True|False), 'shape': \(((?:\d{1,20}, ?)*(?:\d{1,20})?)\), \}\s*"
+    r"\{'descr': '([<|][fbiU]\d{1,9})', 'fortran_order': (True|False), "
+    r"'shape': \(((?:\d{1,20}, ?)*(?:\d{1,20})?)\), \}\s*"
 )
 _MEMBERS = 64  # more than any archive has
 # Deflate packs up to 1032 bytes into one. Records of a machine at rest reach 93, as all but their time is constant.
