@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -47,6 +48,8 @@ def finite(name: str, value: float, unit: str = "") -> float:
             raise TypeError
     except (TypeError, ValueError):
         raise InputError(f"{name} = {value!r}: must be a number") from None
+    except OverflowError:  # of an integer of more than 308 digits
+        raise InputError(f"{name}: must be finite, at most {sys.float_info.max:.4g}") from None
     if not math.isfinite(number):
         raise InputError(f"{name} = {_quantity(number, unit)}: must be finite")
     return number

@@ -22,6 +22,7 @@ from gantrysim.run import Run
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
 _LEAST = 1e-6  # smallest gap and cell [mm]
+_HIGHEST = 1e9  # gap [mm]
 _LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
 _STEADY, _MOSTLY = 0.1, 0.5  # tolerance of a steady section, and share of the ticks before a fault that must keep it
 _SHORTEST = 1e-6  # length of the trace of a dot [mm]
@@ -49,7 +50,7 @@ class BeadSettings:
 
     def __post_init__(self) -> None:
         if self.gap is not None:
-            at_least("gap", self.gap, _LEAST, "mm")
+            at_least("gap", self.gap, _LEAST, "mm", _HIGHEST)
         if not _LEAST_ANGLE <= finite("contact_angle", self.contact_angle, "deg") <= 90:
             raise InputError(
                 f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
@@ -216,7 +217,7 @@ class BeadTrace:
 
     @cached_property
     def end_length(self) -> Floats:
-        """Length of bead whose volume is that of its round end at the stations, half a body of revolution, (r,) [mm]."""
+        """Length of bead whose volume is that of its round end at the stations, half of a round drop, (r,) [mm]."""
         return np.divide(self.strand.half_body(), self.area, out=np.zeros_like(self.area), where=self.area > 0)
 
     @cached_property

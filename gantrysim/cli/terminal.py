@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -26,8 +27,26 @@ INPUT_ERROR = 2
 FAULT = 3  # a fault ended the run, or all runs of a study
 INTERRUPTED = 130  # the shells' status after Ctrl-C
 
+# what is printed where the terminal's encoding lacks a character
+_PLAIN = str.maketrans({"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "..."})
+
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
+
+
+def spell_out() -> None:
+    """Print characters that the encoding of standard output and error lacks by others, as "um" for "µm"."""
+
+    def spelled(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        text = error.object[error.start : error.end].translate(_PLAIN)
+        return text.encode("ascii", "replace").decode("ascii"), error.end
+
+    codecs.register_error("gantrysim", spelled)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="gantrysim")
 
 
 def show(content: RenderableType) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from gantrysim.errors import InputError
 
+_SHOWN = 80  # characters of a wrong value
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -48,6 +50,6 @@ def one_line(error: ValidationError) -> str:
         elif item["type"] in ("missing", "missing_argument"):
             text = f"{where} is missing"
         else:
-            text = f"{where} = {item['input']!r}: {item['msg'][:1].lower()}{item['msg'][1:]}"
+            text = f"{where} = {shorten(repr(item['input']), _SHOWN)}: {item['msg'][:1].lower()}{item['msg'][1:]}"
         problems.setdefault(where or text, text)
     return "; ".join(dict.fromkeys(problems.values()))
