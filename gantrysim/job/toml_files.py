@@ -11,14 +11,30 @@ from pydantic import BaseModel, ValidationError
 
 from gantrysim.errors import InputError
 
+_MOST = 1 << 28  # length of a job or program [bytes]
 _SHOWN = 80  # characters of a wrong value
 Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_text(file: Path, errors: str = "strict") -> str:
+    """Return the text of a file in UTF-8, or raise InputError where it has no end, as a device may.
+
+    Args:
+        file: to be read.
+        errors: what becomes of bytes that are no text, as `open` takes it.
+    """
+    with file.open("rb") as stream:
+        content = stream.read(_MOST + 1)
+    if len(content) > _MOST:
+        raise InputError(f"{file}: is longer than {_MOST:.3g} bytes")
+    text = content.decode("utf-8", errors)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_toml(file: Path, label: str) -> dict[str, Any]:
     """Return the content of a TOML file."""
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(read_text(file))
     except FileNotFoundError:
         raise InputError(f"{label}: no such file") from None
     except tomllib.TOMLDecodeError as error:

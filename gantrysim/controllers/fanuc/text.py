@@ -78,9 +78,7 @@ def read(
     state.contoured = macro.has(r"G\s*0*(?:5\.1|8)(?![0-9.])")
     for block in macro.blocks():
         made = state.run(block)
-        blocks += [
-            SourceLine(block.name, block.line, one, state.idle, state.halting, state.continuous) for one in made
-        ]
+        blocks += [SourceLine(block.name, block.line, one, state.idle, state.halting, state.continuous) for one in made]
     return tuple(blocks)
 
 
