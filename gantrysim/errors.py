@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -53,25 +54,27 @@ def finite(name: str, value: float, unit: str = "") -> float:
             raise TypeError
     except (TypeError, ValueError):
         raise InputError(f"{name} = {value!r}: must be a number") from None
+    except OverflowError:  # of an integer of more than 308 digits
+        raise InputError(f"{name}: must be finite, at most {sys.float_info.max:.4g}") from None
     if not math.isfinite(number):
         raise InputError(f"{name} = {_quantity(number, unit)}: must be finite")
     return number
 
 
-def positive(name: str, value: float, unit: str = "") -> float:
-    """Return `value` as a float, or raise InputError where it is not finite and above zero."""
+def positive(name: str, value: float, unit: str = "", most: float = math.inf) -> float:
+    """Return `value` as a float, or raise InputError where it is not finite, above zero and at most `most`."""
     number = finite(name, value, unit)
     if number <= 0:
         raise InputError(f"{name} = {_quantity(number, unit)}: must be greater than {_quantity(0, unit)}")
-    return number
+    return _at_most(name, number, most, unit)
 
 
-def at_least(name: str, value: float, bound: float, unit: str = "") -> float:
-    """Return `value` as a float, or raise InputError where it is not finite or below `bound`."""
+def at_least(name: str, value: float, bound: float, unit: str = "", most: float = math.inf) -> float:
+    """Return `value` as a float, or raise InputError where it is not finite and from `bound` to `most`."""
     number = finite(name, value, unit)
     if number < bound:
         raise InputError(f"{name} = {_quantity(number, unit)}: must be at least {_quantity(bound, unit)}")
-    return number
+    return _at_most(name, number, most, unit)
 
 
 def between(name: str, value: float, low: float, high: float, unit: str = "") -> float:
@@ -115,6 +118,12 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     near = get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? " if near else ""
     return InputError(f"unknown {kind} {name!r}: {hint}known: {', '.join(names)}")
+
+
+def _at_most(name: str, number: float, most: float, unit: str) -> float:
+    if number > most:
+        raise InputError(f"{name} = {_quantity(number, unit)}: must be at most {_quantity(most, unit)}")
+    return number
 
 
 def _quantity(value: float, unit: str) -> str:

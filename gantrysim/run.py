@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path as FilePath
 from typing import Any
@@ -12,15 +12,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
+from gantrysim.arrays import Floats, read_only
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 from gantrysim.files import replaced
 
-_FORMAT = 6
+_FORMAT = 7
 # arrays of older formats that are still read, by their names today; what they lack has its default
-_RENAMED: dict[int, dict[str, str]] = {4: {"asked": "flow_demand"}, 5: {}}
+_RENAMED: dict[int, dict[str, str]] = {4: {"asked": "flow_demand"}, 5: {}, 6: {}}
+_SINCE = {6: ("face", "needle_length"), 7: ("job_sha256", "machine_sha256")}
+_LAST_WITHOUT_CHECKSUM = 6
 _NUMBERS = ("period", "gap", "face", "needle_length")
+_TEXTS = ("machine", "requested", "fault", "job_sha256", "machine_sha256")
+_LISTS = ("axes", "units")
+# columns of each array; None for one per axis, 0 for a vector
+_COLUMNS = {
+    **dict.fromkeys(("time", "flow", "flow_demand", "dispense"), 0),
+    **dict.fromkeys(("commanded_tip", "encoder_tip", "motor_tip", "nozzle"), 3),
+    **dict.fromkeys(("commanded", "encoder", "motor", "demand", "torque", "current", "voltage"), None),
+}
+_NAN = ("current", "voltage")
+_LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
+_LONGEST_REASON = 300  # characters of a damaged text
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,8 @@ class Run:
         face: outer diameter of the needle, that of its face [mm].
         needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
+        job_sha256, machine_sha256: digests of the job, `Job.digest`, and of the machine, `Machine.digest`, that the
+            record was saved with; empty for one that no output folder holds.
     """
 
     machine: str
@@ -109,6 +125,8 @@ class Run:
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None
+    job_sha256: str = ""
+    machine_sha256: str = ""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -119,7 +137,7 @@ class Run:
                 object.__setattr__(self, field.name, own)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the record to a NumPy .npz file; an earlier file stays until it is complete.
+        """Write the record to a NumPy .npz file, with a SHA-256 of its content; an earlier file stays until then.
 
         Raises:
             InputError: the file cannot be written.
@@ -128,41 +146,133 @@ class Run:
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
-        arrays["format"] = _FORMAT
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
-            np.savez_compressed(stream, **arrays)
+            write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:
         """Read a record that `save` has written.
 
+        Its members, their types and shapes are checked before they are read; then its SHA-256, which formats before 7
+        lack; then that its numbers are finite and its times those of its period.
+
         Raises:
-            InputError: no such file, or no record in a format that is read.
+            InputError: no such file, no record in a format that is read, or a damaged one.
         """
         try:
-            with np.load(FilePath(file), allow_pickle=False) as arrays:
-                content = dict(arrays)
-            written = int(content.pop("format"))
-            if written != _FORMAT and written not in _RENAMED:
-                raise InputError(f"run {file}: written in another format; run its job.toml again")
-            for old, new in _RENAMED.get(written, {}).items():
-                content[new] = content.pop(old)
-            numbers: dict[str, Any] = {name: float(content.pop(name)) for name in _NUMBERS if name in content}
-            path = json.loads(str(content.pop("requested")))
-            fault = json.loads(str(content.pop("fault")))
-            return cls(
-                machine=str(content.pop("machine")),
-                **numbers,
-                axes=tuple(str(name) for name in content.pop("axes")),
-                units=tuple(str(unit) for unit in content.pop("units")),
-                requested=Path.build(path["kind"], path["parameters"]),
-                fault=Fault(**fault) if fault else None,
-                **content,
-            )
-        except (OSError, EOFError, zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"run {file}: is no record of a run ({error})") from None
+            with (
+                FilePath(file).open("rb") as stream,
+                open_archive(stream) as archive,
+                np.errstate(all="ignore"),  # of damaged numbers, which are refused
+            ):
+                return cls(**_content(archive))
+        except (OSError, InputError) as error:
+            reason = str(error.strerror if isinstance(error, OSError) else error)[:_LONGEST_REASON]
+            raise InputError(f"run {file}: is no record of a run, or a damaged one: {reason}") from None
+
+
+def _content(archive: Archive) -> dict[str, Any]:
+    """Return the attributes of a record, checked.
+
+    Raises:
+        InputError: there is something wrong with them.
+    """
+    written = _format(archive)
+    _check_members(archive.members, written)
+    raw = {name: archive.read(name) for name in sorted(archive.members.keys() - {"format", CHECKSUM})}
+    if written > _LAST_WITHOUT_CHECKSUM:
+        archive.check()
+    for old, new in _RENAMED.get(written, {}).items():
+        raw[new] = raw.pop(old)
+    content: dict[str, Any] = {name: float(raw.pop(name)) for name in _NUMBERS if name in raw}
+    content |= {name: str(raw.pop(name)) for name in _TEXTS if name in raw}
+    content |= {name: tuple(str(item) for item in raw.pop(name)) for name in _LISTS}
+    path, fault = json.loads(content["requested"]), json.loads(content["fault"])
+    _check_values(content, raw)
+    content["requested"] = Path.build(path["kind"], path["parameters"])
+    length = content["requested"].length
+    if not 0 < length < np.inf:
+        raise InputError(f"requested has a length of {length:g} mm")
+    content["fault"] = None if fault is None else _fault(fault, content["axes"])
+    return {**content, **{name: read_only(array) for name, array in raw.items()}}
+
+
+def _format(archive: Archive) -> int:
+    member = archive.members.get("format")
+    if member is None or member.shape or member.dtype.kind != "i":
+        raise InputError("it has no format")
+    written = int(archive.read("format"))
+    if written != _FORMAT and written not in _RENAMED:
+        raise InputError(f"it is written in another format, {written}; run its job.toml again")
+    return written
+
+
+def _check_members(members: Mapping[str, Member], written: int) -> None:
+    """Check which members there are, their types and their shapes, from their headers alone."""
+    new = {new: old for old, new in _RENAMED.get(written, {}).items()}
+    rows = members["time"].shape if "time" in members else ()
+    axes = members["axes"].shape if "axes" in members else ()
+    if len(rows) != 1 or len(axes) != 1 or not rows[0] or not axes[0]:
+        raise InputError("its time or axes are missing")
+    expected = {"format": ("i", ())} | dict.fromkeys(_NUMBERS, ("f", ())) | dict.fromkeys(_TEXTS, ("U", ()))
+    expected |= dict.fromkeys(_LISTS, ("U", axes))
+    for name, width in _COLUMNS.items():
+        columns = axes if width is None else (width,) if width else ()
+        expected[new.get(name, name)] = ("b" if name == "dispense" else "f", rows + columns)
+    if written > _LAST_WITHOUT_CHECKSUM:
+        expected[CHECKSUM] = ("U", ())
+    else:
+        expected = {name: kind for name, kind in expected.items() if name not in _SINCE[7]}
+    optional = _SINCE[6] if written < 6 else ()
+    for name in {**expected, **members}:
+        if name not in expected or (name not in members and name not in optional):
+            raise InputError(f"{name} is {'missing' if name in expected else 'no member of a record'}")
+        if name in members:
+            kind, shape = expected[name]
+            found = members[name]
+            if found.dtype.kind != kind or found.shape != shape or (kind == "f" and found.dtype.itemsize != 8):
+                raise InputError(
+                    f"{name} has the shape {found.shape} and type {found.dtype}, must have {shape}, {kind}"
+                )
+
+
+def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> None:
+    """Check that names can be printed, numbers are finite and times follow the period."""
+    for name in (*content["axes"], *content["units"], content["machine"]):
+        if not name or not name.isprintable():
+            raise InputError(f"{name!r} is no name")
+    if len(set(content["axes"])) < len(content["axes"]) or not set(content["units"]) <= {"mm", "deg"}:
+        raise InputError(f"axes {', '.join(content['axes'])} in {', '.join(content['units'])}")
+    for name in _NUMBERS:
+        number = content.get(name, 1.0)
+        if not np.isfinite(number) or (name != "gap" and number <= 0):
+            raise InputError(f"{name} = {number:g}")
+    time, period = columns["time"], content["period"]
+    if not np.allclose(time, period * np.arange(time.size), rtol=1e-12, atol=1e-9 * period):
+        raise InputError(f"time is not that of ticks every {period:g} s")
+    if columns["dispense"].view(np.uint8).max() > 1:
+        raise InputError("dispense has values other than true and false")
+    for name, column in columns.items():
+        wrong = ~np.isfinite(column)
+        if name in _NAN:  # of an axis whose motor is an ideal source of torque
+            wrong &= ~np.isnan(column).all(axis=0)
+        if name in _LAST and content["fault"] != "null":
+            wrong = wrong[:-1]
+        if wrong.any():
+            raise InputError(f"{name} has {np.count_nonzero(wrong)} values that are not finite")
+
+
+def _fault(content: Any, axes: Sequence[str]) -> Fault:
+    fault = Fault(**content)
+    texts, numbers = (fault.kind, fault.axis, fault.unit, fault.reaction), (fault.time, fault.value, fault.limit)
+    if (
+        fault.axis not in axes
+        or not all(isinstance(text, str) and text.isprintable() for text in texts)
+        or not all(type(number) in (int, float) for number in numbers)
+        or not np.isfinite(fault.time)
+    ):
+        raise InputError(f"fault = {content}")
+    return fault
 
 
 def _writable(array: NDArray[Any]) -> bool:

@@ -136,7 +136,7 @@ class Bead(BeadTrace):
         return BeadValues(
             nominal=self.nominal,
             width=Range.of(self.width[on]),
-            section=Range.of(self.area[on]),
+            section=Range.of(self.section.area[on]),
             clearance=Range.of(clearance) if turns else None,
             overlap_share=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
             gap_share=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,

@@ -218,12 +218,9 @@ def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
     An end takes the volume of its half body of revolution from the intervals of the last stations, whose `volume` is
     set to 0; a stretch shorter than its two ends is one round drop.
     """
-    half = np.divide(bead.section.half_body(), bead.area, out=np.zeros_like(bead.area), where=bead.area > 0)
+    drops, half = bead.drops.tolist(), bead.end_length
     for first, after in bead.wet_stretches.tolist():
-        stations = np.arange(first, after)
-        begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])
-        end = np.flatnonzero(bead.ds * (after - 1 - stations + 0.5) >= half[stations])
-        if not begin.size or not end.size or begin[0] > end[-1]:
+        if [first, after] in drops:
             whole = slice(max(first - 1, 0), after)
             total = float(volume[whole].sum())
             volume[whole] = 0.0
@@ -231,6 +228,9 @@ def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
             gap = bead.section.gap[middle : middle + 1]
             yield _round(bead, middle, bead.drop(total, gap), total, None)
             continue
+        stations = np.arange(first, after)
+        begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])
+        end = np.flatnonzero(bead.ds * (after - 1 - stations + 0.5) >= half[stations])
         for station, taken, away in (
             (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
             (stations[end[-1]], slice(stations[end[-1]], after), 0.0),
@@ -246,6 +246,7 @@ def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:
 def _round(bead: BeadTrace, station: int, section: Section, volume: float, towards: float | None) -> _End:
     """Points and volumes of a body of revolution about a station, or of its half `towards` an angle."""
     rim = 0.5 * float(section.width[0])
+    _check_cells(bead, (2 * rim / bead.settings.cell, 2 * rim / bead.settings.cell))
     rings = math.ceil(rim * _SAMPLES / bead.settings.cell) + 1
     r = rim * (np.arange(rings) + 0.5) / rings
     span = 2 * np.pi if towards is None else np.pi

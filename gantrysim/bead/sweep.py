@@ -66,7 +66,7 @@ class Sweep:
         self._edges = np.clip((np.arange(trace.place.size + 1) - 0.5) * trace.ds, 0.0, trace.place[-1])
         self._held = np.concatenate([[0.0], np.cumsum(trace.area * np.diff(self._edges))])
         self._before = np.interp(trace.place, self._edges, self._held)
-        self._half = trace.section.half_body()
+        self._half = trace.strand.half_body()
         self._kept: tuple[int, list[Mesh]] = (0, [])
 
     def faces(self) -> NDArray[np.int32]:
@@ -127,7 +127,7 @@ class Sweep:
     @cached_property
     def _shape(self) -> tuple[Floats, Floats, Floats]:
         """Radius, flat and groove of the sections at the stations, (r,) each [mm]."""
-        return _shape_of(self.bead_trace.section)
+        return _shape_of(self.bead_trace.strand)
 
     @cached_property
     def _starts(self) -> list[float]:

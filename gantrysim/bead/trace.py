@@ -22,6 +22,7 @@ from gantrysim.run import Run
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
 _LEAST = 1e-6  # smallest gap and cell [mm]
+_HIGHEST = 1e9  # gap [mm]
 _LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
 _STEADY, _MOSTLY = 0.1, 0.5  # tolerance of a steady section, and share of the ticks before a fault that must keep it
 _SHORTEST = 1e-6  # length of the trace of a dot [mm]
@@ -49,7 +50,7 @@ class BeadSettings:
 
     def __post_init__(self) -> None:
         if self.gap is not None:
-            at_least("gap", self.gap, _LEAST, "mm")
+            at_least("gap", self.gap, _LEAST, "mm", _HIGHEST)
         if not _LEAST_ANGLE <= finite("contact_angle", self.contact_angle, "deg") <= 90:
             raise InputError(
                 f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
@@ -62,7 +63,8 @@ class BeadTrace:
 
     A surplus, as at a stop or in a slow corner, spreads along the trace as far as it is wide. Volume is conserved: the
     sum of area * ds, with half a length for the first and the last station, is the volume laid. Glue laid at rest at an
-    end of the trace spreads to one side only, into a pear instead of a disc.
+    end of the trace spreads to one side only, into a pear instead of a disc. A stretch shorter than its two round ends
+    is one round drop.
 
     Args:
         run: the run.
@@ -209,9 +211,37 @@ class BeadTrace:
         return Section.drop(volume, gap, self.settings.contact_angle, self.run.face)
 
     @cached_property
-    def section(self) -> Section:
-        """The sections at the stations."""
+    def strand(self) -> Section:
+        """The sections at the stations as those of a long bead."""
         return self._sections(self.area, self.nozzle_height)
+
+    @cached_property
+    def end_length(self) -> Floats:
+        """Length of bead whose volume is that of its round end at the stations, half of a round drop, (r,) [mm]."""
+        return np.divide(self.strand.half_body(), self.area, out=np.zeros_like(self.area), where=self.area > 0)
+
+    @cached_property
+    def drops(self) -> NDArray[np.intp]:
+        """Those of `wet_stretches` that are shorter than their two round ends: each is one round drop, (k, 2)."""
+        short = []
+        for first, after in self.wet_stretches.tolist():
+            place, ends = self.ds * (np.arange(after - first) + 0.5), self.end_length[first:after]
+            begin, end = np.flatnonzero(place >= ends), np.flatnonzero(place[::-1] >= ends)
+            if not begin.size or not end.size or begin[0] > end[-1]:
+                short.append((first, after))
+        return np.array(short, np.intp).reshape(-1, 2)
+
+    @cached_property
+    def section(self) -> Section:
+        """The sections at the stations; those of a drop are its own, through its middle."""
+        if not len(self.drops):
+            return self.strand
+        area, laid = self.area.copy(), self.area * self.ds
+        laid[[0, -1]] *= 0.5
+        for first, after in self.drops.tolist():
+            gap = self.strand.gap[(first + after - 1) // 2, None]
+            area[first:after] = self.drop(float(laid[first:after].sum()), gap).area
+        return self._sections(area, self.nozzle_height)
 
     @property
     def width(self) -> Floats:

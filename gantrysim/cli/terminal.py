@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import signal
 import sys
 import threading
@@ -31,8 +32,26 @@ INCOMPLETE = 1  # all is written but a plot, a report or a video that failed
 
 _AGAIN = 0.1  # until a lost interrupt is raised again [s]
 
+# what is printed where the terminal's encoding lacks a character
+_PLAIN = str.maketrans({"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "..."})
+
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
+
+
+def spell_out() -> None:
+    """Print characters that the encoding of standard output and error lacks by others, as "um" for "µm"."""
+
+    def spelled(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        text = error.object[error.start : error.end].translate(_PLAIN)
+        return text.encode("ascii", "replace").decode("ascii"), error.end
+
+    codecs.register_error("gantrysim", spelled)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="gantrysim")
 
 
 def show(content: RenderableType) -> None:

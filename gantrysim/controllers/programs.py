@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
@@ -29,6 +30,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "cad.Drawing": cad.Drawing,
 }
 
+_MAGNITUDES = 1e-12, 1e12  # of numbers
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 _validated: dict[str, Callable[..., Any]] = {
     name: validated(config=_STRICT)(program) for name, program in PROGRAMS.items()
@@ -45,6 +47,7 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
     if name not in PROGRAMS:
         raise unknown("controller", name, PROGRAMS)
     reject_booleans(PROGRAMS[name], values)
+    _reject_extremes("", values)
     return _validated[name](**values)
 
 
@@ -66,6 +69,21 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         nested = next((one for one in kinds if isinstance(one, type) and is_dataclass(one)), None)
         if isinstance(value, Mapping) and nested is not None:
             reject_booleans(nested, value, f"{prefix}{name}.")
+
+
+def _reject_extremes(name: str, value: object) -> None:
+    """Raise InputError for a number, in a value or in its parts, that no machine has and arithmetic may not survive."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            _reject_extremes(f"{name}.{key}" if name else str(key), part)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            _reject_extremes(name, part)
+    elif isinstance(value, int | float) and value and not isinstance(value, bool):
+        least, most = _MAGNITUDES
+        if not (least <= abs(value) <= most or abs(value) == math.inf or value != value):
+            shown = f"{value:g}" if isinstance(value, float) else f"an integer of {len(str(value))} digits"
+            raise InputError(f"{name} = {shown}: must be 0 or from {least:g} to {most:g} in magnitude")
 
 
 def suffixes() -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from gantrysim.stability.compensator import Compensator
 _LARGEST_GAIN = 1e18
 _DAMPINGS = (1e-3, 1e3)
 _LONGEST_PERIOD = 1.0  # [s]
+_SHORTEST_PERIOD = 1e-7  # [s]
 
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
 
@@ -68,8 +69,7 @@ class Servo:
     notch_depth: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if positive("servo period", self.period, "s") > _LONGEST_PERIOD:
-            raise InputError(f"servo period = {self.period:g} s: must be at most {_LONGEST_PERIOD:g} s")
+        _check_period(self.period)
         for name, value in _NO_NOTCH.items():
             if not getattr(self, name):
                 object.__setattr__(self, name, (value,) * len(self.kp))
@@ -138,12 +138,12 @@ class Servo:
         axes = tuple(axes)
         if not axes:
             raise InputError("a servo must have at least one axis")
-        if positive("servo period", period, "s") > _LONGEST_PERIOD:
-            raise InputError(f"servo period = {period:g} s: must be at most {_LONGEST_PERIOD:g} s")
+        _check_period(period)
         zeta = between("damping", damping, *_DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
+        at_least("integral_time", min(integral_time, _LONGEST_PERIOD), _SHORTEST_PERIOD, "s")
         found = loop(axes, period, frequency, zeta, integral_time, at_least("servo delay", delay, 0, "s"))
         pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
         derived: dict[str, list[float]] = {
@@ -170,6 +170,11 @@ class Servo:
 
 
 _NO_NOTCH = {"notch_frequency": notch.NONE, "notch_width": NOTCH_WIDTH, "notch_depth": NOTCH_DEPTH}
+
+
+def _check_period(period: float) -> None:
+    if positive("servo period", period, "s", _LONGEST_PERIOD) < _SHORTEST_PERIOD:
+        raise InputError(f"servo period = {period:g} s: must be at least {_SHORTEST_PERIOD:g} s")
 
 
 def _checked(name: str, value: float) -> float:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import tomllib
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Self
 
@@ -70,6 +73,17 @@ class JobContent(BaseModel):
             override(content, setting, known_keys(content))
         return validated(type(self), content, f"job {self.name}")
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what `toml` returns, see `content_digest`."""
+        return content_digest(tomllib.loads(self.toml()))
+
     def toml(self) -> str:
         """Return the job as TOML, with every default."""
         return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
+
+
+def content_digest(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a job file's values, without its machine: that may move, and has a digest of its own."""
+    rest = {key: value for key, value in content.items() if key != "machine"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True, default=str).encode()).hexdigest()

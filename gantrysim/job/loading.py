@@ -12,7 +12,7 @@ from typing import Any
 from gantrysim.controllers.programs import PROGRAMS, reader, suffixes
 from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.job.settings import ServoSettings
-from gantrysim.job.toml_files import read_toml, validated
+from gantrysim.job.toml_files import read_text, read_toml, validated
 
 
 def builtin_jobs() -> list[str]:
@@ -61,12 +61,13 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> 
     path = folder / expanded(file)
     named = controller if controller is not None else table.get("controller")
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_text(path, errors="replace")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     rest = {key: value for key, value in table.items() if key != "file"}
     name = reader(path.suffix, named)
-    return {"program": {**rest, "controller": name, PROGRAMS[name].text_argument: text}, "source": file}
+    shown = file.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # a name need not be text
+    return {"program": {**rest, "controller": name, PROGRAMS[name].text_argument: text}, "source": shown}
 
 
 def servo_table(file: Path) -> dict[str, Any]:

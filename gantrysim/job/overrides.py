@@ -91,6 +91,10 @@ def absolute_machine(machine: str, folder: Path) -> str:
     """Return the name of a built-in machine unchanged, and the path of a file in `folder` as an absolute path."""
     if machine in builtin_models() or not (set(machine) & set("./\\~")):
         return machine
+    try:
+        machine.encode()
+    except UnicodeEncodeError:  # it could not stand in a job file
+        raise InputError(f"machine {machine!r}: its name must be text in UTF-8") from None
     return str((folder / expanded(machine)).absolute())
 
 

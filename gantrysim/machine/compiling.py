@@ -7,8 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, between
 from gantrysim.native.row import ROW_NUMBERS
+
+_TIMESTEPS = 1e-7, 1.0  # [s]
 
 
 def compile_mjcf(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
@@ -23,6 +25,7 @@ def compile_mjcf(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.Mj
         raise InputError("disables its actuators; the servo needs them")
     if compiled.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise InputError("integrator RK4 calls the servo four times a step; use Euler, implicit or implicitfast")
+    between("timestep", compiled.opt.timestep, *_TIMESTEPS, "s")
     compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     _no_force_early(compiled)
     return spec, compiled

@@ -24,6 +24,7 @@ from gantrysim.machine.syringe import Syringe
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 
 _MOST = 1e9  # largest flow, area and pressure
+_LONGEST = 1e3  # dead time, time constants, leads and advance [s]
 _EMPTY = 1e-9  # rest in an empty syringe, of what it held
 _EDGE = 1e-9  # distance from a tick within which an edge is at the tick [servo periods]
 
@@ -89,13 +90,12 @@ class Dispenser:
     def __post_init__(self) -> None:
         demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
         for name, unit in demands.items():
-            if at_least(name, getattr(self, name), 0, unit) > _MOST:
-                raise InputError(f"{name} = {getattr(self, name):g} {unit}: must be at most {_MOST:g} {unit}")
+            at_least(name, getattr(self, name), 0, unit, _MOST)
         given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in demands.items() if getattr(self, name)]
         if len(given) > 1:
             raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be given")
         for name in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
-            at_least(name, getattr(self, name), 0, "s")
+            at_least(name, getattr(self, name), 0, "s", _LONGEST)
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         if self.metering == TIME_PRESSURE and self.needle is None:

@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
 from gantrysim.machine.motors import smooth_model
+from gantrysim.native.quiet import quiet
 from gantrysim.stability.motion import Motion, UnknownLoopError
 
 _DIFFERENCE = 1e-6  # change of a state for finite differences; the model is almost linear [SI]
@@ -54,7 +56,10 @@ def linear_motion(
         return np.concatenate([data.qacc, data.act_dot[wound]])
 
     small = _DIFFERENCE * np.eye(size + len(controls))
-    slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _DIFFERENCE)
+    with quiet(), np.errstate(all="ignore"):
+        slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _DIFFERENCE)
+    if not np.isfinite(slopes).all():
+        raise InputError("its accelerations about a state of rest are no finite numbers")
     A, C = np.zeros((size, size)), np.zeros((len(controls), size))
     A[:nv, nv : 2 * nv] = np.eye(nv)
     A[nv:] = slopes[:, :size]

@@ -27,6 +27,7 @@ from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.motors import damp_bristles
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
+from gantrysim.native.quiet import quiet
 from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
 
@@ -85,9 +86,12 @@ class Machine:
         self.source = _find(model)
         self.name = self.source.stem
         try:
-            self._build(self.source)
+            with quiet() as said:
+                self._build(self.source)
         except InputError as error:
             raise InputError(f"model {self.source}: {error}") from None
+        if said:  # of a number that is none, or of a file that is not right
+            raise InputError(f"model {self.source}: MuJoCo warns: {said[0]}")
 
     def _build(self, source: Path | mujoco.MjSpec) -> None:
         self.spec, self._compiled = compile_mjcf(source)
@@ -196,7 +200,8 @@ class Machine:
         """
         machine = copy.copy(self)
         machine._perturbations = (*self._perturbations, perturbation)
-        machine._use(self._perturbed_model(self.physics, perturbation))
+        with quiet():
+            machine._use(self._perturbed_model(self.physics, perturbation))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 

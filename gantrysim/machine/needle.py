@@ -34,6 +34,8 @@ GAUGES = {
     "30G": (0.159, 0.311),
 }
 
+_WIDEST = 100.0  # bore and outer diameter [mm]
+_MOST = 1e9  # length, consistency, index and yield stress
 _STEPS = 8  # of Newton's method; from there on the residual is rounding
 
 
@@ -79,11 +81,11 @@ class Needle:
             if self.bore not in GAUGES:
                 raise unknown("gauge of the needle", self.bore, GAUGES)
         else:
-            positive("bore of the needle", self.bore, "mm")
+            positive("bore of the needle", self.bore, "mm", _WIDEST)
         for name, unit in (("length", "mm"), ("consistency", "Pa·s^n"), ("index", "")):
-            positive(f"{name} of the needle", getattr(self, name), unit)
-        at_least("yield_stress of the needle", self.yield_stress, 0, "Pa")
-        if self.outer is not None and positive("outer of the needle", self.outer, "mm") <= self.inner:
+            positive(f"{name} of the needle", getattr(self, name), unit, _MOST)
+        at_least("yield_stress of the needle", self.yield_stress, 0, "Pa", _MOST)
+        if self.outer is not None and positive("outer of the needle", self.outer, "mm", _WIDEST) <= self.inner:
             raise InputError(
                 f"outer of the needle = {self.outer:g} mm: must be greater than its bore, {self.inner:g} mm"
             )
@@ -123,7 +125,10 @@ class Needle:
     @property
     def yield_flow(self) -> float:
         """Flow at the yield pressure of the glue without its yield stress [mm³/s]."""
-        return self.conductance * self.yield_pressure ** (1 / self.index)
+        try:
+            return float(self.conductance * self.yield_pressure ** (1 / self.index))
+        except OverflowError:
+            return math.inf
 
     @property
     def shape(self) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import numpy as np
 from gantrysim.controllers.law import PlainLaw, Tick
 from gantrysim.errors import GantryError, InputError
 from gantrysim.native.interrupts import Interrupts
+from gantrysim.native.quiet import heard, silence
 from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.native.tick import compiled
 
@@ -23,15 +24,9 @@ _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 _POLL = 0.05  # how often a waiting thread checks for Ctrl-C [s]
 
 
-def _silent(_text: bytes) -> None:
-    pass
-
-
-_SILENCE = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(_silent)
-
 _changed = threading.Condition(threading.Lock())  # guards the two below
 _users = 0  # number of installations of the compiled tick; -1: a law in plain Python, which is alone
-_previous: Any = None  # callbacks before the first of them
+_previous: Any = None  # callback before the first of them
 _thread = threading.local()  # .depth: number of installations by this thread; .law: whether by a law in plain Python
 
 
@@ -122,9 +117,9 @@ class _Installation(AbstractContextManager[None]):
                 _changed.wait(_POLL)
                 return
             if not _users:
-                _previous = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
+                _previous = mujoco.get_mjcb_control()
                 mujoco.set_mjcb_control(self._callback)
-                mujoco.set_mju_user_warning(_SILENCE)  # the tick turns MuJoCo's warnings into faults
+                silence(1)  # the tick turns MuJoCo's warnings into faults
             _users = -1 if alone else _users + 1
             self._taken = True
         if alone:
@@ -143,14 +138,14 @@ class _Installation(AbstractContextManager[None]):
             with _changed:
                 _users = max(_users - 1, 0)
                 if not _users:
-                    mujoco.set_mjcb_control(_previous[0])
-                    mujoco.set_mju_user_warning(_previous[1])
+                    mujoco.set_mjcb_control(_previous)
+                    silence(-1)
                     _changed.notify_all()
         self._interrupts.release()
 
 
 _CAREFUL = (_Installation.__enter__.__code__, _Installation.__exit__.__code__)
-_CALLED: tuple[CodeType, ...] = (_silent.__code__,)  # called by C code, which would swallow exceptions
+_CALLED: tuple[CodeType, ...] = (heard.__code__,)  # called by C code, which would swallow exceptions
 
 
 def _tick(row: Any, n: int) -> Tick:

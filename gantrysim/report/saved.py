@@ -9,7 +9,9 @@ from pathlib import Path
 
 from gantrysim.errors import InputError, expanded
 from gantrysim.files import settle
+from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
+from gantrysim.job.toml_files import read_toml
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.folder import JOB, RUN, SUMMARY
 from gantrysim.run import Run
@@ -24,8 +26,8 @@ class SavedRun:
         job: the job of the run.
         run: the record.
         machine: its machine, built now.
-        changed: whether the physics of the machine differ from the digest in the summary; visual changes do not count.
-            False without such a digest.
+        changed: whether the physics of the machine differ from the digest in the record, or of one before format 7 in
+            the summary; visual changes do not count. False without such a digest.
         written: when the record was written [ns].
     """
 
@@ -54,7 +56,8 @@ class SavedRun:
         A machine file is read from the path in job.toml; a relative path starts from the run's folder.
 
         Raises:
-            InputError: no such folder, no run in it, or a machine that is missing or has other axes now.
+            InputError: no such folder, no run in it, a record or summary that is damaged, a job that is not the
+                record's, or a machine that is missing or has other axes now.
         """
         place = Path(folder)
         where = expanded(place)
@@ -68,13 +71,21 @@ class SavedRun:
         if missing:
             raise InputError(f"run {place}: holds no run: {' and '.join(missing)} missing")
         record = Run.load(where / RUN)
+        content = read_toml(where / JOB, f"job {place / JOB}")
+        if record.job_sha256 and record.job_sha256 != content_digest(content):
+            raise InputError(
+                f"run {place}: {JOB} is not the job that {RUN} was made from: put that one back, or run this one again "
+                f"with gantrysim run {place / JOB}"
+            )
         job = Job.load(where / JOB)
         if job.machine not in builtin_models() and not expanded(job.machine).is_file():
             raise InputError(
                 f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "
                 f"to one of {', '.join(builtin_models())}"
             )
-        saved = cls(place, job, record, job.built_machine, _changed(where / SUMMARY, job.built_machine), written)
+        ran = record.machine_sha256 or _machine_digest(where / SUMMARY, f"run {place}: {SUMMARY}")
+        changed = ran is not None and ran != job.built_machine.digest
+        saved = cls(place, job, record, job.built_machine, changed, written)
         return saved if saved.is_current else cls.load(folder)
 
     @property
@@ -87,9 +98,13 @@ def _written(folder: Path) -> int:
     return (folder / RUN).stat().st_mtime_ns if (folder / RUN).exists() else 0
 
 
-def _changed(summary: Path, machine: Machine) -> bool:
+def _machine_digest(summary: Path, label: str) -> str | None:
+    """Return the digest of the machine in a summary, None without one."""
     try:
-        ran = json.loads(summary.read_text(encoding="utf-8"))["versions"]["machine_sha256"]
-    except (OSError, ValueError, LookupError, TypeError):
-        return False
-    return bool(ran != machine.digest)
+        content = json.loads(summary.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{label} is damaged: {error}; remove it to read the run without it") from None
+    versions = content.get("versions") if isinstance(content, dict) else None
+    return str(versions["machine_sha256"]) if isinstance(versions, dict) and "machine_sha256" in versions else None

@@ -97,6 +97,9 @@ class Motion:
         Args:
             period: servo period [s].
             delay: from the sample to the change of the demand, at most the period [s].
+
+        Raises:
+            InputError: a motion so fast that its numbers are not finite.
         """
         systems = []
         for states in _coupled(self.A):
@@ -105,6 +108,8 @@ class Motion:
                 A, B = self.A[np.ix_(states, states)], self.B[np.ix_(states, axes)]
                 _, G1 = _held(A, B, period - delay)
                 F, G = _held(A, B, period)
+                if not (np.isfinite(F).all() and np.isfinite(G).all()):
+                    raise InputError(f"the machine's motion over a period of {period:g} s has no finite numbers")
                 systems.append(LinearSystem(tuple(axes), F, G - G1, G1, self.C[np.ix_(axes, states)]))
         return systems
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,14 +14,15 @@ from gantrysim.files import held
 from gantrysim.study.cases import Row
 
 LEDGER = ".study-progress.jsonl"
+_CHECKED = 16  # digits of a checksum
 
 
 class Ledger:
     """A file of JSON lines: the identity of the study, then one line per finished case.
 
-    A line is written as soon as its case is finished; a last line that was cut off is ignored. While the ledger is
-    open, its folder is held against other commands. A ledger closed without any row leaves nothing, not even a folder
-    that it made.
+    A line is written as soon as its case is finished, with a checksum. A last line that was cut off is ignored, and so
+    are a damaged one and those after it: their cases are run again. While the ledger is open, its folder is held
+    against other commands. A ledger closed without any row leaves nothing, not even a folder that it made.
 
     Args:
         folder: of the file, or None to keep the rows in memory.
@@ -77,7 +79,7 @@ class Ledger:
     def add(self, key: str, row: Row) -> None:
         """Add a finished row."""
         self._rows[key] = row
-        self._write([key, row])
+        self._write([key, row, _checksum(key, row)])
 
     def remove(self) -> None:
         """Delete the file and the rows: the study is complete, or has no values."""
@@ -105,12 +107,18 @@ class Ledger:
                         self.discarded = _differs(found, self._identity)
                         return 0
                 else:
-                    key, row = found
-                    self._rows[str(key)] = dict(row)
-            except (ValueError, TypeError):
+                    key, row, checksum = found
+                    if checksum != _checksum(key, row):
+                        break
+                    self._rows[key] = row
+            except (ValueError, TypeError, RecursionError):
                 break
             good += len(line)
         return good
+
+
+def _checksum(key: str, row: Row) -> str:
+    return hashlib.sha256(json.dumps([key, row]).encode()).hexdigest()[:_CHECKED]
 
 
 def _differs(found: Any, identity: dict[str, Any]) -> str:

@@ -489,7 +489,7 @@ def test_a_bead_needs_two_stations():
 @pytest.mark.filterwarnings("error")
 def test_extreme_settings_cause_no_warning():
     run = laid(XY, line()).run
-    for values in ({"gap": 1e-6}, {"contact_angle": 1.0}, {"gap": 1e300}, {"cell": 1e-6}):
+    for values in ({"gap": 1e-6}, {"contact_angle": 1.0}, {"gap": 1e9}, {"cell": 1e-6}):
         bead = Bead(run, BeadSettings(**values))
         assert np.isfinite(bead.width).all()
         with suppress(InputError):

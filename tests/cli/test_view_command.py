@@ -1,6 +1,6 @@
 """The command gantrysim view, with a window that only records what it shows."""
 
-import json
+import dataclasses
 import shutil
 import signal
 import subprocess
@@ -13,6 +13,7 @@ import mujoco.viewer
 import numpy as np
 import pytest
 
+from gantrysim import Run
 from gantrysim.cli.view import view
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -164,10 +165,9 @@ def test_a_fault_of_a_live_run_is_reported(saved, window, gantrysim_command):
 
 @pytest.mark.parametrize("digest", [None, "another"])
 def test_a_replay_warns_where_the_machine_has_changed(saved, window, gantrysim_command, tmp_path, digest):
-    for name in ("job.toml", "run.npz"):
-        shutil.copy(saved / name, tmp_path)
-    digest = digest or Job.load(saved / "job.toml").built_machine.digest
-    (tmp_path / "summary.json").write_text(json.dumps({"versions": {"machine_sha256": digest}}))
+    shutil.copy(saved / "job.toml", tmp_path)
+    own = Job.load(saved / "job.toml").built_machine.digest
+    dataclasses.replace(Run.load(saved / "run.npz"), machine_sha256=digest or own).save(tmp_path / "run.npz")
     status, out, err = gantrysim_command("view", tmp_path, "--speed", "50", "--colour", "error")
     assert (status, out) == (0, "")
     changed = f"note: machine xy has changed since {tmp_path} was run; its present model is shown\n"

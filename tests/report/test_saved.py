@@ -81,19 +81,75 @@ def test_a_machine_has_changed_when_its_physics_have(own):
     assert SavedRun.load(folder).changed is True
 
 
-def test_without_a_summary_the_machine_counts_as_unchanged(own):
+def test_without_a_summary_the_record_knows_its_machine(own):
     folder, machine = own
+    (folder / "summary.json").unlink()
+    assert SavedRun.load(folder).changed is False
     machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
+    assert SavedRun.load(folder).changed is True
+
+
+def of_format_6(folder):
+    """Make the record of a folder one that has no digest of its machine, as before format 7."""
+    with np.load(folder / "run.npz") as arrays:
+        content = {**arrays, "format": 6}
+    for name in ("sha256", "job_sha256", "machine_sha256"):
+        del content[name]
+    np.savez(folder / "run.npz", **content)
+
+
+def test_a_record_of_format_6_leaves_its_machine_to_the_summary(own):
+    folder, machine = own
+    of_format_6(folder)
+    assert SavedRun.load(folder).changed is False
+    machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
+    assert SavedRun.load(folder).changed is True
     (folder / "summary.json").unlink()
     assert SavedRun.load(folder).changed is False
 
 
-@pytest.mark.parametrize("content", [b"", b"[]", b"{}", b'{"versions": {}}', b'{"versions": 3}', b"\xff"])
+@pytest.mark.parametrize("content", [b"[]", b"{}", b'{"versions": {}}', b'{"versions": 3}'])
 def test_a_summary_without_a_digest_counts_as_none(own, content):
     folder, machine = own
+    of_format_6(folder)
     machine.write_text(machine.read_text().replace('mass="1"', 'mass="1.1"'))
     (folder / "summary.json").write_bytes(content)
     assert SavedRun.load(folder).changed is False
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff", b'{"versions": ', b"[" * 100_000, b"9" * 5000])
+def test_a_damaged_summary_that_is_needed_is_refused(own, content):
+    folder, _ = own
+    of_format_6(folder)
+    (folder / "summary.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"run .*: summary.json is damaged: .*; remove it to read the run") as refused:
+        SavedRun.load(folder)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("speed = 50.0", "speed = 51.0"), ('name = "mine"', 'name = "yours"'), ("settle = 0.25", "")]
+)
+def test_the_job_of_another_run_is_noticed(own, old, new):
+    folder, _ = own
+    job = folder / "job.toml"
+    text = job.read_text()
+    assert old in text
+    job.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=r"job.toml is not the job that run.npz was made from: put that one back, or"):
+        SavedRun.load(folder)
+    job.write_text("# another comment\n" + text)
+    assert SavedRun.load(folder).job.name == "mine"
+
+
+def test_records_of_two_runs_exchanged_are_noticed(folder, own, tmp_path):
+    other, _ = own
+    record = (other / "run.npz").read_bytes()
+    (other / "run.npz").write_bytes((folder / "run.npz").read_bytes())
+    with pytest.raises(InputError, match=r"is not the job that run.npz was made from"):
+        SavedRun.load(other)
+    (other / "run.npz").write_bytes(record)
+    assert SavedRun.load(other).job.name == "mine"
 
 
 def test_a_machine_with_other_axes_is_refused(own):

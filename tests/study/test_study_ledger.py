@@ -1,5 +1,7 @@
 """The file of a study's finished rows."""
 
+from hashlib import sha256
+
 import pytest
 
 from gantrysim.study import Ledger
@@ -21,13 +23,32 @@ def test_the_ledger_ignores_a_line_that_was_cut_off(tmp_path):
 
 
 def test_a_row_is_on_disk_as_soon_as_it_is_finished_and_half_a_row_is_removed(tmp_path):
+    checksum = sha256(b'["one", {"value": 1}]').hexdigest()[:16].encode()
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         ledger.add("one", {"value": 1})
-        assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"value": 1}]\n')
+        assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"value": 1}, "%s"]\n' % checksum)
     whole = (tmp_path / LEDGER).read_bytes()
     (tmp_path / LEDGER).write_bytes(whole + b'["two", {"val')
     with Ledger(tmp_path, {"study": "x"}):
         assert (tmp_path / LEDGER).read_bytes() == whole
+
+
+def test_no_damage_of_a_byte_changes_a_row(tmp_path):
+    """Rows are as they were written, or run again."""
+    rows = {name: {"status": "ok", "value": k + 0.125, "curve": [1.5, 2.0 * k]} for k, name in enumerate("abcd")}
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        for name, row in rows.items():
+            ledger.add(name, row)
+    whole, found = (tmp_path / LEDGER).read_bytes(), set()
+    for at in range(len(whole)):
+        for bit in (1, 4, 16):
+            (tmp_path / LEDGER).write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
+            with Ledger(tmp_path, {"study": "x"}) as ledger:
+                kept = {name: ledger[name] for name in rows if name in ledger}
+                assert len(ledger) == ledger.kept == len(kept)
+                assert kept.items() <= rows.items()
+                found.add(len(kept))
+    assert found == {0, 1, 2, 3}
 
 
 @pytest.mark.parametrize("found", [b"", b"{", b'{"study"', b"\xff\xfe\n", b"nonsense\n"])

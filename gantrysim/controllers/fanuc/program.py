@@ -18,6 +18,7 @@ from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, S
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import Leg, legs_of, placed
+from gantrysim.controllers.fanuc.notes import notes_of
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
 from gantrysim.controllers.fanuc.text import SPEEDS, SourceLine, read
 from gantrysim.controllers.paths.chain import Chain
@@ -27,6 +28,7 @@ from gantrysim.controllers.profile import Constant, PointToPoint, Profile
 from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least, finite, place, positive, whole
 
+_LONGEST_BLEND = 10.0  # [s]
 _WORDS, _LINEAR = "ABC", "xyz"
 
 
@@ -123,7 +125,7 @@ class Program(Controller):
             positive("acceleration", self.acceleration, "mm/s²")
         at_least("end_point_tolerance", self.end_point_tolerance, 0, "mm")
         at_least("radius_tolerance", self.radius_tolerance, 0, "mm")
-        at_least("blend_time", self.blend_time, 0, "s")
+        at_least("blend_time", self.blend_time, 0, "s", _LONGEST_BLEND)
         if self.dry_run is not None:
             positive("dry_run", self.dry_run, "mm/min")
         at_least("dry_run_from", self.dry_run_from, 0, "s")
@@ -199,25 +201,7 @@ class Program(Controller):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where motions too short to reach their feed stop at corners."""
-        if self.blend_time > 0 or math.isinf(self.acceleration):
-            return ()
-        lengths = np.diff(self.requested.ends, prepend=0.0)
-        place = iter(range(lengths.size))
-        index = [next(place) if leg.piece is not None else -1 for leg in self.legs]
-        corners = set(np.searchsorted(self.requested.ends, self.requested.corners - 1e-9).tolist())
-        short = [
-            float(lengths[k])
-            for leg, k, after, last in zip(self.legs, index, self.legs[1:], index[1:], strict=False)
-            if k in corners and last >= 0 and not (leg.rapid or after.rapid or leg.spiral or after.spiral)
-            if not leg.exact_stop and lengths[k] < leg.feed**2 / self.acceleration
-        ]
-        if not short:
-            return ()
-        return (
-            f"{len(short)} stops at corners after motions too short to reach their feed, {np.median(short):.3g} mm "
-            "long at the median; blend_time = 0.05 passes them without a stop.",
-        )
+        return notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""

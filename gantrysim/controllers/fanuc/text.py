@@ -40,9 +40,19 @@ _GLUE: dict[float, bool] = {3: True, 5: False}  # M codes
 
 @dataclass(frozen=True)
 class SourceLine(Source):
-    """A block and its source."""
+    """A block and its source.
+
+    Attributes:
+        block: the block.
+        idle: whether it is in G41 or G42 with an offset of 0, as without D.
+        halting: whether it stops at its end in G64, as the program has G05.1 or G08 and they are off.
+        continuous: whether the program asks for G64.
+    """
 
     block: Block
+    idle: bool = False
+    halting: bool = False
+    continuous: bool = False
 
 
 def read(
@@ -67,7 +77,8 @@ def read(
     state.governed = macro.has(r"M\s*0*[35](?![0-9])")
     state.contoured = macro.has(r"G\s*0*(?:5\.1|8)(?![0-9.])")
     for block in macro.blocks():
-        blocks += [SourceLine(block.name, block.line, made) for made in state.run(block)]
+        made = state.run(block)
+        blocks += [SourceLine(block.name, block.line, one, state.idle, state.halting, state.continuous) for one in made]
     return tuple(blocks)
 
 
@@ -92,6 +103,7 @@ class _State:
     side: int = 0  # of the cutter compensation: 1 left, -1 right
     offset: float = 0.0
     exact_stop: bool = False
+    continuous: bool = False  # whether G64 is in the program
     feed: float | None = None
     governed: bool = False  # whether M03 and M05 switch the dispenser
     glue: bool = False
@@ -118,6 +130,16 @@ class _State:
                 raise block.fail(9, f"address {letter} is not used in this block")
             return []
         return [self._motion(block, values)]
+
+    @property
+    def idle(self) -> bool:
+        """Whether cutter compensation is on without an offset."""
+        return self.side != 0 and self.offset == 0
+
+    @property
+    def halting(self) -> bool:
+        """Whether motions stop at their ends although G61 is off."""
+        return self.contoured and not self.ahead and not self.exact_stop
 
     def provided(self, key: float | str) -> float | None:
         """Return a variable of the controller, as the position at the end of the block before; None for others."""
@@ -167,6 +189,7 @@ class _State:
             self.unit = _UNIT.get(code, self.unit)
             self.absolute = _ABSOLUTE.get(code, self.absolute)
             self.exact_stop = _EXACT_STOP.get(code, self.exact_stop)
+            self.continuous = _EXACT_STOP.get(code) is False or (self.continuous and not self.exact_stop)
             self.side = _SIDE.get(code, self.side)
             self.system = _SYSTEMS.get(int(code), self.system)
             if code in _CONTOUR:
@@ -209,7 +232,7 @@ class _State:
             "rotary": rotary,
             "compensation": self.side * self.offset,
             "plane": self.plane,
-            "exact_stop": self.exact_stop or (self.contoured and not self.ahead),
+            "exact_stop": self.exact_stop or self.halting,
             "dispense": self.glue if self.governed else None,
         }
         if self.motion in (0, 1):

@@ -32,6 +32,8 @@ _SHOWN = 20  # printed lines in the notes
 SPEEDS = SpeedWords(
     word=r"\bSPEED(?:[ \t]*AXIS[ \t]*\([^()\n]*\))?[ \t]*=", comment=r"\"[^\"\n]*\"|'[^\n]*", key="speed"
 )
+_SHORTEST = 1e-5  # SERVO_PERIOD [s]
+_SLOWEST = 1.0  # longest time of a statement [s]
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class InterpreterTime:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            at_least(f"interpreter_time.{name}", value, 0, "s")
+            at_least(f"interpreter_time.{name}", value, 0, "s", _SLOWEST)
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Basic(Controller):
         if whole("ratio_bits", self.ratio_bits, 0) and not 8 <= self.ratio_bits <= 52:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be 8 to 52, or 0 for an exact ratio")
         at_least("wait_resolution", self.wait_resolution, 0, "s")
-        positive("servo_period", self.servo_period, "s")
+        at_least("servo_period", self.servo_period, _SHORTEST, "s")
         whole("statement_limit", self.statement_limit, 1)
         positive("time_limit", self.time_limit, "s")
         if self.placement.scale != 1:

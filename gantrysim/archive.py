@@ -1,0 +1,187 @@
+"""NumPy archives (.npz) with a checksum, read without trust: sizes are checked before anything is allocated."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.errors import InputError
+
+CHECKSUM = "sha256"
+_SUFFIX = ".npy"
+_MAGIC = b"\x93NUMPY\x01\x00"
+_HEADER = re.compile(
+    r"\{'descr': '([<|][fbiU]\d{1,9})', 'fortran_order': (True|False), "
+    r"'shape': \(((?:\d{1,20}, ?)*(?:\d{1,20})?)\), \}\s*"
+)
+_MEMBERS = 64  # more than any archive has
+# Deflate packs up to 1032 bytes into one. Records of a machine at rest reach 93, as all but their time is constant.
+_EXPANSION = 250
+_SMALL = 1 << 24  # expansion that is always allowed [bytes]
+_CHUNK = 1 << 20
+# what zipfile and zlib raise for damaged files
+DAMAGE = (
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+    ArithmeticError,
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    RuntimeError,  # with NotImplementedError and RecursionError
+    MemoryError,
+)
+
+
+@dataclass(frozen=True)
+class Member:
+    """An array of an archive, as its header announces it.
+
+    Attributes:
+        dtype: of its elements.
+        shape: of the array.
+        fortran: whether its first index changes fastest.
+        info: of the archive.
+        header: its bytes.
+    """
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    fortran: bool
+    info: zipfile.ZipInfo
+    header: bytes
+
+
+class Archive:
+    """An archive that is open for reading.
+
+    Args:
+        stream: of the file, which can be sought.
+
+    Attributes:
+        members: its arrays by name.
+
+    Raises:
+        InputError: a member that is no array, whose size differs from what its header announces, that stands there
+            twice, or that expands to hundreds of times the size of the file.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._zip = zipfile.ZipFile(stream)
+        self._digest = hashlib.sha256()
+        entries = self._zip.infolist()
+        size = stream.seek(0, 2)
+        names = [entry.filename for entry in entries]
+        if len(names) > _MEMBERS or len(set(names)) < len(names):
+            raise InputError("members stand there twice")
+        expanded = sum(entry.file_size for entry in entries)
+        if expanded > max(_SMALL, _EXPANSION * size):
+            raise InputError(f"{size} bytes that expand to {expanded:.3g}")
+        self.members = {_stem(entry.filename): self._member(entry) for entry in entries}
+
+    def _member(self, info: zipfile.ZipInfo) -> Member:
+        name = _stem(info.filename)
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or info.flag_bits & 1:
+            raise InputError(f"{name} is encrypted or packed in another way")
+        with self._zip.open(info) as member:
+            start = member.read(len(_MAGIC) + 2)
+            header = member.read(int.from_bytes(start[-2:], "little"))
+        found = _HEADER.fullmatch(header.decode("latin-1"))
+        if found is None or not start.startswith(_MAGIC) or len(start) != len(_MAGIC) + 2:
+            raise InputError(f"{name} is no array of numbers or text")
+        dtype = np.dtype(found[1])
+        shape = tuple(int(size) for size in found[3].split(",") if size.strip())
+        if len(start + header) + math.prod(shape) * dtype.itemsize != info.file_size:
+            raise InputError(f"{name} has {info.file_size} bytes, not those of {found[1]} and shape ({found[3]})")
+        return Member(dtype, shape, found[2] == "True", info, start + header)
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Return an array, and add its name and bytes to the checksum.
+
+        Raises:
+            KeyError: there is no such member.
+        """
+        member = self.members[name]
+        values = np.empty(math.prod(member.shape), member.dtype)
+        self._digest.update(_named(name) + member.header)
+        left = memoryview(values.view(np.uint8)) if values.nbytes else memoryview(b"")
+        with self._zip.open(member.info) as stream:
+            stream.read(len(member.header))
+            while len(left):
+                chunk = stream.read(min(_CHUNK, len(left)))
+                if not chunk:
+                    raise InputError(f"{name} ends early")
+                left[: len(chunk)] = chunk
+                self._digest.update(chunk)
+                left = left[len(chunk) :]
+            if stream.read(1):  # at the end zipfile compares its own checksum
+                raise InputError(f"{name} is longer than announced")
+        return values.reshape(member.shape, order="F" if member.fortran else "C")
+
+    def check(self) -> None:
+        """Compare the checksum of the arrays read so far, in this order, with the one in the archive.
+
+        Raises:
+            InputError: they differ.
+        """
+        own = self._digest.hexdigest()
+        if str(self.read(CHECKSUM)) != own:
+            raise InputError(f"its {CHECKSUM} is not that of its content")
+
+
+@contextmanager
+def open_archive(stream: BinaryIO) -> Iterator[Archive]:
+    """Open an archive; whatever its damage does to the block becomes one InputError."""
+    try:
+        yield Archive(stream)
+    except DAMAGE as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{type(error).__name__}: {error}") from None
+
+
+def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
+    """Write arrays, numbers and texts to an archive, packed, and last the SHA-256 of their names and bytes."""
+    digest = hashlib.sha256()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, value in arrays.items():
+            digest.update(_named(name))
+            _write(archive, name, value, digest)
+        _write(archive, CHECKSUM, digest.hexdigest(), digest)
+
+
+def _write(archive: zipfile.ZipFile, name: str, value: Any, digest: Any) -> None:
+    with archive.open(name + _SUFFIX, "w", force_zip64=True) as member:
+        np.lib.format.write_array(_Tee(member, digest), np.asanyarray(value), (1, 0), allow_pickle=False)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Tee:
+    """A stream whose bytes go to a digest too."""
+
+    stream: Any
+    digest: Any
+
+    def write(self, content: bytes) -> int:
+        self.digest.update(content)
+        return int(self.stream.write(content))
+
+
+def _named(name: str) -> bytes:
+    return name.encode() + b"\0"
+
+
+def _stem(name: str) -> str:
+    return name.removesuffix(_SUFFIX)

@@ -1,0 +1,58 @@
+"""What a program asks for in vain is said in the notes: G41 without an offset, G64 where the motion stops."""
+
+import pytest
+
+from gantrysim.controllers.fanuc import Program
+
+MOVES = "M03\nG01 X10 F600\nX20\nX20 Y50\nX80\n"
+SMOOTH = {"acceleration": 2000.0, "blend_time": 0.05}
+
+
+def notes(text, **arguments):
+    return Program(text, **arguments).notes
+
+
+@pytest.mark.parametrize("side", ["G41", "G42", "G41 D0", "G42 D00"])
+def test_compensation_without_an_offset(side):
+    program = Program(f"{side}\n{MOVES}G40 Y0\nM05", offsets={"1": 3.0})
+    assert program.notes == ("4 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.",)
+    plain = Program(f"{MOVES}G40 Y0\nM05")
+    assert program.requested.length == plain.requested.length
+
+
+def test_compensation_with_an_offset_is_no_matter_for_a_note():
+    text = f"G41 D1\n{MOVES}G40 Y0\nM05"
+    assert notes(text, offsets={"1": 3.0}) == ()
+    assert notes(text, offsets={"1": 0.0})[0].startswith("4 motions in G41 or G42 have no D or an offset of 0")
+    assert notes(f"G40\n{MOVES}M05") == ()
+
+
+def test_an_offset_given_later_counts_from_there():
+    text = "G41\nG01 X10 F600\nX20 D1\nX30\nG40 X40"
+    assert notes(text, offsets={"1": 3.0}) == (
+        "1 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.",
+    )
+
+
+def test_g64_that_stops_at_corners_without_a_blend_time():
+    text = f"G64\n{MOVES}M05"
+    stopping = Program(text, acceleration=2000.0)
+    assert stopping.notes == ("2 stops at corners in G64, as blend_time is 0; blend_time = 0.05 passes them.",)
+    assert notes(text, **SMOOTH) == ()
+    assert notes(text) == ()  # without a limit of the acceleration nothing stops
+    assert notes(f"{MOVES}M05", acceleration=2000.0) == ()
+    assert notes(f"G64\nG61\n{MOVES}M05", acceleration=2000.0) == ()
+    # and it does stop: longer by what the ramps at the two corners take, v / a for each
+    faster = Program(text)
+    assert stopping.duration - faster.duration == pytest.approx(3 * 10 / 2000, rel=2e-3)
+
+
+def test_g64_that_stops_at_every_piece_while_the_look_ahead_is_off():
+    text = f"G64\nG05.1 Q1\nM03\nG01 X-10 F600\nG05.1 Q0\n{MOVES}M05"
+    assert notes(text, **SMOOTH) == (
+        "4 motions in G64 stop at their end, as G05.1 Q1 or G08 P1, which the program uses, is off.",
+    )
+    assert notes(text.replace("G05.1 Q0\n", ""), **SMOOTH) == ()
+    assert notes(text.replace("G05.1 Q0", "G61"), **SMOOTH) == ()
+    stops = Program(text, **SMOOTH).duration
+    assert stops - Program(text.replace("G05.1 Q0\n", ""), **SMOOTH).duration > 3 * 0.05
