@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
+from gantrysim.faults import InjectedFault, fault_of
 
 _FORMAT = 6
 # arrays of older formats that are still read, by their names today; what they lack has its default
@@ -82,6 +83,7 @@ class Run:
         face: outer diameter of the needle, that of its face [mm].
         needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
+        injected: faults on purpose.
     """
 
     machine: str
@@ -108,6 +110,7 @@ class Run:
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None
+    injected: tuple[InjectedFault, ...] = ()
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -123,6 +126,9 @@ class Run:
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
+        injected = [fault.table() for fault in arrays.pop("injected")]
+        if injected:  # a record without keeps its form
+            arrays["injected"] = json.dumps(injected)
         arrays["format"] = _FORMAT
         with FilePath(file).open("wb") as stream:
             np.savez_compressed(stream, **arrays)
@@ -145,6 +151,7 @@ class Run:
             numbers: dict[str, Any] = {name: float(content.pop(name)) for name in _NUMBERS if name in content}
             path = json.loads(str(content.pop("requested")))
             fault = json.loads(str(content.pop("fault")))
+            injected = json.loads(str(content.pop("injected", "[]")))
             return cls(
                 machine=str(content.pop("machine")),
                 **numbers,
@@ -152,6 +159,7 @@ class Run:
                 units=tuple(str(unit) for unit in content.pop("units")),
                 requested=Path.build(path["kind"], path["parameters"]),
                 fault=Fault(**fault) if fault else None,
+                injected=tuple(fault_of(one) for one in injected),
                 **content,
             )
         except (OSError, EOFError, zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
