@@ -66,7 +66,8 @@ class InjectedFault:
 
     def __str__(self) -> str:
         axis = getattr(self, "axis", None)
-        return f"{self.kind}{f' on axis {axis}' if axis else ''} at t = {self.time:.4f} s: {self.magnitude}"
+        on = "" if axis is None else f" {axis}" if self.kind.endswith("axis") else f" on axis {axis}"
+        return f"{self.kind}{on} at t = {self.time:.4f} s: {self.magnitude}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -250,7 +250,9 @@ class Started:
             if not (np.isfinite(nozzle).all() and np.isfinite(encoder).all()):
                 kept -= 1  # the tick at which it diverged has no position to record
         log, position = simulation.log.until(kept), simulation.position
-        return record(simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault, simulation.faults)
+        return record(
+            simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault, simulation.faults
+        )
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:

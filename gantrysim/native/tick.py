@@ -44,7 +44,8 @@ from gantrysim.native.supervision import trip, waits, watch_position_error
 def magic() -> int:
     """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
     source = "".join(
-        inspect.getsource(module) for module in (sys.modules[__name__], pointers, supervision, injection, row_layout, law, notch)
+        inspect.getsource(module)
+        for module in (sys.modules[__name__], pointers, supervision, injection, row_layout, law, notch)
     )
     return zlib.crc32(source.encode())
 
