@@ -185,4 +185,5 @@ def _after_bubble(bubble: AirBubble, flow: Floats, edges: Floats) -> Floats:
         left = float(edges[k - 1] + (gone - volume[k - 1]) / flow[k - 1])
         surge = -np.expm1(-np.maximum(edges - left, 0.0) / bubble.recovery)
         laid = laid + np.maximum(volume - gone, 0.0) + bubble.compression * surge
-    return np.diff(laid) / np.diff(edges)
+    first = int(np.searchsorted(edges, bubble.time, "right")) - 1  # what came before keeps its last bit
+    return np.concatenate([flow[:first], np.maximum(np.diff(laid[first:]) / np.diff(edges[first:]), 0.0)])

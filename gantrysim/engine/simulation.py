@@ -13,9 +13,9 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
 from gantrysim.engine.positions import axis_positions, check_supervision
 from gantrysim.engine.recording import record
-from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
 from gantrysim.errors import GantryError, InputError
 from gantrysim.faults import InjectedFault, check_faults
 from gantrysim.machine.dispenser import Dispenser

@@ -84,7 +84,7 @@ def events(run: Run) -> list[str]:
 
 
 def _laid(bead: Bead, places: Floats, reach: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return section and width of a bead at places on the requested path, and where the nozzle has passed; else zero."""
+    """Return section and width of a bead at places on the path, and where the nozzle has passed; zero elsewhere."""
     analysis = bead.analysis
     order = np.argsort(analysis.nozzle.s, kind="stable")
     s, trace = analysis.nozzle.s[order], bead.length[analysis.ticks[order]]
