@@ -382,7 +382,10 @@ def test_a_record_keeps_its_faults(short, fault, tmp_path_factory):
     ("fault", "text"),
     [
         (OpenWinding(time=0.1, axis="q"), r"^fault open winding: axis = 'q': machine rigid has x, y$"),
-        (OpenWinding(time=99, axis="x"), r"^fault open winding: time = 99 s: must be at most 1\.40\d s, the run's length$"),
+        (
+            OpenWinding(time=99, axis="x"),
+            r"^fault open winding: time = 99 s: must be at most 1\.40\d s, the run's length$",
+        ),
         ("open winding", r"^faults: holds a str: must be faults such as encoder dropout, "),
     ],
 )
