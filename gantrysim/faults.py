@@ -416,7 +416,7 @@ AnyFault: TypeAlias = (
     | AirBubble
 )
 
-KINDS: dict[str, type[InjectedFault]] = {
+KINDS: dict[str, type[Any]] = {
     str(next(field.default for field in fields(each) if field.name == "kind")): each for each in AnyFault.__args__
 }
 FLOW_FAULTS = (CloggedNozzle, DrippingNozzle, AirBubble)
@@ -432,7 +432,8 @@ def fault_of(table: dict[str, Any]) -> InjectedFault:
     kind = str(table.get("kind"))
     if kind not in KINDS:
         raise unknown("fault", kind, KINDS)
-    return KINDS[kind](**table)
+    fault: InjectedFault = KINDS[kind](**table)
+    return fault
 
 
 def check_faults(

@@ -158,7 +158,7 @@ def faulted_flow(faults: Sequence[InjectedFault], flow: Floats, valve: Floats, p
         period: servo period [s].
     """
     acting = [fault for fault in faults if fault.acts]
-    edges = np.arange(flow.size + 1) * period
+    edges: Floats = np.arange(flow.size + 1, dtype=np.float64) * period
     for drip in (fault for fault in acting if isinstance(fault, DrippingNozzle)):
         flow = flow + drip.flow * np.minimum(1 - valve, _overlap(drip, edges))
     for bubble in (fault for fault in acting if isinstance(fault, AirBubble)):

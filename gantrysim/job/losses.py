@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +28,18 @@ class Losses:
         volume: volume missing at the end, negative for an excess [mm³].
         length: length of the path on which less than half the section without the faults is laid, or nothing, as
             after the fault that ends the run [mm].
-        width: difference in width, with the faults less without, where it is largest, of what both nozzles pass [mm].
-        s: place of that on the requested path [mm].
-        contour: largest contour error with the faults [mm].
-        contour_without: the same without them [mm].
+        width: difference in width, with the faults less without, where it is largest [mm].
+        width_s: place of that on the requested path, of what the nozzle passes in both runs [mm].
+        shift: distance by which the faults displace the nozzle square to the path, where it is largest [mm].
+        shift_s: place of that likewise [mm].
     """
 
     volume: float
     length: float
     width: float
-    s: float
-    contour: float
-    contour_without: float
+    width_s: float
+    shift: float
+    shift_s: float
 
     @classmethod
     def of(cls, faulted: Bead, healthy: Bead) -> Losses:
@@ -46,17 +47,18 @@ class Losses:
         s = healthy.analysis.nozzle.s
         reach = _REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
         places = np.arange(s.min(), s.max() + 0.5 * healthy.ds, healthy.ds)
-        section, width, passed = _laid(healthy, places, reach)
-        left, left_width, still_passed = _laid(faulted, places, reach)
-        error = np.where(passed & still_passed, left_width - width, 0.0)
-        worst = int(np.abs(error).argmax())
+        before, after = _laid(healthy, places, reach), _laid(faulted, places, reach)
+        both = before.passed & after.passed
+        error = np.where(both, after.width - before.width, 0.0)
+        shift = np.where(both, np.linalg.norm(after.offset - before.offset, axis=1), 0.0)
+        worst, furthest = int(np.abs(error).argmax()), int(shift.argmax())
         return cls(
             volume=healthy.total_volume - faulted.total_volume,
-            length=healthy.ds * int(np.count_nonzero(left < _LEFT * section)),
+            length=healthy.ds * int(np.count_nonzero(after.section < _LEFT * before.section)),
             width=float(error[worst]),
-            s=float(places[worst]),
-            contour=faulted.analysis.values.contour.max,
-            contour_without=healthy.analysis.values.contour.max,
+            width_s=float(places[worst]),
+            shift=float(shift[furthest]),
+            shift_s=float(places[furthest]),
         )
 
     @property
@@ -66,8 +68,12 @@ class Losses:
         return [
             (f"volume {amount}", f"{abs(self.volume):.4g} mm³", "compared with the job without the faults"),
             ("bead missing", f"{self.length:.4g} mm", "of the path, with less than half the section"),
-            ("width error", f"{self.width:+z.3f} mm", f"at most where the nozzle passes, at s = {self.s:.1f} mm"),
-            ("contour error", f"{_UM * self.contour:.1f} µm", f"at most; {_UM * self.contour_without:.1f} without"),
+            ("width error", f"{self.width:+z.3f} mm", f"at most where the nozzle passes, at s = {self.width_s:.1f} mm"),
+            (
+                "nozzle displaced",
+                f"{_UM * self.shift:.1f} µm",
+                f"at most, square to the path, at s = {self.shift_s:.1f} mm",
+            ),
         ]
 
 
@@ -83,8 +89,17 @@ def events(run: Run) -> list[str]:
     return [*lines, f"supervision: {run.fault}"]
 
 
-def _laid(bead: Bead, places: Floats, reach: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return section and width of a bead at places on the path, and where the nozzle has passed; zero elsewhere."""
+class _Laid(NamedTuple):
+    """A run at places on the requested path: section [mm²], width, the nozzle's offset [mm], and whether it passed."""
+
+    section: Floats
+    width: Floats
+    offset: Floats
+    passed: NDArray[np.bool_]
+
+
+def _laid(bead: Bead, places: Floats, reach: float) -> _Laid:
+    """Return a run at places on the path, without a bead where the nozzle has not passed."""
     analysis = bead.analysis
     order = np.argsort(analysis.nozzle.s, kind="stable")
     s, trace = analysis.nozzle.s[order], bead.length[analysis.ticks[order]]
@@ -94,4 +109,5 @@ def _laid(bead: Bead, places: Floats, reach: float) -> tuple[Floats, Floats, NDA
         np.where(near, np.interp(places, s, np.interp(trace, bead.place, values)), 0.0)
         for values in (bead.area, bead.width)
     )
-    return section, width, near
+    offset = np.stack([np.interp(places, s, column) for column in analysis.nozzle.offset[order].T], axis=1)
+    return _Laid(section, width, offset, near)

@@ -200,9 +200,9 @@ def _injected(run: Run, losses: Losses | None) -> dict[str, Any] | None:
         "missing_volume_mm3": losses.volume,
         "missing_length_mm": losses.length,
         "width_error_mm": losses.width,
-        "width_error_s_mm": losses.s,
-        "contour_max_um": _THOUSANDTHS * losses.contour,
-        "contour_max_without_um": _THOUSANDTHS * losses.contour_without,
+        "width_error_s_mm": losses.width_s,
+        "nozzle_displaced_um": _THOUSANDTHS * losses.shift,
+        "nozzle_displaced_s_mm": losses.shift_s,
     }
     return {"faults": faults, "losses": lost}
 

@@ -130,13 +130,22 @@ def test_a_stretch_of_less_flow_costs_its_volume_its_length_and_its_width(xy, sh
     widths = follower(xy).width
     expected = (share - 1) * AREA / GAP if share else -float(np.median(widths))
     assert losses.width == pytest.approx(expected, rel=0.02)
-    assert SPEED * begin < losses.s < SPEED * end
-    assert losses.contour == losses.contour_without
+    assert SPEED * begin < losses.width_s < SPEED * end
+    assert losses.shift == 0
 
 
 def test_the_same_run_costs_nothing(xy):
     losses = Losses.of(follower(xy), follower(xy))
-    assert (losses.volume, losses.length, losses.width) == (0, 0, 0)
+    assert (losses.volume, losses.length, losses.width, losses.shift) == (0, 0, 0, 0)
+
+
+def test_a_nozzle_off_the_path_is_displaced_by_its_distance(xy):
+    healthy = follower(xy).run
+    aside = np.where((healthy.time > 0.3) & (healthy.time < 0.5), 0.3, 0.0)[:, None] * [0.0, 0.8, 0.6]
+    moved = dataclasses.replace(healthy, nozzle=healthy.nozzle + aside)
+    losses = Losses.of(Bead(moved, BeadSettings()), Bead(healthy, BeadSettings()))
+    assert losses.shift == pytest.approx(0.3)
+    assert 0.3 * SPEED < losses.shift_s < 0.5 * SPEED
 
 
 def test_a_run_that_ends_early_lacks_the_rest_of_the_path(xy):
@@ -189,7 +198,7 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
     losses = injected["losses"]
     assert losses["missing_volume_mm3"] == pytest.approx(volume)
     assert losses["missing_length_mm"] > 30
-    assert losses["contour_max_um"] > losses["contour_max_without_um"] + 100
+    assert losses["nozzle_displaced_um"] > 100
     page = (folder / "report.html").read_text()
     for words in ("Faults on purpose", "clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s", "bead missing"):
         assert words in page
