@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 import textwrap
+import tomllib
 from pathlib import Path
 
 import click
@@ -142,10 +143,11 @@ def test_the_jobs_table_is_what_the_jobs_give(name):
 def test_each_fault_costs_what_its_page_says(an225):
     job = Job.load("an225")
     healthy = Bead(an225, job.bead)
-    rows = re.findall(
-        r"^\| `(kind=.*?)` \| (.*?) \| ([\d.]+) µm \| ([\d.]+) mm³ \| ([\d.]+) mm \|$", PAGES["faults.md"], re.M
-    )
+    page = PAGES["faults.md"]
+    rows = re.findall(r"^\| `(kind=.*?)` \| (.*?) \| ([\d.]+) µm \| ([\d.]+) mm³ \| ([\d.]+) mm \|$", page, re.M)
     assert len(rows) == 9
+    (example,) = blocks(page, "toml")
+    assert len(job.changed(tomllib.loads(example)).faults) == 2
     for fault, tripped, *numbers in rows:
         broken = Job.load("an225", [f"faults=[{{time=3, {fault}}}]"])
         run = broken.run()
