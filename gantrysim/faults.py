@@ -416,7 +416,7 @@ AnyFault: TypeAlias = (
     | AirBubble
 )
 
-KINDS: dict[str, type[Any]] = {
+KINDS: dict[str, Any] = {  # the dataclasses by kind
     str(next(field.default for field in fields(each) if field.name == "kind")): each for each in AnyFault.__args__
 }
 FLOW_FAULTS = (CloggedNozzle, DrippingNozzle, AirBubble)

@@ -191,7 +191,8 @@ class Dispenser:
         edges = edges[(edges >= 0) & (edges <= on.size)]
         # as in `flows`
         gate = np.searchsorted(begins, edges[:-1], "right") > np.searchsorted(ends, edges[:-1], "right")
-        return np.bincount(edges[:-1].astype(np.intp), np.where(gate, np.diff(edges), 0.0), minlength=on.size)
+        open_for = np.where(gate, np.diff(edges), 0.0)
+        return np.bincount(edges[:-1].astype(np.intp), open_for, minlength=on.size).astype(np.float64)
 
     def check(self, setpoints: Setpoints) -> None:
         """Raise InputError where the start lead is longer than the time before the first dispensing."""

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine, Run, Servo, simulate, simulate_batch
-from gantrysim.controllers.setpoints import Supervision
+from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.faults import (
     ATMOSPHERE,
     AirBubble,
@@ -120,6 +120,20 @@ def test_a_sagging_bus_bounds_the_speed_under_viscous_friction_by_the_voltage_la
     speed = 1e3 * FORCE * volts / (0.3 * damping + FORCE**2)
     assert np.diff(x(run))[-1] / PERIOD == pytest.approx(speed, rel=1e-3)
     assert run.current[-1, 0] == pytest.approx(speed / 1e3 * damping / FORCE, rel=1e-3)
+
+
+def test_between_two_servo_ticks_the_sagging_bus_brakes_with_the_motor_s_time_constant(rigid):
+    """v = v1 + (v0 - v1) exp(-t / T), T = m R / FORCE^2: the bus' voltage stays, the back-EMF falls with the speed."""
+    machine, period, left = rigid(damping=0.0, inductance=0.0), 0.008, 40.0
+    path = ramp(SPEED).requested
+    setpoints = Setpoints.along(path, SPEED, period)
+    tick = 60
+    fault = BusSag(time=tick * period, axis="x", share=left / 1e3 * FORCE / 24)
+    run = simulate(machine, plain(machine, period=period), setpoints, faults=[fault], physics_step=2.5e-5)
+    constant = MASS * 0.3 / FORCE**2
+    gone = left * period + (SPEED - left) * constant * (1 - math.exp(-period / constant))
+    assert x(run)[tick + 1] - x(run)[tick] == pytest.approx(gone, rel=5e-3)
+    assert gone < 0.8 * SPEED * period
 
 
 def test_a_seized_axis_stands_and_trips_the_following_error_when_it_must(rigid):
