@@ -1,5 +1,6 @@
 # The public names of gantrysim, and where each lives.
 from . import env as env
+from . import faults as faults
 from . import metrics as metrics
 from .bead import Bead as Bead
 from .bead import BeadSettings as BeadSettings

@@ -16,15 +16,16 @@ from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_arc
 from gantrysim.arrays import Floats, read_only
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
+from gantrysim.faults import InjectedFault, fault_of
 from gantrysim.files import replaced
 
 _FORMAT = 7
 # arrays of older formats that are still read, by their names today; what they lack has its default
 _RENAMED: dict[int, dict[str, str]] = {4: {"asked": "flow_demand"}, 5: {}, 6: {}}
-_SINCE = {6: ("face", "needle_length"), 7: ("job_sha256", "machine_sha256")}
+_SINCE = {6: ("face", "needle_length"), 7: ("injected", "job_sha256", "machine_sha256")}
 _LAST_WITHOUT_CHECKSUM = 6
 _NUMBERS = ("period", "gap", "face", "needle_length")
-_TEXTS = ("machine", "requested", "fault", "job_sha256", "machine_sha256")
+_TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")
 _LISTS = ("axes", "units")
 # columns of each array; None for one per axis, 0 for a vector
 _COLUMNS = {
@@ -97,6 +98,7 @@ class Run:
         face: outer diameter of the needle, that of its face [mm].
         needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
+        injected: faults on purpose.
         job_sha256, machine_sha256: digests of the job, `Job.digest`, and of the machine, `Machine.digest`, that the
             record was saved with; empty for one that no output folder holds.
     """
@@ -125,6 +127,7 @@ class Run:
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None
+    injected: tuple[InjectedFault, ...] = ()
     job_sha256: str = ""
     machine_sha256: str = ""
 
@@ -146,6 +149,7 @@ class Run:
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
+        arrays["injected"] = json.dumps([fault.table() for fault in self.injected])
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
 
@@ -194,6 +198,7 @@ def _content(archive: Archive) -> dict[str, Any]:
     if not 0 < length < np.inf:
         raise InputError(f"requested has a length of {length:g} mm")
     content["fault"] = None if fault is None else _fault(fault, content["axes"])
+    content["injected"] = tuple(fault_of(one) for one in json.loads(content.get("injected", "[]")))
     return {**content, **{name: read_only(array) for name, array in raw.items()}}
 
 

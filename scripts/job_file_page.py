@@ -7,6 +7,7 @@ from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import PROGRAMS, described
+from gantrysim.faults import KINDS
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
@@ -60,6 +61,16 @@ def settings(model: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
         yield prefix + name, derived, field.description or ""
 
 
+def faults() -> Iterator[tuple[str, str, str]]:
+    """Yield the same of the faults on purpose: what all have, and the values of each kind."""
+    yield "kind", "required", "one of the kinds below"
+    yield "time", "required", "time at which it begins [s]"
+    for kind, own in KINDS.items():
+        for name, default, meaning, _ in parts(own):
+            if name not in ("kind", "time"):
+                yield f"{kind}: {name}", text(default), meaning
+
+
 def section(title: str, lines: Iterable[tuple[str, str, str]]) -> str:
     """Return a heading and a table."""
     cells = [(f"`{key}`", default, " ".join(meaning.split()).replace("|", r"\|")) for key, default, meaning in lines]
@@ -69,7 +80,7 @@ def section(title: str, lines: Iterable[tuple[str, str, str]]) -> str:
 
 def page() -> str:
     """Return the page."""
-    defaults = {"name": "required", "machine": '"xy"', "program": "required"}
+    defaults = {"name": "required", "machine": '"xy"', "program": "required", "faults": "none"}
     job = [(name, defaults.get(name, "table"), described(Job)[name]) for name in Job.model_fields]
     sections = [
         section("The job", job),
@@ -77,6 +88,7 @@ def page() -> str:
         section("`[dispenser]`", rows(Dispenser, "dispenser.")),
         section("`[bead]`", rows(BeadSettings, "bead.")),
         section("`[simulation]`", settings(SimulationSettings, "simulation.")),
+        section("`[[faults]]`", faults()),
     ]
     sections += [
         section(f'`[program]`, `controller = "{name}"`', rows(kind, "program.")) for name, kind in PROGRAMS.items()

@@ -31,5 +31,7 @@ def check(
         job, settings or (), model, controller=controller, placement=placement(at, rotate, scale), speed=speed
     )
     show(plan_table(loaded.name, loaded.plan()))
+    for fault in loaded.faults:
+        say(f"fault on purpose: {fault}", wrap=True)
     for note in loaded.notes:
         say(f"note: {note}")

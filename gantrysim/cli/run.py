@@ -47,7 +47,9 @@ def run(
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
     input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
+    from gantrysim.job.causes import check_causes
     from gantrysim.job.job import Job
+    from gantrysim.job.losses import events
     from gantrysim.report.folder import output_folder, write_fault
 
     loaded = Job.load(
@@ -61,6 +63,8 @@ def run(
     )
     machine = loaded.built_machine
     loaded.check_fit()
+    if causes:
+        check_causes(loaded)
     folder = out if out is not None else Path("out") / loaded.name
     shown: list[Callable[[], None]] = []
     failed: list[str] = []
@@ -70,6 +74,8 @@ def run(
         if record.fault is not None and not record.dispense.any():
             write_fault(scratch, loaded, machine, record)
             say("the run ended before the dispenser was on: there are no errors to evaluate")
+            for event in events(record) if record.injected else ():
+                say(event, wrap=True)
         else:
             shown = _evaluated(
                 scratch, loaded, record, go_on, failed, causes=causes, video=video, with_report=with_report
@@ -108,8 +114,9 @@ def _evaluated(
     A plot, video or report that fails is told in `failed`; the rest is written.
     """
     from gantrysim.bead import Bead
-    from gantrysim.cli.tables import causes_table, links_table, outcome_table
+    from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table
     from gantrysim.job.causes import causes_of
+    from gantrysim.job.losses import Losses
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.metrics.budget import Budget
     from gantrysim.plots import save_plots
@@ -123,12 +130,15 @@ def _evaluated(
     budget = Budget(analysis)
     bead = Bead(record, job.bead, analysis)
     laid = bead.values if bead.nominal > 0 else None
-    found = None
+    found = losses = None
     shown: list[Callable[[], None]] = []
     if causes and record.fault is None:
         with share_bar("causes", go_on) as advance:
             found = causes_of(job, record, advance)
-    write_run(scratch, job, machine, budget, laid, found)
+    if record.injected:
+        with share_bar("simulate without faults", go_on) as advance:
+            losses = Losses.of(bead, Bead(job.without_faults().run(advance), job.bead))
+    write_run(scratch, job, machine, budget, laid, found, losses)
 
     @contextmanager
     def optional(kind: str) -> Iterator[None]:
@@ -145,6 +155,9 @@ def _evaluated(
         with optional("plot"), share_bar("plot", go_on) as advance:
             save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
     shown.append(lambda: show(links_table(job.name, machine, budget)))
+    if losses is not None:
+        cost = losses_table(record, losses)
+        shown.append(lambda: show(cost))
     if found is not None:
         table = causes_table(found)
         shown.append(lambda: show(table))
@@ -155,5 +168,5 @@ def _evaluated(
             save_video(machine, record, scratch / VIDEO, bead=job.bead, label=job.name, progress=advance)
     if with_report:
         with optional("report"), share_bar("report", go_on) as advance:
-            write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found)
+            write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses)
     return shown

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from gantrysim.bead import BeadValues
 from gantrysim.job.causes import HEADS, TITLE, Causes, cell_text
+from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
 from gantrysim.machine.machine import Machine
@@ -85,6 +86,15 @@ def outcome_table(
     table.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*values.end_point))
     if bead is not None:
         _add_bead(table, bead)
+    return table
+
+
+def losses_table(run: Run, losses: Losses) -> Table:
+    """Return the faults on purpose of a run, what the supervision did, and what they cost."""
+    table = Table.grid(padding=(0, 2))
+    table.title, table.title_justify = "faults on purpose\n" + escape("\n".join(events(run))), "left"
+    for row in losses.rows:
+        table.add_row(*row)
     return table
 
 

@@ -106,6 +106,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
         job.setpoints,
         physics_step=job.simulation.physics_step,
         dispenser=job.dispenser,
+        faults=job.faults,
     )
     # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()

@@ -42,7 +42,7 @@ def advance(
         while (steps is None or made < steps) and (left := [number for number, run in runs.items() if not run.done]):
             one, before = runs[left[0]], runs[left[0]].steps
             needed = max(runs[number].steps_left for number in left) if steps is None else steps - made
-            count = min(needed, most)
+            count = min(needed, most, *(runs[number].steps_of_model for number in left))
             step(count, left)
             if one.steps == before:
                 return
@@ -71,4 +71,4 @@ class Stepper:
         advance(self._step, {0: self.run}, steps, hook=hook, progress=progress)
 
     def _step(self, steps: int, _: list[int]) -> None:
-        mujoco.mj_step(self.run.simulation.model, self.data, steps)
+        mujoco.mj_step(self.run.model, self.data, steps)

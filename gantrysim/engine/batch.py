@@ -18,6 +18,7 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import advance
 from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.errors import GantryError, InputError, whole
+from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import ROW, ROW_NUMBERS
@@ -31,6 +32,7 @@ def simulate_batch(
     *,
     physics_step: float | Sequence[float | None] | NDArray[Any] | None = None,
     dispenser: Dispenser | Sequence[Dispenser | None] | None = None,
+    faults: Sequence[InjectedFault] | Sequence[Sequence[InjectedFault]] = (),
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Run]:
@@ -45,6 +47,7 @@ def simulate_batch(
         setpoints: the commanded positions.
         physics_step: longest physics step, see `simulate` [s].
         dispenser: dispenser of the glue, see `simulate`.
+        faults: faults on purpose of all simulations, or a sequence of them for each.
         threads: number of threads; by default all cores.
         progress: called now and then with the completed share, 0 to 1.
 
@@ -56,7 +59,12 @@ def simulate_batch(
             refuses, with the number of the simulation.
     """
     simulations = _simulations(
-        machine=machine, servo=servo, setpoints=setpoints, physics_step=physics_step, dispenser=dispenser
+        machine=machine,
+        servo=servo,
+        setpoints=setpoints,
+        physics_step=physics_step,
+        dispenser=dispenser,
+        faults=_per_simulation(faults),
     )
     groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
     for number, simulation in enumerate(simulations):
@@ -76,6 +84,19 @@ def simulate_batch(
         before += sum(len(simulations[number].position) for number in numbers)
         records |= {number: batch.runs[place].record() for place, number in enumerate(numbers)}
     return [records[number] for number in range(len(simulations))]
+
+
+def _per_simulation(faults: Sequence[Any]) -> Any:
+    """Return the faults of all simulations as one value, those of each as a list."""
+    each = any(isinstance(one, list | tuple) for one in faults)
+    return [_Faults(one) if isinstance(one, list | tuple) else one for one in faults] if each else _Faults(faults)
+
+
+class _Faults:
+    """The faults of a simulation, which as a sequence would be one value per simulation."""
+
+    def __init__(self, faults: Sequence[InjectedFault]) -> None:
+        self.faults = tuple(faults)
 
 
 def _simulations(**arguments: Any) -> list[Simulation]:
@@ -101,7 +122,7 @@ def _simulations(**arguments: Any) -> list[Simulation]:
     for k in range(count):
         own = {name: several[name][k] if name in several else value for name, value in arguments.items()}
         try:
-            simulations.append(Simulation.of(**own))
+            simulations.append(Simulation.of(**{**own, "faults": own["faults"].faults}))
         except InputError as error:
             raise InputError(f"simulation {k} of the batch: {error}") from None
     return simulations
@@ -113,6 +134,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "setpoints": ((Setpoints,), "Setpoints"),
     "physics_step": ((Real, NoneType), "a number or None"),
     "dispenser": ((Dispenser, NoneType), "a Dispenser or None"),
+    "faults": ((_Faults,), "a sequence of faults"),
 }
 
 
@@ -174,7 +196,15 @@ class Batch:
             progress: called after every call of MuJoCo with the number of setpoints that all of them have sent.
         """
         runs = self.runs if places is None else {place: self.runs[place] for place in places}
-        advance(lambda count, left: self._batch.step(left, nstep=count), runs, steps, progress=progress)
+        advance(self._step, runs, steps, progress=progress)
+
+    def _step(self, steps: int, places: list[int]) -> None:
+        changed = {place: self.runs[place].model for place in places if self.runs[place].simulation.later}
+        if any(self._models[place] is not model for place, model in changed.items()):
+            for place, model in changed.items():
+                self._models[place] = model
+            self._batch.set_models(self._models)
+        self._batch.step(places, nstep=steps)
 
     def field(self, name: str) -> NDArray[Any]:
         """Return a field of all servos' rows, a live view of the state, (places,) and the field's own shape.

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, read_only
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.injection import faulted_flow, stretches
+from gantrysim.faults import InjectedFault
 from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
@@ -23,6 +25,7 @@ def record(
     log: Log,
     dispenser: Dispenser,
     fault: Fault | None,
+    faults: tuple[InjectedFault, ...] = (),
 ) -> Run:
     """Return the record of a simulation.
 
@@ -33,6 +36,7 @@ def record(
         log: the servo's.
         dispenser: its dispenser.
         fault: why the run ended early, or None.
+        faults: its faults on purpose.
     """
     drives = np.array(
         [
@@ -41,7 +45,8 @@ def record(
         ]
     )
     columns = np.empty((6, len(drives), len(log.axis)))
-    _fill(columns, log.axis, drives)
+    for first, after, own in stretches(faults, machine.axis_names, setpoints.period, len(log.axis), drives):
+        _fill(columns[:, :, first:after], log.axis[first:after], own)
     encoder, motor, demand, torque, current, voltage = columns
     measured = {
         "encoder": encoder.T,
@@ -56,7 +61,10 @@ def record(
     }
     sent = _sent(machine, setpoints, position, log.tick["setpoint"], dispenser)
     kept: dict[str, Any] = {name: read_only(array) for name, array in measured.items()}
-    return Run(**sent, **kept, fault=fault)
+    sent["flow"] = read_only(
+        faulted_flow(faults, sent["flow"], dispenser.open_share(sent["dispense"], setpoints.period), setpoints.period)
+    )
+    return Run(**sent, **kept, fault=fault, injected=faults)
 
 
 @jit

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from gantrysim.controllers.law import PlainLaw
 from gantrysim.controllers.servo import Servo
@@ -11,6 +11,7 @@ from gantrysim.engine.advance import Stepper
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, checked_dispenser
+from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
@@ -24,6 +25,7 @@ def simulate(
     physics_step: float | None = None,
     dispenser: Dispenser | None = None,
     law: PlainLaw | None = None,
+    faults: Sequence[InjectedFault] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Run setpoints on a machine and return the record.
@@ -39,6 +41,7 @@ def simulate(
             as to divide the servo period evenly [s].
         dispenser: dispenser of the glue, by default none.
         law: a law in plain Python instead of the servo's own; slower, and alone in the process.
+        faults: faults on purpose, see `gantrysim.faults`; by default none.
         progress: called now and then with the completed share, 0 to 1.
 
     Returns:
@@ -46,9 +49,10 @@ def simulate(
 
     Raises:
         InputError: setpoints with an unknown axis, a position outside the travel or a speed above the limit, or a
-            dispenser's start lead longer than the time before the first dispensing.
+            dispenser's start lead longer than the time before the first dispensing, or a fault on purpose that the
+            machine cannot have.
     """
-    simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser)
+    simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     stepper, count = Stepper(simulation), len(simulation.position)
     stepper.advance(law=law, progress=None if progress is None else lambda sent: progress(sent / count))
     return stepper.run.record()

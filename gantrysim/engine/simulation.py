@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
 from gantrysim.engine.positions import axis_positions, check_supervision
 from gantrysim.engine.recording import record
 from gantrysim.errors import GantryError, InputError
+from gantrysim.faults import InjectedFault, check_faults
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.native.row import (
     FAULTS,
+    NEVER,
     OFFSETS,
     OVERSPEED,
     POSITION_ERROR,
@@ -45,6 +50,9 @@ class Simulation:
         substeps: physics steps per servo period.
         model: the machine's, with the physics step; not to be changed.
         log: entries written by the servo.
+        faults: faults on purpose.
+        injected: those that act in the servo tick, (entries,) of `INJECTED`.
+        later: the models with the friction of stuck axes, each with the number of physics steps before it, ascending.
     """
 
     machine: Machine
@@ -55,6 +63,9 @@ class Simulation:
     substeps: int
     model: mujoco.MjModel
     log: Log
+    faults: tuple[InjectedFault, ...] = ()
+    injected: NDArray[np.void] = field(default_factory=no_entries)
+    later: tuple[tuple[int, mujoco.MjModel], ...] = ()
 
     @classmethod
     def of(
@@ -65,6 +76,7 @@ class Simulation:
         *,
         physics_step: float | None = None,
         dispenser: Dispenser | None = None,
+        faults: Sequence[InjectedFault] = (),
     ) -> Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
         dispenser = checked_dispenser(dispenser, setpoints)
@@ -79,9 +91,22 @@ class Simulation:
             )
         substeps = substeps_of(machine, servo.period, physics_step)
         delay_steps(servo.delay, servo.period, substeps)
-        log = Log.of(_most_ticks(setpoints), servo.axes)
+        most = _most_ticks(setpoints)
         model = machine.stepping(servo.period / substeps)
-        return cls(machine, servo, setpoints, dispenser, position, substeps, model, log)
+        checked = check_faults(faults, machine.name, machine.axis_names, most * servo.period)
+        return cls(
+            machine,
+            servo,
+            setpoints,
+            dispenser,
+            position,
+            substeps,
+            model,
+            Log.of(most, servo.axes),
+            checked,
+            injected_entries(checked, machine, servo),
+            stuck_models(checked, machine, servo.period, substeps),
+        )
 
     def start(self, qpos: Floats, userdata: Floats) -> Started:
         """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
@@ -122,6 +147,7 @@ class Simulation:
         supervision, gates = self.setpoints.supervision, self.setpoints.gates
         row["position_error"] = supervision.position_error
         row["position_error_delay"] = supervision.position_error_delay
+        row["injected"], row["injected_count"] = self.injected.ctypes.data, self.injected.size
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
         row["settle_ticks"] = ticks(supervision.settle_time, self.setpoints.period)
         row["timeout_ticks"] = ticks(supervision.settle_timeout, self.setpoints.period)
@@ -157,6 +183,21 @@ class Started:
     def sent(self) -> int:
         """Number of setpoints sent."""
         return int(self.row["index"])
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model of the next physics step."""
+        steps, model = self.steps, self.simulation.model
+        for begin, later in self.simulation.later:
+            if begin <= steps:
+                model = later
+        return model
+
+    @property
+    def steps_of_model(self) -> int:
+        """Number of physics steps until the model changes, large if it does not."""
+        steps = self.steps
+        return min((begin - steps for begin, _ in self.simulation.later if begin > steps), default=NEVER)
 
     @property
     def done(self) -> bool:
@@ -209,7 +250,9 @@ class Started:
             if not (np.isfinite(nozzle).all() and np.isfinite(encoder).all()):
                 kept -= 1  # the tick at which it diverged has no position to record
         log, position = simulation.log.until(kept), simulation.position
-        return record(simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault)
+        return record(
+            simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault, simulation.faults
+        )
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:

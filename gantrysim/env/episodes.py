@@ -116,6 +116,7 @@ class Source:
             plan.setpoints,
             physics_step=None if self._job is None else self._job.simulation.physics_step,
             dispenser=plan.dispenser,
+            faults=() if self._job is None else self._job.faults,
         )
         return Episode(simulation, *plan.points, plan.drawn)
 

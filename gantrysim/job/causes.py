@@ -191,6 +191,12 @@ class Causes:
         return "\n".join([TITLE, *table, *self.notes])
 
 
+def check_causes(job: Job) -> None:
+    """Raise InputError for a job with faults on purpose, which would be a cause among the others."""
+    if job.faults:
+        raise InputError(f"job {job.name}: has faults on purpose: causes are those of the job without [[faults]]")
+
+
 def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None] | None = None) -> Causes:
     """Run a job again with one cause of `CAUSES` at a time switched off, and return what each is worth.
 
@@ -200,8 +206,9 @@ def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None
         progress: called now and then with the completed share, 0 to 1.
 
     Raises:
-        InputError: the job ends in a fault, or its dispenser is never on.
+        InputError: the job ends in a fault, has faults on purpose, or its dispenser is never on.
     """
+    check_causes(job)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
 
     def part(k: int) -> Callable[[float], None] | None:

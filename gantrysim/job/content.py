@@ -13,6 +13,8 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import build, reject_booleans
+from gantrysim.errors import InputError, unknown
+from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.job.toml_files import validated
@@ -31,6 +33,7 @@ class JobContent(BaseModel):
     dispenser: Dispenser = Dispenser()
     bead: BeadSettings = BeadSettings()
     simulation: SimulationSettings = SimulationSettings()
+    faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
 
     @model_validator(mode="before")
@@ -41,6 +44,20 @@ class JobContent(BaseModel):
             if isinstance(table, dict):
                 reject_booleans(kind, table, f"{section}.")
         return values
+
+    @field_validator("faults", mode="before")
+    @classmethod
+    def _check_kinds(cls, value: Any) -> Any:
+        if not isinstance(value, list | tuple) or not all(isinstance(one, dict | InjectedFault) for one in value):
+            raise InputError(f"faults = {value!r}: must be tables, [[faults]]")
+        for n, table in enumerate(value):
+            if isinstance(table, dict):
+                if "kind" not in table:
+                    raise InputError(f"faults.{n}.kind is missing: must be one of {', '.join(KINDS)}")
+                if table["kind"] not in KINDS:
+                    raise unknown("fault", str(table["kind"]), KINDS)
+                reject_booleans(KINDS[table["kind"]], table, f"faults.{n}.")
+        return value
 
     @field_validator("program")
     @classmethod
@@ -79,8 +96,11 @@ class JobContent(BaseModel):
         return content_digest(tomllib.loads(self.toml()))
 
     def toml(self) -> str:
-        """Return the job as TOML, with every default."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
+        """Return the job as TOML, with every default; a job without faults on purpose has no table of them."""
+        content = self.model_dump(exclude_none=True)
+        if not self.faults:
+            del content["faults"]
+        return tomli_w.dumps(content, multiline_strings=True)
 
 
 def content_digest(content: Mapping[str, Any]) -> str:

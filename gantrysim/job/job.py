@@ -15,6 +15,7 @@ from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
+from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import InputError, TimedError, at_least
 from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit
@@ -41,6 +42,7 @@ class Job(JobContent):
         dispenser: arguments of `Dispenser`.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
+        faults: faults on purpose, tables [[faults]] with a `kind` and its values, see `gantrysim.faults`.
         source: file of the program's text, which messages name; None for a program of the job's own.
     """
 
@@ -226,8 +228,13 @@ class Job(JobContent):
                 self.setpoints,
                 physics_step=self.simulation.physics_step,
                 dispenser=self.dispenser,
+                faults=self.faults,
                 progress=progress,
             )
+
+    def without_faults(self) -> Job:
+        """Return the job without its faults on purpose."""
+        return self.model_copy(update={"faults": ()})
 
     def plan(self) -> Plan:
         """Return what the job commands, without simulating it.
@@ -247,9 +254,22 @@ class Job(JobContent):
             )
 
     def check_fit(self) -> None:
-        """Raise InputError unless program and machine speak of the same frame and geometry."""
+        """Raise InputError unless program and machine speak of the same frame and geometry; and `check_faults`."""
         with self._located():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
+        self.check_faults()
+
+    def check_faults(self) -> None:
+        """Raise InputError for faults on purpose that the machine cannot have, or after the end of the run."""
+        if self.faults:
+            Simulation.of(
+                self.built_machine,
+                self.built_servo,
+                self.setpoints,
+                physics_step=self.simulation.physics_step,
+                dispenser=self.dispenser,
+                faults=self.faults,
+            )
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""

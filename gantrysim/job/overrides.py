@@ -10,6 +10,7 @@ from typing import Any
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import dotted, keys
 from gantrysim.errors import InputError, expanded, unknown
+from gantrysim.faults import KINDS
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import builtin_models
@@ -103,15 +104,21 @@ def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
     *sections, leaf = key.split(".")
     table = content
     for section in sections:
-        table = table.setdefault(section, {})
+        table = table[int(section)] if isinstance(table, list | tuple) else table.setdefault(section, {})
+        if isinstance(table, list | tuple):
+            continue
         if not isinstance(table, dict):
             raise InputError(f"{source}: {section} is not a table in this job")
     return table, leaf
 
 
 def known_keys(content: Content) -> list[str]:
-    """Return the full dotted keys of a job with this content."""
-    known = ["name", "machine", "program.controller"]
+    """Return the full dotted keys of a job with this content; those of a fault hold its number, from 0."""
+    known = ["name", "machine", "program.controller", "faults"]
     for section, kind in TABLES.items():
         known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted(kind)]
+    faults = content.get("faults", [])
+    for n, fault in enumerate(faults if isinstance(faults, list | tuple) else []):
+        if isinstance(fault, dict) and fault.get("kind") in KINDS:
+            known += [f"faults.{n}.{name}" for name in dotted(KINDS[fault["kind"]])]
     return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]

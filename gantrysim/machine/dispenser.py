@@ -183,6 +183,17 @@ class Dispenser:
             return ()
         return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
 
+    def open_share(self, dispense: ArrayLike, period: float) -> Floats:
+        """Return the share of the period after each tick for which the valve is open, (n,); arguments as of `flows`."""
+        on = np.asarray(dispense, bool)
+        begins, ends = self._valve(on, period)
+        edges = np.unique(np.concatenate([np.arange(on.size + 1, dtype=np.float64), begins, ends]))
+        edges = edges[(edges >= 0) & (edges <= on.size)]
+        # as in `flows`
+        gate = np.searchsorted(begins, edges[:-1], "right") > np.searchsorted(ends, edges[:-1], "right")
+        open_for = np.where(gate, np.diff(edges), 0.0)
+        return np.bincount(edges[:-1].astype(np.intp), open_for, minlength=on.size).astype(np.float64)
+
     def check(self, setpoints: Setpoints) -> None:
         """Raise InputError where the start lead is longer than the time before the first dispensing."""
         self._valve(setpoints.dispense, setpoints.period)

@@ -15,7 +15,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from gantrysim.jit import inner_jit
-from gantrysim.native.row import LOG_AXIS, LOG_TICK, ROW
+from gantrysim.native.row import INJECTED, LOG_AXIS, LOG_TICK, ROW
 
 _MANY = 2**31  # nothing is checked against it
 _TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
@@ -54,6 +54,11 @@ def _axis_entries(context: Any, address: Any) -> Any:
     return _typed_pointer(numba.from_dtype(LOG_AXIS))
 
 
+@intrinsic
+def _injected_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(INJECTED))
+
+
 def _typed_pointer(target: types.Type) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
@@ -89,3 +94,9 @@ def tick_log(row, tick):
 def axis_log(row, tick):
     """Return a tick's entries in the log of the axes, a view, (axes,)."""
     return numba.carray(_axis_entries(row.axis_log + _AXIS_SIZE * row.axes * tick), (row.axes,))
+
+
+@inner_jit
+def injected_faults(row):
+    """Return the faults on purpose, a view, (injected_count,)."""
+    return numba.carray(_injected_entries(row.injected), (row.injected_count,))

@@ -41,6 +41,10 @@ POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
 
 WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any of them makes the state invalid
 
+# faults on purpose: what they do to an axis
+DROPOUT, OFFSET, SLIP, HELD, EXTRAPOLATED, WINDING, BUS = range(1, 8)
+NEVER = 2**40  # tick of what does not happen in a run
+
 OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
 
 _WHOLE = [
@@ -65,6 +69,8 @@ _WHOLE = [
     "gate",  # number of gates passed
     "settle_ticks",
     "timeout_ticks",
+    "injected",  # address of the INJECTED entries, one per fault on purpose and axis
+    "injected_count",
     "within",  # ticks in a row within the settle error at this gate
     "waited",  # ticks at this gate
     "fault",  # index into FAULTS
@@ -108,6 +114,18 @@ ROW = np.dtype(
     + [("gains", np.float64, (MAX_AXES, len(GAINS)))]
     + [("notch", np.float64, (MAX_AXES, len(Coefficients._fields)))]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
+)
+
+INJECTED = np.dtype(
+    [
+        ("kind", np.int64),
+        ("axis", np.int64),
+        ("begin", np.int64),  # first tick at which it acts
+        ("end", np.int64),  # first tick at which it no longer does
+        ("value", np.float64),  # offset of the encoder or of the motor [u], or voltage that is left [V]
+        ("constant", np.float64),  # motor constant [N·m/A]
+        ("resistance", np.float64),  # [ohm]
+    ]
 )
 
 ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata

@@ -18,8 +18,9 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import law, notch
 from gantrysim.jit import cached, inner_jit
-from gantrysim.native import pointers, supervision
+from gantrysim.native import injection, pointers, supervision
 from gantrysim.native import row as row_layout
+from gantrysim.native.injection import interrupt, limit_voltage, received, reported, turned
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
 from gantrysim.native.pointers import axis_log, field, floats, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
@@ -43,7 +44,8 @@ from gantrysim.native.supervision import trip, waits, watch_position_error
 def magic() -> int:
     """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
     source = "".join(
-        inspect.getsource(module) for module in (sys.modules[__name__], pointers, supervision, row_layout, law, notch)
+        inspect.getsource(module)
+        for module in (sys.modules[__name__], pointers, supervision, injection, row_layout, law, notch)
     )
     return zlib.crc32(source.encode())
 
@@ -76,6 +78,9 @@ def _furthest(row):
 def _sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; return whether it does."""
     row = row_at(userdata)
+    injected = row.injected_count > 0
+    if injected:
+        interrupt(data, row)
     if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
     n = row.axes
@@ -89,8 +94,11 @@ def _sample(data, userdata):
         position = length[row.output[a]] * row.scale[a]
         speed = velocity[row.output[a]] * row.scale[a]
         count = row.resolution[a]
-        measured = position if count == 0.0 else count * np.floor(position / count + 0.5)
+        motor = turned(row, a, position) if injected else position
+        measured = motor if count == 0.0 else count * np.floor(motor / count + 0.5)
         commanded = setpoint[a]
+        if injected:
+            measured, commanded = reported(row, a, measured), received(row, a, commanded)
         error = commanded - measured
         if row.tick == 0:
             row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
@@ -102,7 +110,7 @@ def _sample(data, userdata):
         row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
         axis[a].encoder = measured
         axis[a].motor_speed = velocity[row.output[a]]
-        axis[a].motor = position
+        axis[a].motor = motor
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
             continue
@@ -203,6 +211,8 @@ def _output(data, userdata):
             if due:
                 row.held[a] = row.pending[a]
             ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
+    if row.injected_count > 0:
+        limit_voltage(data, row)
     row.steps += 1
     row.phase += 1
     if row.phase == row.substeps:

@@ -37,6 +37,10 @@ def draw_error(figure: Figure, analysis: Analysis) -> None:
     lower.set_title("Error normal to the requested path", loc="right")
     lower.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in (*upper, lower):
+        for fault in (fault for fault in run.injected if fault.time <= run.time[-1]):
+            axes.axvline(fault.time, color=COLOURS["fault"], lw=0.8, ls=":")
+            place = (fault.time, 0.97)
+            axes.annotate(fault.kind, place, xycoords=("data", "axes fraction"), rotation=90, va="top", fontsize=7)
         axes.axhline(0, color="0.4", lw=0.6)
         axes.margins(x=0.01)
         for start, after in spans(~run.dispense):

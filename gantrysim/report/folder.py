@@ -14,6 +14,7 @@ from gantrysim.errors import InputError, expanded
 from gantrysim.files import check_free, held, replaced_files, settle
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
+from gantrysim.job.losses import Losses
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.summary import fault_summary, summary
@@ -97,9 +98,10 @@ def write_run(
     budget: Budget,
     bead: BeadValues | None = None,
     causes: Causes | None = None,
+    losses: Losses | None = None,
 ) -> None:
     """Write job, record, summary, and the controller's own record into a folder."""
-    _write(folder, job, budget.analysis.run, summary(job, machine, budget, bead, causes))
+    _write(folder, job, budget.analysis.run, summary(job, machine, budget, bead, causes, losses))
 
 
 def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:

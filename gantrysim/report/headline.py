@@ -13,10 +13,13 @@ _ALMOST_ALL, _MOST = 0.9, 0.5  # of the mean square
 def headline(budget: Budget) -> str:
     """Return the contour error with the link that has the largest share, and the error along the path if larger."""
     contour = budget.values.contour
-    until = "" if budget.analysis.run.fault is None else " until the fault"
+    run = budget.analysis.run
+    until = "" if run.fault is None else " until the fault"
+    if run.injected:
+        until = f" with faults on purpose{until}"
     along = _along(budget)
     if contour.rms < NO_ERROR:
-        exactly = "" if along else " exactly"
+        exactly = "" if along or run.injected else " exactly"
         return f"Contour error{until}: none, the nozzle follows the requested path{exactly}.{along}"
     link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
     share = "almost all" if part.share >= _ALMOST_ALL else "mostly" if part.share > _MOST else "the largest share"

@@ -9,13 +9,21 @@ from pathlib import Path
 from gantrysim.bead import Bead
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
+from gantrysim.job.losses import Losses
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import AnalysisValues
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.causes import causes_section
 from gantrysim.report.document import Section, Table, write_page
 from gantrysim.report.headline import headline
-from gantrysim.report.sections import bead_section, budget_section, errors_section, plan_section, spacing_section
+from gantrysim.report.sections import (
+    bead_section,
+    budget_section,
+    errors_section,
+    faults_section,
+    plan_section,
+    spacing_section,
+)
 from gantrysim.report.servo import servo_section
 from gantrysim.report.summary import versions
 
@@ -30,30 +38,38 @@ def write_run_page(
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
     causes: Causes | None = None,
+    losses: Losses | None = None,
 ) -> None:
     """Write the report of a run as one HTML file.
 
-    It includes the MP4 file `video` where it exists, and the causes of the error where they are given; `progress` is
-    called with the completed share.
+    It includes the MP4 file `video` where it exists, the causes of the error where they are given, and the faults on
+    purpose with their `losses`; `progress` is called with the completed share.
     """
     run = bead.run
     write_page(
         file,
         f"{job.name} on {machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(job, machine, bead, None if video is None else Path(video), causes)),
+        list(run_sections(job, machine, bead, None if video is None else Path(video), causes, losses)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
 
 
 def run_sections(
-    job: Job, machine: Machine, bead: Bead, video: Path | None = None, causes: Causes | None = None
+    job: Job,
+    machine: Machine,
+    bead: Bead,
+    video: Path | None = None,
+    causes: Causes | None = None,
+    losses: Losses | None = None,
 ) -> Iterator[Section]:
     """Yield the sections of a run's report, see `write_run_page`."""
     analysis = bead.analysis
     budget = Budget(analysis)
     yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, bead.run.requested.turn_spacing)))
+    if bead.run.injected:
+        yield faults_section(bead.run, losses)
     yield budget_section(budget, machine)
     if causes is not None:
         yield causes_section(causes)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from gantrysim.bead import Bead, BeadValues
+from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
@@ -19,6 +20,7 @@ from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
 from gantrysim.plots.style import COLOURS, sheet, view_height
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import NO_ERROR
+from gantrysim.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,6 +114,11 @@ def errors_section(analysis: Analysis) -> Section:
             "Tracking error, commanded to encoder; rms and max in the row's unit",
         ),
     )
+
+
+def faults_section(run: Run, losses: Losses | None) -> Section:
+    """Return the section of the faults on purpose of a run, what the supervision did, and what they cost."""
+    return Section("Faults on purpose", events(run), facts=[] if losses is None else losses.rows)
 
 
 def plan_section(analysis: Analysis) -> Section:

@@ -11,6 +11,7 @@ from typing import Any
 from gantrysim.bead import BeadValues
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
+from gantrysim.job.losses import Losses
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
 from gantrysim.metrics.budget import Budget, PartValues
@@ -22,7 +23,12 @@ _THOUSANDTHS = 1e3
 
 
 def summary(
-    job: Job, machine: Machine, budget: Budget, bead: BeadValues | None = None, causes: Causes | None = None
+    job: Job,
+    machine: Machine,
+    budget: Budget,
+    bead: BeadValues | None = None,
+    causes: Causes | None = None,
+    losses: Losses | None = None,
 ) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
@@ -41,6 +47,7 @@ def summary(
         servo: by axis its torque ripple and stability margins; an unbounded or unknown margin is null
         bead: `BeadValues`; null without glue
         fault: null for a complete run
+        injected: faults on purpose, whether the run came to them, and what they cost (`Losses`); null without any
     """
     run, values = budget.analysis.run, budget.analysis.values
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
@@ -66,6 +73,7 @@ def summary(
         "bead": None if bead is None else _bead(bead),
         "notes": list(job.notes),
         "fault": _fault(run),
+        "injected": _injected(run, losses),
         "versions": versions(machine),
     }
 
@@ -81,6 +89,7 @@ def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
         "bead": None,
         "notes": list(job.notes),
         "fault": _fault(run),
+        "injected": _injected(run, None),
         "versions": versions(machine),
     }
 
@@ -172,6 +181,30 @@ def _fault(run: Run) -> dict[str, Any] | None:
         return None
     numbers = {"value": _finite(run.fault.value), "limit": _finite(run.fault.limit)}
     return {**asdict(run.fault), **numbers, "text": str(run.fault)}
+
+
+def _injected(run: Run, losses: Losses | None) -> dict[str, Any] | None:
+    if not run.injected:
+        return None
+    faults = [
+        {
+            **{name: _finite(value) if isinstance(value, float) else value for name, value in fault.table().items()},
+            "text": str(fault),
+            "reached": fault.time <= float(run.time[-1]),
+        }
+        for fault in run.injected
+    ]
+    if losses is None:
+        return {"faults": faults, "losses": None}
+    lost = {
+        "missing_volume_mm3": losses.volume,
+        "missing_length_mm": losses.length,
+        "width_error_mm": losses.width,
+        "width_error_s_mm": losses.width_s,
+        "nozzle_displaced_um": _THOUSANDTHS * losses.shift,
+        "nozzle_displaced_s_mm": losses.shift_s,
+    }
+    return {"faults": faults, "losses": lost}
 
 
 def _range(values: Range | None) -> dict[str, float] | None:

@@ -159,6 +159,7 @@ def _check_job(job: Job) -> None:
     # what a machine and its servo refuse, they refuse before they move: the first servo period shows it
     whole, none = job.setpoints, np.zeros(0, np.int64)
     setpoints = replace(whole, position=whole.position[:2], dispense=whole.dispense[:2], gates=none)
+    job.check_faults()
     simulate(job.built_machine, job.built_servo, setpoints, physics_step=job.simulation.physics_step)
 
 

@@ -109,6 +109,7 @@ def _simulated(cases: Sequence[Case]) -> list[Run]:
         [job.setpoints for job in jobs],
         physics_step=[job.simulation.physics_step for job in jobs],
         dispenser=[job.dispenser for job in jobs],
+        faults=[job.faults for job in jobs],
         threads=1,
     )
 

@@ -240,6 +240,7 @@ class TuningStudy(Study):
                 job.setpoints,
                 physics_step=job.simulation.physics_step,
                 dispenser=job.dispenser,
+                faults=job.faults,
             )
         return self._runs[servo]
 

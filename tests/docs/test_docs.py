@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import textwrap
+import tomllib
 from pathlib import Path
 
 import click
@@ -19,6 +20,7 @@ from gantrysim import Budget, Job, metrics
 from gantrysim.bead import Bead
 from gantrysim.cli.main import app
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.job.losses import Losses
 
 from support.jobs import job_run
 
@@ -140,6 +142,29 @@ def test_the_jobs_table_is_what_the_jobs_give(name):
     spacings = [] if values.spacing is None else [values.spacing.mean]
     assert [1e3 * spacing for spacing in row[2:]] == in_um(*spacings)
     assert name == "an225" or name in EXAMPLES or f"pictures/{name}.png" in CONTROLLERS
+
+
+def test_each_fault_costs_what_its_page_says(an225):
+    job = Job.load("an225")
+    healthy = Bead(an225, job.bead)
+    page = PAGES["faults.md"]
+    rows = re.findall(r"^\| `(kind=.*?)` \| (.*?) \| ([\d.]+) µm \| ([\d.]+) mm³ \| ([\d.]+) mm \|$", page, re.M)
+    assert len(rows) == 9
+    (example,) = blocks(page, "toml")
+    assert len(job.changed(tomllib.loads(example)).faults) == 2
+    for fault, tripped, *numbers in rows:
+        broken = Job.load("an225", [f"faults=[{{time=3, {fault}}}]"])
+        run = broken.run()
+        losses = Losses.of(Bead(run, broken.bead), healthy)
+        displaced, volume, length = map(float, numbers)
+        assert [displaced] == in_um(losses.shift), fault
+        assert losses.volume == pytest.approx(volume, rel=0.005, abs=0.05), fault
+        assert losses.length == pytest.approx(length, abs=1), fault
+        assert (tripped == "none") == (run.fault is None), fault
+        if run.fault is not None:
+            words, time = tripped.rsplit(" = ", 1)
+            assert str(run.fault).startswith(words)
+            assert run.fault.time == pytest.approx(float(time.removesuffix(" s")), abs=0.002)
 
 
 def test_the_tutorial_s_job_runs(tmp_path):

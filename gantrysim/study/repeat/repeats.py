@@ -91,6 +91,7 @@ def _repeated(case: Case) -> Run:
         phased_setpoints(job, case.phase),
         physics_step=job.simulation.physics_step,
         dispenser=job.dispenser,
+        faults=job.faults,
     )
 
 

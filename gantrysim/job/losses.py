@@ -1,0 +1,113 @@
+"""What faults on purpose cost: a run with them beside the run of the same job without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.bead import Bead
+from gantrysim.run import Run
+
+_LEFT = 0.5  # share of the section below which the bead is missing
+_REACH = 1.5  # distance from a tick that stands for the path around it, in the largest distance between ticks
+
+_UM = 1e3
+
+
+@dataclass(frozen=True)
+class Losses:
+    """What a run with faults on purpose lacks, compared with the same job without them.
+
+    Along the requested path the beads are compared where the nozzle is nearest to it while the dispenser is on.
+
+    Attributes:
+        volume: volume missing at the end, negative for an excess [mm³].
+        length: length of the path on which less than half the section without the faults is laid, or nothing, as
+            after the fault that ends the run [mm].
+        width: difference in width, with the faults less without, where it is largest [mm].
+        width_s: place of that on the requested path, of what the nozzle passes in both runs [mm].
+        shift: distance by which the faults displace the nozzle square to the path, where it is largest [mm].
+        shift_s: place of that likewise [mm].
+    """
+
+    volume: float
+    length: float
+    width: float
+    width_s: float
+    shift: float
+    shift_s: float
+
+    @classmethod
+    def of(cls, faulted: Bead, healthy: Bead) -> Losses:
+        """Compare the bead of a run with faults to that of the same job without."""
+        s = healthy.analysis.nozzle.s
+        reach = _REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
+        places = np.arange(s.min(), s.max() + 0.5 * healthy.ds, healthy.ds)
+        before, after = _laid(healthy, places, reach), _laid(faulted, places, reach)
+        both = before.passed & after.passed
+        error = np.where(both, after.width - before.width, 0.0)
+        shift = np.where(both, np.linalg.norm(after.offset - before.offset, axis=1), 0.0)
+        worst, furthest = int(np.abs(error).argmax()), int(shift.argmax())
+        return cls(
+            volume=healthy.total_volume - faulted.total_volume,
+            length=healthy.ds * int(np.count_nonzero(after.section < _LEFT * before.section)),
+            width=float(error[worst]),
+            width_s=float(places[worst]),
+            shift=float(shift[furthest]),
+            shift_s=float(places[furthest]),
+        )
+
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """The values as text: name, value, remark."""
+        amount = "missing" if self.volume >= 0 else "in excess"
+        return [
+            (f"volume {amount}", f"{abs(self.volume):.4g} mm³", "compared with the job without the faults"),
+            ("bead missing", f"{self.length:.4g} mm", "of the path, with less than half the section"),
+            ("width error", f"{self.width:+z.3f} mm", f"at most where the nozzle passes, at s = {self.width_s:.1f} mm"),
+            (
+                "nozzle displaced",
+                f"{_UM * self.shift:.1f} µm",
+                f"at most, square to the path, at s = {self.shift_s:.1f} mm",
+            ),
+        ]
+
+
+def events(run: Run) -> list[str]:
+    """Return what happened in a run with faults on purpose: the faults by time, then what the supervision did."""
+    last = float(run.time[-1])
+    lines = [
+        str(fault) + ("" if fault.time <= last else " (the run ended before)")
+        for fault in sorted(run.injected, key=lambda fault: fault.time)
+    ]
+    if run.fault is None:
+        return [*lines, f"supervision: no limit exceeded, complete at t = {last:.4f} s"]
+    return [*lines, f"supervision: {run.fault}"]
+
+
+class _Laid(NamedTuple):
+    """A run at places on the requested path: section [mm²], width, the nozzle's offset [mm], and whether it passed."""
+
+    section: Floats
+    width: Floats
+    offset: Floats
+    passed: NDArray[np.bool_]
+
+
+def _laid(bead: Bead, places: Floats, reach: float) -> _Laid:
+    """Return a run at places on the path, without a bead where the nozzle has not passed."""
+    analysis = bead.analysis
+    order = np.argsort(analysis.nozzle.s, kind="stable")
+    s, trace = analysis.nozzle.s[order], bead.length[analysis.ticks[order]]
+    after = np.clip(np.searchsorted(s, places), 1, max(s.size - 1, 1))
+    near = np.minimum(np.abs(places - s[after - 1]), np.abs(places - s[np.minimum(after, s.size - 1)])) <= reach
+    section, width = (
+        np.where(near, np.interp(places, s, np.interp(trace, bead.place, values)), 0.0)
+        for values in (bead.area, bead.width)
+    )
+    offset = np.stack([np.interp(places, s, column) for column in analysis.nozzle.offset[order].T], axis=1)
+    return _Laid(section, width, offset, near)
