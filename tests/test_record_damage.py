@@ -44,7 +44,7 @@ def content(record, place) -> bytes:
 def old_members(content) -> dict[str, bytes]:
     """The members of a record of format 6, which has no checksum."""
     found = members(content)
-    for name in ("sha256", "job_sha256", "machine_sha256"):
+    for name in ("sha256", "injected", "job_sha256", "machine_sha256"):
         del found[f"{name}.npy"]
     return found | {"format.npy": array_file(np.array(6))}
 

@@ -18,7 +18,7 @@ PATHS = {
     "chain": archimedean(30, 10, 1.5, clockwise=False),
     "line": ArcChain((0, 0), 0.3, [0.0], [50.0]),
 }
-NEW = ("sha256", "job_sha256", "machine_sha256")  # in format 7
+NEW = ("sha256", "injected", "job_sha256", "machine_sha256")  # in format 7
 
 
 @pytest.fixture

@@ -93,7 +93,7 @@ def of_format_6(folder):
     """Make the record of a folder one that has no digest of its machine, as before format 7."""
     with np.load(folder / "run.npz") as arrays:
         content = {**arrays, "format": 6}
-    for name in ("sha256", "job_sha256", "machine_sha256"):
+    for name in ("sha256", "injected", "job_sha256", "machine_sha256"):
         del content[name]
     np.savez(folder / "run.npz", **content)
 
