@@ -113,7 +113,7 @@ class Killed:
 
     def __call__(self, number, at=None, after=None, *, empty=False, resume=True):
         """Kill the command, check what is left, and run it to its end."""
-        shutil.rmtree(self.folder)
+        shutil.rmtree(self.folder, ignore_errors=True)
         old = {} if empty and self.kind != "render" else self.old
         if old:
             shutil.copytree(self.folder.parent / "old", self.folder)

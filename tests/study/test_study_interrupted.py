@@ -126,11 +126,12 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
         assert time.monotonic() < until
         time.sleep(0.01)
     process.kill()  # it alone
-    process.communicate()
+    process.wait()
     until = time.monotonic() + PATIENCE
     while left := members(process.pid):
         assert time.monotonic() < until, left
         time.sleep(0.1)
+    process.communicate()
 
 
 @pytest.mark.parametrize("number", ENDING)
