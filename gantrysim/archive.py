@@ -116,7 +116,7 @@ class Archive:
         member = self.members[name]
         values = np.empty(math.prod(member.shape), member.dtype)
         self._digest.update(_named(name) + member.header)
-        left = memoryview(values.view(np.uint8)) if values.nbytes else memoryview(b"")
+        left = values.view(np.uint8).data if values.nbytes else memoryview(b"")
         with self._zip.open(member.info) as stream:
             stream.read(len(member.header))
             while len(left):
@@ -164,7 +164,7 @@ def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
 
 def _write(archive: zipfile.ZipFile, name: str, value: Any, digest: Any) -> None:
     with archive.open(name + _SUFFIX, "w", force_zip64=True) as member:
-        np.lib.format.write_array(_Tee(member, digest), np.asanyarray(value), (1, 0), allow_pickle=False)  # type: ignore[arg-type]
+        np.lib.format.write_array(_Tee(member, digest), np.asanyarray(value), (1, 0), allow_pickle=False)
 
 
 @dataclass(frozen=True)

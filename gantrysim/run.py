@@ -219,8 +219,9 @@ def _check_members(members: Mapping[str, Member], written: int) -> None:
     axes = members["axes"].shape if "axes" in members else ()
     if len(rows) != 1 or len(axes) != 1 or not rows[0] or not axes[0]:
         raise InputError("its time or axes are missing")
-    expected = {"format": ("i", ())} | dict.fromkeys(_NUMBERS, ("f", ())) | dict.fromkeys(_TEXTS, ("U", ()))
-    expected |= dict.fromkeys(_LISTS, ("U", axes))
+    expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ())}
+    for names, kind, shape in ((_NUMBERS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
+        expected |= dict.fromkeys(names, (kind, shape))
     for name, width in _COLUMNS.items():
         columns = axes if width is None else (width,) if width else ()
         expected[new.get(name, name)] = ("b" if name == "dispense" else "f", rows + columns)
@@ -233,12 +234,10 @@ def _check_members(members: Mapping[str, Member], written: int) -> None:
         if name not in expected or (name not in members and name not in optional):
             raise InputError(f"{name} is {'missing' if name in expected else 'no member of a record'}")
         if name in members:
-            kind, shape = expected[name]
+            kind, own = expected[name]
             found = members[name]
-            if found.dtype.kind != kind or found.shape != shape or (kind == "f" and found.dtype.itemsize != 8):
-                raise InputError(
-                    f"{name} has the shape {found.shape} and type {found.dtype}, must have {shape}, {kind}"
-                )
+            if found.dtype.kind != kind or found.shape != own or (kind == "f" and found.dtype.itemsize != 8):
+                raise InputError(f"{name} has the shape {found.shape} and type {found.dtype}, must have {own}, {kind}")
 
 
 def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> None:

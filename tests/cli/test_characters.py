@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -74,7 +75,7 @@ def test_a_machine_file_whose_name_is_no_text(gantrysim_command, tmp_path):
     assert "its name must be text in UTF-8" in errors
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="there is none")
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is none")
 def test_a_job_without_an_end(gantrysim_command, monkeypatch):
     monkeypatch.setattr("gantrysim.job.toml_files._MOST", 1 << 16)
     status, _, errors = gantrysim_command("check", "/dev/zero")
