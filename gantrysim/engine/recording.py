@@ -61,9 +61,9 @@ def record(
     }
     sent = _sent(machine, setpoints, position, log.tick["setpoint"], dispenser)
     kept: dict[str, Any] = {name: read_only(array) for name, array in measured.items()}
-    sent["flow"] = read_only(
-        faulted_flow(faults, sent["flow"], dispenser.open_share(sent["dispense"], setpoints.period), setpoints.period)
-    )
+    if faults:
+        valve = dispenser.open_share(sent["dispense"], setpoints.period)
+        sent["flow"] = read_only(faulted_flow(faults, sent["flow"], valve, setpoints.period))
     return Run(**sent, **kept, fault=fault, injected=faults)
 
 

@@ -78,11 +78,11 @@ def _furthest(row):
 def _sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; return whether it does."""
     row = row_at(userdata)
-    injected = row.injected_count > 0
-    if injected:
-        interrupt(data, row)
     if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
+    injected = row.injected_count > 0
+    if injected:
+        interrupt(data, row)  # before the current is logged
     n = row.axes
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
     log, axis = tick_log(row, row.tick), axis_log(row, row.tick)
@@ -94,11 +94,12 @@ def _sample(data, userdata):
         position = length[row.output[a]] * row.scale[a]
         speed = velocity[row.output[a]] * row.scale[a]
         count = row.resolution[a]
-        motor = turned(row, a, position) if injected else position
-        measured = motor if count == 0.0 else count * np.floor(motor / count + 0.5)
-        commanded = setpoint[a]
+        motor, commanded = position, setpoint[a]
         if injected:
-            measured, commanded = reported(row, a, measured), received(row, a, commanded)
+            motor, commanded = turned(row, a, position), received(row, a, commanded)
+        measured = motor if count == 0.0 else count * np.floor(motor / count + 0.5)
+        if injected:
+            measured = reported(row, a, measured)
         error = commanded - measured
         if row.tick == 0:
             row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
@@ -212,6 +213,7 @@ def _output(data, userdata):
                 row.held[a] = row.pending[a]
             ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
     if row.injected_count > 0:
+        interrupt(data, row)
         limit_voltage(data, row)
     row.steps += 1
     row.phase += 1
