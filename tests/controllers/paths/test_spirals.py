@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -280,8 +280,9 @@ def test_arc_length_is_the_integral_of_the_speed_over_all_magnitudes(r, b, c, an
 
 @given(r=st.floats(0, 200), b=st.floats(-5, 5), c=st.floats(0.01, 20), angle=st.floats(1e-6, 30))
 @settings(max_examples=100, deadline=None)
+@example(r=8.7e-305, b=-3.0, c=2.0625, angle=2.0)
 def test_arc_length_is_that_of_quadpack_and_only_the_square_of_c_counts(r, b, c, angle):
-    points = [-r / b] if b and 0 < -r / b < angle else None
+    points = [-r / b] if b and 1e-9 < -r / b < angle else None  # QUADPACK warns of a part without a length
     expected = quad(lambda phi: math.hypot(r + b * phi, c), 0, angle, epsabs=0, epsrel=1e-12, limit=500, points=points)[
         0
     ]
