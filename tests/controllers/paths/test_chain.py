@@ -504,6 +504,12 @@ def test_the_work_for_a_chain_grows_with_its_pieces_and_no_faster():
     assert min(seconds(10_000) for _ in range(2)) < 40 * min(seconds(1_000) for _ in range(5))
 
 
+@pytest.mark.parametrize("angle", [0.0, 5e-5, 2e-4, 1e-3, 0.02, 0.09, 1.0])
+def test_a_corner_is_a_jump_of_the_tangent_by_more_than_a_ten_thousandth(angle):
+    chain = Chain([Line((0, 0, 0), (10, 0, 0)), Line((10, 0, 0), (10 + 5 * math.cos(angle), 5 * math.sin(angle), 0))])
+    assert chain.corners.tolist() == ([10.0] if angle > 1e-4 else [])
+
+
 def test_ten_thousand_lines_lie_where_their_corners_are():
     points = zigzag(10_000)
     path = Chain([Line(a, b) for a, b in pairwise([tuple(point) for point in points.tolist()])])
