@@ -30,7 +30,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "cad.Drawing": cad.Drawing,
 }
 
-_MAGNITUDES = 1e-12, 1e12  # of numbers
+_MAGNITUDES = 1e-100, 1e12  # of numbers; smaller ones than 1e-12 are rounding
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 _validated: dict[str, Callable[..., Any]] = {
     name: validated(config=_STRICT)(program) for name, program in PROGRAMS.items()

@@ -97,7 +97,7 @@ BAD = {
     "servo": (["damping=-1"], "damping = -1: must be 0.001 to 1000"),
     "per axis": (["kp=[1.0]"], "kp has 1 values: must be one or 2, one per axis"),
     "settle": (["settle=-1"], "settle = -1 s: must be at least 0 s"),
-    "huge speed": (["speed=1e300"], r"speed = 1e\+300: must be 0 or from 1e-12 to 1e\+12 in magnitude"),
+    "huge speed": (["speed=1e300"], r"speed = 1e\+300: must be 0 or from 1e-100 to 1e\+12 in magnitude"),
     "tiny period": (["servo.period=1e-9"], "servo period = 1e-09 s: must be at least 1e-07 s"),
     "short period": (["servo.period=1.5e-7"], "10.1527 s in periods of 1.5e-07 s: makes 6.77e.07 ticks, at most 5e.07"),
     "endless settling": (["settle=1e9"], "1e.09 s in periods of 0.001 s: makes 1e.12 ticks"),

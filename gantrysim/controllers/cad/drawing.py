@@ -33,6 +33,7 @@ _CHOICES = {
     "curve": ("lines", "spline"),
     "order": ("drawn", "nearest"),
 }
+_LEAST_LIFT = 1e-6  # [mm]
 _SHOWN = 30  # names in a message
 
 
@@ -113,6 +114,8 @@ class Drawing(Controller):
         lengths = [(name, "mm") for name in ("lift", "join_tolerance", "corner_tolerance")]
         for name, unit in (*lengths, ("corner_speed", "mm/s"), ("dot_time", "s")):
             at_least(name, getattr(self, name), 0, unit)
+        if 0 < self.lift < _LEAST_LIFT:
+            raise InputError(f"lift = {self.lift:g} mm: must be 0 or at least {_LEAST_LIFT:g} mm")
         if self.start is not None:
             object.__setattr__(self, "start", point("start", self.start))
         for name, unit in (("velocity", "mm/s"), ("acceleration", "mm/s²")):

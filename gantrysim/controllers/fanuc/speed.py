@@ -132,7 +132,7 @@ class Planner:
             feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
         if math.isfinite(feeding.rotary_velocity):
             turning = np.abs(self._rotary(s, piece)[0])
-            feed = np.minimum(feed, feeding.rotary_velocity / np.maximum(turning, 1e-300))
+            feed = np.minimum(feed, feeding.rotary_velocity / np.maximum(turning, 1e-200))
         return feed
 
     def _within(self, s: Floats, piece: NDArray[np.intp]) -> Floats:
