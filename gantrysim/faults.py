@@ -422,13 +422,15 @@ KINDS: dict[str, Any] = {  # the dataclasses by kind
 FLOW_FAULTS = (CloggedNozzle, DrippingNozzle, AirBubble)
 
 
-def fault_of(table: dict[str, Any]) -> InjectedFault:
+def fault_of(table: Any) -> InjectedFault:
     """Return the fault of a table of its values.
 
     Raises:
         InputError: an unknown kind, or a value out of bounds.
         TypeError: a value that is missing, or an unknown one.
     """
+    if not isinstance(table, dict):
+        raise InputError(f"fault {table!r}: must be a table of its values")
     kind = str(table.get("kind"))
     if kind not in KINDS:
         raise unknown("fault", kind, KINDS)
