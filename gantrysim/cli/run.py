@@ -137,7 +137,8 @@ def _evaluated(
             found = causes_of(job, record, advance)
     if record.injected:
         with share_bar("simulate without faults", go_on) as advance:
-            losses = Losses.of(bead, Bead(job.without_faults().run(advance), job.bead))
+            healthy = job.without_faults().run(advance)
+        losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     write_run(scratch, job, machine, budget, laid, found, losses)
 
     @contextmanager

@@ -43,7 +43,8 @@ def injected_entries(faults: Sequence[InjectedFault], machine: Machine, servo: S
     """Return the faults that act in the servo tick, an entry per fault and axis, (entries,) of `INJECTED`.
 
     Raises:
-        InputError: counts of an axis without an encoder's counts, or a bus sag of an ideal torque source.
+        InputError: counts of an axis without an encoder's counts, a bus sag of an ideal torque source, or an electrical
+            fault of a machine with delayed actuators, whose voltage the tick does not set.
     """
     entries = []
     for fault in faults:
@@ -67,6 +68,8 @@ def _axes(fault: InjectedFault, machine: Machine) -> list[int]:
 def _kind(fault: InjectedFault, machine: Machine, servo: Servo, a: int) -> tuple[int, float]:
     """Return what a fault does in the tick, 0 for nothing, and its value."""
     axis = machine.axes[a]
+    if isinstance(fault, OpenWinding | BusSag) and axis.motion is None:
+        raise InputError(f"fault {fault.kind}: machine {machine.name} has an actuator with a delay of its own")
     match fault:
         case EncoderDropout():
             return DROPOUT, 0.0

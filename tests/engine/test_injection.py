@@ -414,3 +414,37 @@ def test_an_encoder_without_counts_has_no_glitch_and_an_ideal_motor_no_bus(tmp_p
     for axis in ("x", None):
         with pytest.raises(InputError, match="fault bus sag: axis x is an ideal torque source, it has no bus"):
             simulate(machine, plain(machine), ramp(SPEED), faults=[BusSag(time=0, axis=axis, share=0.5)])
+
+
+def test_a_delayed_actuator_has_no_electrical_fault(tmp_path, rigid):
+    rigid()
+    file = tmp_path / "rigid.xml"
+    file.write_text(file.read_text().replace('name="x" joint="x"', 'name="x" joint="x" nsample="4" delay="0.001"', 1))
+    machine = Machine(file)
+    servo = plain(machine, kp=1.0, kd=0.01)
+    for fault in (OpenWinding(time=0, axis="x"), BusSag(time=0, share=0.5)):
+        with pytest.raises(InputError, match="machine rigid has an actuator with a delay of its own"):
+            simulate(machine, servo, ramp(SPEED), faults=[fault])
+
+
+@pytest.mark.parametrize(("name", "axis"), [("delta", "a1"), ("stage", "th"), ("xyzr", "r")])
+def test_an_axis_that_turns_seizes_and_slips_too(name, axis):
+    machine = Machine(name)
+    axis = axis if axis in machine.axis_names else machine.axis_names[0]
+    a = machine.axis_names.index(axis)
+    position = np.zeros((400, len(machine.axes)))
+    position[:, a] = 20.0 * np.clip(np.arange(400) * PERIOD, 0.0, 0.3)
+    setpoints = Setpoints(PERIOD, machine.axis_names, position, np.ones(400, bool), ramp(50.0).requested)
+    servo = Servo.derive(machine.axes, PERIOD)
+    healthy, seized, slipped = (
+        simulate(machine, servo, setpoints, faults=faults)
+        for faults in ((), (StuckAxis(time=0.1, axis=axis),), (SlippingAxis(time=0.1, axis=axis, offset=0.5),))
+    )
+    assert np.ptp(healthy.motor[110:, a]) > 3
+    assert np.ptp(seized.motor[102:, a]) < 5e-3
+    assert slipped.motor[-1, a] == pytest.approx(healthy.motor[-1, a], abs=0.05)  # the servo holds the motor
+    held = slipped.motor[-1].copy()
+    held[a] -= 0.5
+    shift = machine.tip(held) - machine.tip(healthy.motor[-1])
+    # the delta's arms bend
+    np.testing.assert_allclose(slipped.nozzle[-1] - healthy.nozzle[-1], shift, atol=0.1)

@@ -17,7 +17,9 @@ from gantrysim.env.episodes import Source
 from gantrysim.env.settings import Settings
 from gantrysim.faults import CloggedNozzle, EncoderSlip, InjectedFault, OpenWinding, StuckAxis
 from gantrysim.job.losses import Losses, events
-from gantrysim.metrics.analysis import values
+from gantrysim.metrics.analysis import Analysis, values
+from gantrysim.plots.error import draw_error
+from gantrysim.plots.style import sheet
 from gantrysim.run import Fault
 from gantrysim.study.cases import simulated
 from gantrysim.tuning.objective import case_of, column, measure_together
@@ -172,6 +174,17 @@ def test_events_name_faults_by_time_what_was_not_reached_and_the_supervision(xy)
     ]
     fault = Fault("travel", "x", 0.7, 151.0, 150.1, "mm")
     assert events(dataclasses.replace(run, injected=faults, fault=fault))[-1] == f"supervision: {fault}"
+
+
+def test_the_plot_of_the_errors_marks_the_faults_that_the_run_reached(xy):
+    run = follower(xy).run
+    faults = (OpenWinding(time=9.0, axis="x"), CloggedNozzle(time=0.25, share=0.5))
+    with sheet(6, 4) as figure:
+        draw_error(figure, Analysis(dataclasses.replace(run, injected=faults)))
+        for axes in figure.axes:
+            marked = [line.get_xdata()[0] for line in axes.lines if line.get_linestyle() == ":"]
+            assert marked == [0.25]
+            assert [text.get_text() for text in axes.texts].count("clogged nozzle") == 1
 
 
 def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_command, tmp_path):

@@ -97,6 +97,7 @@ def test_every_kind_is_among_them():
             lambda: LostPackets(time=1, ticks=1, drive="guess"),
             "fault lost packets: unknown drive 'guess': known: extrapolate, hold",
         ),
+        (lambda: fault_of([3]), r"fault \[3\]: must be a table of its values"),
         (lambda: fault_of({"kind": "bus surge"}), r"unknown fault 'bus surge': did you mean bus sag\? known: .*"),
     ],
 )
