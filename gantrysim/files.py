@@ -49,7 +49,8 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
     kept = f"; the earlier {target.name} is kept" if target.exists() else ""
     with _written(f"file {file}", kept, f"{file} is complete") as done, _scratch(target.parent) as scratch:
         yield scratch / target.name
-        _to_disk([scratch / target.name])
+        if PARTIAL not in str(target.parent):  # else the folder around it does
+            _to_disk([scratch / target.name])
         with deferred():
             (scratch / target.name).replace(target)
             done.append(True)
@@ -121,9 +122,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
     finally:
         with deferred():
             if stream is not None:
-                if fcntl is None:  # Windows deletes no open file
-                    stream.close()
-                with suppress(OSError):
+                with suppress(OSError):  # Windows deletes no open file
                     lock.unlink()
                 stream.close()  # releases the lock, after its file is gone
             for parent in made:
