@@ -111,7 +111,8 @@ def held(folder: Path, label: str) -> Iterator[None]:
         try:
             with deferred():
                 folder.mkdir(parents=True, exist_ok=True)
-                stream = _locked(lock)
+                if fcntl is not None:
+                    stream = _locked(lock)
                 _swap(folder)
                 _sweep(folder)
         except BlockingIOError:
@@ -122,7 +123,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
     finally:
         with deferred():
             if stream is not None:
-                with suppress(OSError):  # Windows deletes no open file
+                with suppress(OSError):
                     lock.unlink()
                 stream.close()  # releases the lock, after its file is gone
             for parent in made:
@@ -231,8 +232,6 @@ def _locked(file: Path) -> BinaryIO:
     """
     while True:
         stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
-        if fcntl is None:
-            return stream
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
