@@ -49,7 +49,8 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
     kept = f"; the earlier {target.name} is kept" if target.exists() else ""
     with _written(f"file {file}", kept, f"{file} is complete") as done, _scratch(target.parent) as scratch:
         yield scratch / target.name
-        _to_disk([scratch / target.name])
+        if PARTIAL not in str(target.parent):  # else the folder around it does
+            _to_disk([scratch / target.name])
         with deferred():
             (scratch / target.name).replace(target)
             done.append(True)
@@ -110,7 +111,8 @@ def held(folder: Path, label: str) -> Iterator[None]:
         try:
             with deferred():
                 folder.mkdir(parents=True, exist_ok=True)
-                stream = _locked(lock)
+                if fcntl is not None:
+                    stream = _locked(lock)
                 _swap(folder)
                 _sweep(folder)
         except BlockingIOError:
@@ -121,8 +123,6 @@ def held(folder: Path, label: str) -> Iterator[None]:
     finally:
         with deferred():
             if stream is not None:
-                if fcntl is None:  # Windows deletes no open file
-                    stream.close()
                 with suppress(OSError):
                     lock.unlink()
                 stream.close()  # releases the lock, after its file is gone
@@ -232,8 +232,6 @@ def _locked(file: Path) -> BinaryIO:
     """
     while True:
         stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
-        if fcntl is None:
-            return stream
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

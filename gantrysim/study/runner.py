@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Generator, Sequence
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 from gantrysim.errors import whole
 from gantrysim.signals import blocked, deferred, end_with
@@ -89,6 +90,8 @@ def _finished(
     if not cases:
         return
     # slow to import
+    from multiprocessing import resource_tracker
+
     from joblib import Parallel, delayed, parallel_config
     from joblib._parallel_backends import LokyBackend
     from joblib.externals.loky.process_executor import BrokenProcessPool
@@ -102,7 +105,11 @@ def _finished(
     origin = Origin.here(cases)
     lots = _lots(cases, workers, most)
     # a worker that has no case yet must end with this process too
-    started = {"initializer": end_with, "initargs": (os.getpid(),)} if isinstance(backend, LokyBackend) else {}
+    started: dict[str, Any] = {}
+    if isinstance(backend, LokyBackend):
+        started = {"initializer": end_with, "initargs": (os.getpid(),)}
+        if os.name == "posix":  # its start would unblock the signals that are blocked below
+            resource_tracker.ensure_running()
     with parallel_config(n_jobs=workers):
         # a lot is kept as soon as it is finished
         parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=dispatched, **started)

@@ -136,8 +136,10 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
 
 @pytest.mark.parametrize("number", ENDING)
 def test_no_signal_is_lost_while_workers_start(tmp_path, job, monkeypatch, capsys, number):
+    from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
+    get_reusable_executor().shutdown(kill_workers=True)  # that of another study, which starts no workers
     from gantrysim.study.loop import LoopStudy
 
     start = ProcessPoolExecutor._adjust_process_count
