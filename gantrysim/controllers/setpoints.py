@@ -13,6 +13,7 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Constant, Profile
 from gantrysim.errors import InputError, at_least, positive, whole
+from gantrysim.memory import check_ticks
 
 MAX_TICKS = 50_000_000
 _ROUNDING = 1e-9  # relative, of lengths
@@ -110,6 +111,8 @@ class Setpoints:
     def _padded(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self
+        total, added = len(self.position) + before + after, (before + after) * self.period
+        check_ticks(total, f"hold of {added:g} s in periods of {self.period:g} s", "hold for a shorter time")
         position = np.pad(self.position, ((before, after), (0, 0)), "edge")
         return replace(
             self, position=position, dispense=np.pad(self.dispense, (before, after)), gates=self.gates + before
@@ -150,6 +153,17 @@ class Setpoints:
 
 
 def ticks(duration: float, period: float) -> int:
+    """Return the number of setpoints after the first that cover `duration` [s], see `periods`.
+
+    Raises:
+        InputError: more than MAX_TICKS, or than there is memory for.
+    """
+    count = periods(duration, period)
+    check_ticks(count, f"{duration:g} s in periods of {period:g} s", "use a shorter program or a longer period")
+    return count
+
+
+def periods(duration: float, period: float) -> int:
     """Return the number of whole periods that cover `duration` [s], with a tolerance for rounding.
 
     Raises:
