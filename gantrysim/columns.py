@@ -99,7 +99,7 @@ class FileTable:
         for name, block in blocks.items():
             dtype, tail = self._columns[name]
             row = dtype.itemsize * int(np.prod(tail, dtype=np.int64))
-            left = memoryview(np.ascontiguousarray(block, dtype).reshape(-1).view(np.uint8))
+            left = memoryview(cast(Any, np.ascontiguousarray(block, dtype).reshape(-1).view(np.uint8)))
             with _writing():
                 self._file.raw.seek(self._offsets[name] + first * row)
                 while left:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.columns import Column
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 
@@ -63,6 +64,7 @@ class Run:
         units: their units, "mm" or "deg"; u below.
         requested: the requested path, in the work frame.
         period: servo period [s].
+        gap: height of the nozzle above the work where its z is 0 [mm].
         time: (n,) [s].
         commanded: setpoints, DPOS, (n, axes) [u].
         encoder: measured positions, MPOS, in whole encoder counts, (n, axes) [u].
@@ -78,7 +80,6 @@ class Run:
             sum(flow[:-1]) * period.
         flow_demand: flow demanded by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
-        gap: height of the nozzle above the work where its z is 0 [mm].
         face: outer diameter of the needle, that of its face [mm].
         needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
@@ -89,33 +90,32 @@ class Run:
     units: tuple[str, ...]
     requested: Path
     period: float
-    time: Floats
-    commanded: Floats
-    commanded_tip: Floats
-    encoder: Floats
-    encoder_tip: Floats
-    motor: Floats
-    motor_tip: Floats
-    nozzle: Floats
-    demand: Floats
-    torque: Floats
-    current: Floats
-    voltage: Floats
-    flow: Floats
-    flow_demand: Floats
-    dispense: NDArray[np.bool_]
     gap: float
+    time: Column[Floats] = Column()
+    commanded: Column[Floats] = Column()
+    commanded_tip: Column[Floats] = Column()
+    encoder: Column[Floats] = Column()
+    encoder_tip: Column[Floats] = Column()
+    motor: Column[Floats] = Column()
+    motor_tip: Column[Floats] = Column()
+    nozzle: Column[Floats] = Column()
+    demand: Column[Floats] = Column()
+    torque: Column[Floats] = Column()
+    current: Column[Floats] = Column()
+    voltage: Column[Floats] = Column()
+    flow: Column[Floats] = Column()
+    flow_demand: Column[Floats] = Column()
+    dispense: Column[NDArray[np.bool_]] = Column()
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and _writable(value):
                 own = value.copy()  # the caller's array stays the caller's
                 own.flags.writeable = False
-                object.__setattr__(self, field.name, own)
+                object.__setattr__(self, name, own)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the record to a NumPy .npz file."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.bead.section import Section
+from gantrysim.columns import by_blocks
 from gantrysim.errors import InputError, at_least, finite, whole
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
@@ -88,7 +89,6 @@ class BeadTrace:
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
         self.length: Floats = np.concatenate([[0.0], np.cumsum(surface_steps(run.nozzle))])
-        self._ascending = self.length + np.arange(self.length.size) * 1e-12  # strictly, as np.interp requires
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
@@ -103,6 +103,11 @@ class BeadTrace:
     def ds(self) -> float:
         """Distance of the stations [mm]."""
         return float(self.place[1])
+
+    @property
+    def _ascending(self) -> Floats:
+        """The length, strictly ascending as np.interp requires, (n,) [mm]."""
+        return self.length + np.arange(self.length.size) * 1e-12
 
     def along(self, values: Floats) -> Floats:
         """Interpolate values at the ticks, (n,), at the stations, (r,)."""
@@ -147,7 +152,12 @@ class BeadTrace:
     @cached_property
     def commanded_steps(self) -> Floats:
         """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
-        return np.linalg.norm(np.diff(self.run.commanded_tip, axis=0), axis=1)
+        tip = self.run.commanded_tip
+
+        def steps(block: slice) -> Floats:
+            return np.linalg.norm(np.diff(tip[block.start : block.stop + 1], axis=0), axis=1)
+
+        return by_blocks(steps, len(tip) - 1)
 
     @cached_property
     def nozzle_height(self) -> Floats:
@@ -159,7 +169,7 @@ class BeadTrace:
         if not run.dispense.any():
             return np.full(self.place.size, self.gap)
         error = self.analysis.nozzle.offset[:, 2]
-        ticks = np.arange(len(run.time), dtype=np.float64)
+        ticks = np.arange(len(self.length), dtype=np.float64)
         height = self.gap + np.interp(ticks, self.analysis.ticks, error)
         return np.maximum(self.along(height), _LEAST_GAP * self.gap)
 
@@ -246,9 +256,13 @@ def surface_steps(trace: Floats) -> Floats:
     A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
     so that glue which flows meanwhile lies on the spot.
     """
-    step = np.diff(trace, axis=0)
-    ahead = np.hypot(step[:, 0], step[:, 1])
-    return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
+
+    def steps(block: slice) -> Floats:
+        step = np.diff(trace[block.start : block.stop + 1], axis=0)
+        ahead = np.hypot(step[:, 0], step[:, 1])
+        return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
+
+    return by_blocks(steps, len(trace) - 1)
 
 
 def _averaged(values: Floats, reach: int) -> Floats:
