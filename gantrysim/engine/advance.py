@@ -25,7 +25,7 @@ def advance(
 ) -> None:
     """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
 
-    It returns early where MuJoCo does not call the servo, which `Started.record` reports.
+    Before every call each simulation's log gets room for its ticks. It returns early where MuJoCo does not call the servo, which `Started.record` reports.
 
     Args:
         step: makes a number of physics steps of some of the simulations; Ctrl-C takes effect between its calls.
@@ -41,6 +41,8 @@ def advance(
             one, before = runs[left[0]], runs[left[0]].steps
             needed = max(runs[number].steps_left for number in left) if steps is None else steps - made
             count = min(needed, most)
+            for number in left:
+                runs[number].make_room(count)
             step(count, left)
             if one.steps == before:
                 return

@@ -10,13 +10,14 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.positions import axis_positions, check_supervision
-from gantrysim.engine.recording import record
+from gantrysim.engine.recording import LogBook
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
+from gantrysim.memory import check_ticks
 from gantrysim.native.row import (
     FAULTS,
     OFFSETS,
@@ -44,7 +45,7 @@ class Simulation:
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
         model: the machine's, with the physics step; not to be changed.
-        log: entries written by the servo.
+        book: of the log that the servo writes.
     """
 
     machine: Machine
@@ -54,7 +55,7 @@ class Simulation:
     position: Floats
     substeps: int
     model: mujoco.MjModel
-    log: Log
+    book: LogBook
 
     @classmethod
     def of(
@@ -79,9 +80,15 @@ class Simulation:
             )
         substeps = substeps_of(machine, servo.period, physics_step)
         delay_steps(servo.delay, servo.period, substeps)
-        log = Log.of(_most_ticks(setpoints), servo.axes)
+        _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps)
-        return cls(machine, servo, setpoints, dispenser, position, substeps, model, log)
+        book = LogBook(machine, setpoints, position, dispenser)
+        return cls(machine, servo, setpoints, dispenser, position, substeps, model, book)
+
+    @property
+    def log(self) -> Log:
+        """The log in memory."""
+        return self.book.log
 
     def start(self, qpos: Floats, userdata: Floats) -> Started:
         """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
@@ -100,7 +107,7 @@ class Simulation:
         row["axes"], row["ticks"], row["substeps"] = servo.axes, len(self.position), self.substeps
         row["delay"] = delay_steps(servo.delay, servo.period, self.substeps)
         row["setpoints"] = self.position.ctypes.data
-        row["log"], row["axis_log"] = self.log.tick.ctypes.data, self.log.axis.ctypes.data
+        self.book.begin(row)
         row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
         row["resolution"][: servo.axes] = servo.resolution
         row["following_error_limit"][: servo.axes] = servo.following_error_limit
@@ -123,8 +130,8 @@ class Simulation:
         row["position_error"] = supervision.position_error
         row["position_error_delay"] = supervision.position_error_delay
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
-        row["settle_ticks"] = ticks(supervision.settle_time, self.setpoints.period)
-        row["timeout_ticks"] = ticks(supervision.settle_timeout, self.setpoints.period)
+        row["settle_ticks"] = periods(supervision.settle_time, self.setpoints.period)
+        row["timeout_ticks"] = periods(supervision.settle_timeout, self.setpoints.period)
         for a, axis in enumerate(self.machine.axes):
             row["linear"][a] = axis.unit == "mm"
             if axis.unit == "mm":
@@ -169,6 +176,13 @@ class Started:
         last = self.ticks - self.sent + len(self.simulation.position) - 1
         return last * self.simulation.substeps + 1 - self.steps
 
+    def make_room(self, steps: int) -> None:
+        """Make room in the log for the servo ticks of a number of physics steps; errors as of `LogBook.make_room`."""
+        ticks = steps // self.simulation.substeps + 2
+        if self.row["gate"] >= self.row["gate_count"]:  # no more waits
+            ticks = min(ticks, len(self.simulation.position) - self.sent)
+        self.simulation.book.make_room(self.row, ticks)
+
     @property
     def fault(self) -> Fault | None:
         """The fault, if there is one."""
@@ -204,12 +218,9 @@ class Started:
                 f"the servo of machine {simulation.machine.name} ran for {kept} of {len(simulation.position)} ticks: "
                 "MuJoCo did not call it"
             )
-        if fault is not None:
-            nozzle, encoder = simulation.log.tick["nozzle"][kept - 1], simulation.log.axis["encoder"][kept - 1]
-            if not (np.isfinite(nozzle).all() and np.isfinite(encoder).all()):
-                kept -= 1  # the tick at which it diverged has no position to record
-        log, position = simulation.log.until(kept), simulation.position
-        return record(simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault)
+        if fault is not None and not simulation.book.finite(kept - 1):
+            kept -= 1  # the tick at which it diverged has no position to record
+        return simulation.book.record(kept, fault)
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
@@ -219,14 +230,12 @@ def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Disp
     return checked
 
 
-def _most_ticks(setpoints: Setpoints) -> int:
-    """Return the number of servo ticks if the stream waits at every gate as long as it may."""
-    most = len(setpoints.position) + setpoints.gates.size * ticks(
-        setpoints.supervision.settle_timeout, setpoints.period
+def _check_ticks(setpoints: Setpoints) -> None:
+    """Check that there is memory for the run, which waits at every gate for at least its settling time."""
+    supervision, count = setpoints.supervision, setpoints.gates.size
+    wait = supervision.settle_time
+    check_ticks(
+        len(setpoints.position) + count * periods(wait, setpoints.period),
+        f"the program with settle_time = {wait:g} s at each of {count} gates" if count else "the program",
+        "use a shorter program or a longer period",
     )
-    if most > MAX_TICKS:
-        raise InputError(
-            f"settle_timeout = {setpoints.supervision.settle_timeout:g} s at each of {setpoints.gates.size} gates: "
-            f"makes {most:.3g} ticks, at most {MAX_TICKS:g}"
-        )
-    return most
