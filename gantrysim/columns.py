@@ -123,7 +123,13 @@ def by_blocks(function: Callable[[slice], _Array], rows: int) -> _Array:
     """Return what a function returns for each block of so many rows, joined, in memory."""
     if rows <= BLOCK:
         return function(slice(0, rows))
-    return cast(_Array, np.concatenate([function(block) for block in blocks(rows)]))
+    every = blocks(rows)
+    first = function(next(every))
+    joined = np.empty((rows, *first.shape[1:]), first.dtype)
+    joined[:BLOCK] = first
+    for block in every:
+        joined[block] = function(block)
+    return cast(_Array, joined)
 
 
 def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.columns import by_blocks
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Constant, Profile
 from gantrysim.errors import InputError, at_least, positive, whole
@@ -100,6 +101,11 @@ class Setpoints:
         """Time of the last setpoint, without waits at gates [s]."""
         return (len(self.position) - 1) * self.period
 
+    @property
+    def run_ticks(self) -> int:
+        """Number of servo ticks of a run that waits at each gate for no longer than it must."""
+        return len(self.position) + self.gates.size * periods(self.supervision.settle_time, self.period)
+
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
         return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
@@ -146,9 +152,14 @@ class Setpoints:
         if abs(profile.length - path.length) > _ROUNDING * (1 + path.length):
             raise InputError(f"profile of {profile.length:.6g} mm: must be as long as the path, {path.length:.6g} mm")
         n = ticks(profile.duration, period)
-        s = profile.position(np.arange(n + 1) * period)
-        s[-1] = path.length
-        position = path.position(s)[:, : len(axes)] if coordinates is None else coordinates(s)
+
+        def positions(block: slice) -> Floats:
+            s = profile.position(np.arange(block.start, block.stop) * period)
+            if block.stop > n:
+                s[-1] = path.length
+            return path.position(s)[:, : len(axes)] if coordinates is None else coordinates(s)
+
+        position = by_blocks(positions, n + 1)
         return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
 
 

@@ -232,10 +232,7 @@ def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Disp
 
 def _check_ticks(setpoints: Setpoints) -> None:
     """Check that there is memory for the run, which waits at every gate for at least its settling time."""
-    supervision, count = setpoints.supervision, setpoints.gates.size
-    wait = supervision.settle_time
-    check_ticks(
-        len(setpoints.position) + count * periods(wait, setpoints.period),
-        f"the program with settle_time = {wait:g} s at each of {count} gates" if count else "the program",
-        "use a shorter program or a longer period",
-    )
+    wait, count = setpoints.supervision.settle_time, setpoints.gates.size
+    what = f"settle_time = {wait:g} s at each of {count} gates" if count else "the program"
+    remedy = "use a shorter settle_time or program" if count else "use a shorter program or a longer period"
+    check_ticks(setpoints.run_ticks, what, remedy)
