@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import tempfile
 import weakref
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import Any, Generic, TypeVar, cast, overload
+from typing import IO, Any, Generic, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,6 +157,37 @@ def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:
         written += len(content[names[0]])
         part = next(parts, None)
     return type(first)(**table.stored(written))
+
+
+def save_arrays(stream: IO[bytes], arrays: Mapping[str, Any]) -> None:
+    """Write arrays, one at a time, as `numpy.savez_compressed` does."""
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, value in arrays.items():
+            array = value.array() if isinstance(value, Stored) else np.asanyarray(value)
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def load_arrays(archive: Any) -> dict[str, Any]:
+    """Return the arrays of an open `numpy.load`; one of more rows than memory.LONG is put into a temporary file."""
+    return {name: _load(archive, name) for name in archive.files}
+
+
+def _load(archive: Any, name: str) -> Any:
+    with archive.zip.open(f"{name}.npy") as member:
+        if np.lib.format.read_magic(member) == (1, 0):
+            shape, by_column, dtype = np.lib.format.read_array_header_1_0(member)
+            if shape and shape[0] > memory.LONG and not by_column and not dtype.hasobject:
+                table = FileTable(shape[0], {name: (dtype, shape[1:])})
+                row = dtype.itemsize * int(np.prod(shape[1:], dtype=np.int64))
+                for block in blocks(shape[0]):
+                    content = member.read(row * (block.stop - block.start))
+                    rows = np.frombuffer(content, dtype).reshape(-1, *shape[1:])
+                    if len(rows) < block.stop - block.start:
+                        raise ValueError(f"{name} ends at row {block.start + len(rows)} of {shape[0]}")
+                    table.write(block.start, {name: rows})
+                return table.stored(shape[0])[name]
+    return archive[name]
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.columns import Column
+from gantrysim.columns import Column, load_arrays, save_arrays
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 
@@ -119,13 +119,13 @@ class Run:
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the record to a NumPy .npz file."""
-        arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays: dict[str, Any] = {f.name: vars(self)[f.name] for f in fields(self)}
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
         arrays["format"] = _FORMAT
         with FilePath(file).open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
+            save_arrays(stream, arrays)
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:
@@ -136,7 +136,7 @@ class Run:
         """
         try:
             with np.load(FilePath(file), allow_pickle=False) as arrays:
-                content = dict(arrays)
+                content = load_arrays(arrays)
             written = int(content.pop("format"))
             if written != _FORMAT and written not in _RENAMED:
                 raise InputError(f"run {file}: written in another format; run its job.toml again")
