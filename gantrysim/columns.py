@@ -29,7 +29,7 @@ class _File:
     """A temporary file without a name, closed with its last user."""
 
     def __init__(self) -> None:
-        self.raw = tempfile.TemporaryFile(buffering=0)
+        self.raw = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  closed below
         weakref.finalize(self, self.raw.close)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import gc
+import itertools
 import pickle
 import tempfile
 import weakref
@@ -26,7 +27,7 @@ NUMBER, POINT = np.arange(1.0 * ROWS), np.random.default_rng(1).normal(size=(ROW
 
 
 def parts(edges):
-    return (Pair(NUMBER[low:high], POINT[low:high]) for low, high in zip(edges[:-1], edges[1:], strict=True))
+    return (Pair(NUMBER[low:high], POINT[low:high]) for low, high in itertools.pairwise(edges))
 
 
 @pytest.fixture
@@ -104,5 +105,7 @@ def test_a_function_of_blocks_sees_every_row_once(monkeypatch, size):
 
 def test_a_folder_without_room_is_named(monkeypatch, in_a_file):
     monkeypatch.setattr(tempfile, "tempdir", "/nowhere")
-    with pytest.raises(InputError, match=r"^temporary file in /nowhere: cannot be written \(No such file or directory\);"):
+    with pytest.raises(
+        InputError, match=r"^temporary file in /nowhere: cannot be written \(No such file or directory\);"
+    ):
         table_by_blocks(parts([0, ROWS]), ROWS)

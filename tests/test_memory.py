@@ -66,7 +66,9 @@ def test_ticks_are_refused_above_the_memory(monkeypatch, available, refused):
     monkeypatch.setattr(memory, "available_memory", lambda: available)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=10**15))
     if refused:
-        with pytest.raises(InputError, match=r"^a dwell: makes 4e\+07 ticks, which need about .* GB of memory, where 1 GB "):
+        with pytest.raises(
+            InputError, match=r"^a dwell: makes 4e\+07 ticks, which need about .* GB of memory, where 1 GB "
+        ):
             memory.check_ticks(4e7, "a dwell", "dwell for less")
     else:
         memory.check_ticks(4e7, "a dwell", "dwell for less")

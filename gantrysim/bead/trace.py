@@ -107,7 +107,10 @@ class BeadTrace:
     @property
     def _ascending(self) -> Floats:
         """The length, strictly ascending as np.interp requires, (n,) [mm]."""
-        return self.length + np.arange(self.length.size) * 1e-12
+        length = np.arange(self.length.size, dtype=np.float64)
+        length *= 1e-12
+        length += self.length
+        return length
 
     def along(self, values: Floats) -> Floats:
         """Interpolate values at the ticks, (n,), at the stations, (r,)."""
@@ -116,7 +119,20 @@ class BeadTrace:
     @cached_property
     def point(self) -> Floats:
         """The stations in the work frame, (r, 3) [mm]."""
-        return np.stack([self.along(self.run.nozzle[:, i]) for i in range(3)], axis=1)
+        return np.stack([self.along(self._nozzle(i)) for i in range(3)], axis=1)
+
+    def _nozzle(self, i: int) -> Floats:
+        """One coordinate of the nozzle, (n,) [mm]."""
+        return by_blocks(lambda block: self.run.nozzle[block, i], len(self.length))
+
+    @property
+    def _vertical_error(self) -> Floats:
+        """Vertical contour error of the nozzle at every tick, before and after dispensing that at the end, (n,) [mm]."""
+        analysis = self.analysis
+        error = by_blocks(lambda block: analysis.nozzle.offset[block, 2], analysis.ticks.size)
+        if error.size == len(self.length):
+            return error
+        return np.interp(np.arange(len(self.length), dtype=np.float64), analysis.ticks, error)
 
     @cached_property
     def heading(self) -> Floats:
@@ -140,16 +156,19 @@ class BeadTrace:
 
         It is 0 where it is unknown: without flow in motion, or if a fault comes before the speed is steady.
         """
-        demand, speed = self.run.flow_demand[:-1], self.commanded_steps / self.run.period
+        demand, speed = self.run.flow_demand[:-1], self.commanded_steps
+        speed /= self.run.period
         moving = (demand > 0) & (speed > 0)
         if not moving.any():
             return 0.0
-        sections = demand[moving] / speed[moving]
+        sections = demand[moving]
+        sections /= speed[moving]
+        del demand, speed
         section = float(np.median(sections))
         steady = np.abs(sections - section) <= _STEADY * section
         return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
 
-    @cached_property
+    @property
     def commanded_steps(self) -> Floats:
         """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
         tip = self.run.commanded_tip
@@ -168,10 +187,7 @@ class BeadTrace:
         run = self.run
         if not run.dispense.any():
             return np.full(self.place.size, self.gap)
-        error = self.analysis.nozzle.offset[:, 2]
-        ticks = np.arange(len(self.length), dtype=np.float64)
-        height = self.gap + np.interp(ticks, self.analysis.ticks, error)
-        return np.maximum(self.along(height), _LEAST_GAP * self.gap)
+        return np.maximum(self.along(self.gap + self._vertical_error), _LEAST_GAP * self.gap)
 
     @cached_property
     def surface(self) -> Floats:

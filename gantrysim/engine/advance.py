@@ -25,7 +25,8 @@ def advance(
 ) -> None:
     """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
 
-    Before every call each simulation's log gets room for its ticks. It returns early where MuJoCo does not call the servo, which `Started.record` reports.
+    Before every call each simulation's log gets room for its ticks.
+    It returns early where MuJoCo does not call the servo, which `Started.record` reports.
 
     Args:
         step: makes a number of physics steps of some of the simulations; Ctrl-C takes effect between its calls.

@@ -76,7 +76,9 @@ class LogBook:
         else:
             kept = self.log.until(begun)
             room = min(max(begun + ticks, 2 * len(self.log.tick)), self._most)
-            check_ticks(room, f"the run waits at its {self._setpoints.gates.size} gates and", "allow for a larger error")
+            check_ticks(
+                room, f"the run waits at its {self._setpoints.gates.size} gates and", "allow for a larger error"
+            )
         self.log = Log.of(room, self.log.axis.shape[1])
         self.log.tick[: len(kept.tick)], self.log.axis[: len(kept.tick)] = kept.tick, kept.axis
         self._address(row)
@@ -112,10 +114,7 @@ class LogBook:
             content |= _measured(machine, log)
             return Run(**kept, **{name: read_only(array) for name, array in content.items()}, fault=fault)
         self._write(ticks)
-        if setpoints.gates.size:
-            sent = table.stored(ticks).pop("setpoint").array()
-        else:
-            sent = np.arange(ticks)
+        sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
         _send(machine, setpoints, self._position, sent, self._dispenser, content, table)
         stored = table.stored(ticks)
         stored.pop("setpoint", None)
@@ -198,8 +197,8 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
     content: dict[str, Any] = {}
     _send(machine, setpoints, position, np.arange(len(position)), dispenser, content)
     tip, none = content["commanded_tip"], np.zeros_like(position)
-    content |= {name: position for name in ("encoder", "motor")} | {name: tip for name in _TIPS}
-    content |= {name: none for name in ("demand", "torque", "current", "voltage")}
+    content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(_TIPS, tip)
+    content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
     arrays = {name: read_only(array) for name, array in content.items()}
     return Run(**_constants(machine, setpoints, dispenser), **arrays)
 

@@ -77,7 +77,9 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     from scipy.interpolate import CubicSpline  # slow to import
 
     n = periods(servo.period, FINE)
-    check_ticks(n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program")
+    check_ticks(
+        n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
+    )
     if machine.kinematics.followers:  # travel and speed are limits of the axes
         setpoints = replace(setpoints, axes=machine.axis_names, position=axis_positions(machine, setpoints))
     period, knots = servo.period / n, setpoints.position

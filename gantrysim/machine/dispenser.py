@@ -267,7 +267,9 @@ class Dispenser:
             else:
                 air = (syringe.rate, syringe.critical_ratio)
                 volume = syringe_volumes(*lag, needle.conductance, law, air, state)
-        return np.bincount(edges[:-1].astype(np.intp) - block.start, volume, minlength=block.stop - block.start) / period
+        return (
+            np.bincount(edges[:-1].astype(np.intp) - block.start, volume, minlength=block.stop - block.start) / period
+        )
 
 
 def _on_ticks(time: Floats) -> Floats:

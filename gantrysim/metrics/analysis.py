@@ -144,9 +144,7 @@ class Analysis:
         moving = np.flatnonzero(by_blocks(moves, len(run.time) - 1))
         return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
-            tracking={
-                name: ErrorSize.of(run.commanded[on, a] - run.encoder[on, a]) for a, name in enumerate(run.axes)
-            },
+            tracking={name: ErrorSize.of(run.commanded[on, a] - run.encoder[on, a]) for a, name in enumerate(run.axes)},
             tracking_along=ErrorSize.of(by_blocks(along, on.size)),
             generation=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),

@@ -188,12 +188,12 @@ class Budget:
         links = [errors[0], *(_difference(after, before) for before, after in pairwise(errors))]
         return dict(zip(LINKS, links, strict=True))
 
-    @cached_property
+    @property
     def lag(self) -> Floats:
         """Lag of the nozzle behind the command along the path, (m,) [mm]."""
         return self.analysis.commanded.s - self.analysis.nozzle.s
 
-    @cached_property
+    @property
     def turn(self) -> NDArray[np.intp]:
         """Turn of the path's tangent at each tick, 0 for the first, -1 outside of any, (m,).
 
@@ -266,12 +266,13 @@ class Budget:
         )
 
     def _turns(self) -> tuple[TurnValues, ...]:
-        count = int(self.turn.max()) + 1
+        turns = self.turn
+        count = int(turns.max()) + 1
         if count < 2:
             return ()
-        inside = np.flatnonzero(self.turn >= 0)
-        # a stretch of ticks in the order of the turns
-        edges = inside[0] + np.searchsorted(self.turn[inside], np.arange(count + 1))
+        inside = np.flatnonzero(turns >= 0)  # a stretch of ticks in the order of the turns
+        edges = inside[0] + np.searchsorted(turns[inside], np.arange(count + 1))
+        del turns, inside
         stretches = [slice(low, high) for low, high in pairwise(edges.tolist())]
         sizes: dict[str, list[ErrorSize]] = {}
         for name, part in {**self.parts, "contour": self.contour}.items():

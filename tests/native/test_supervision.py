@@ -325,8 +325,8 @@ def test_waits_that_would_exhaust_the_memory_are_refused(rigid, monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 1e9)
     waiting = dataclasses.replace(diagonal(10.0), supervision=Supervision(settle_time=2e4, **limits), gates=[5, 9])
     said = (
-        r"^settle_time = 20000 s at each of 2 gates: makes 4e\+07 ticks, which need about [\d.]+ GB of memory, where 1 GB "
-        "are available; use a shorter settle_time or program$"
+        r"^settle_time = 20000 s at each of 2 gates: makes 4e\+07 ticks, which need about [\d.]+ GB of memory, "
+        "where 1 GB are available; use a shorter settle_time or program$"
     )
     with pytest.raises(InputError, match=said):
         simulate(machine, lazy(machine), waiting)
@@ -355,4 +355,3 @@ def test_the_log_grows_where_the_run_waits_for_longer_than_it_has_room(rigid, mo
     for name, value in vars(waited).items():
         if isinstance(value, np.ndarray):
             np.testing.assert_array_equal(getattr(again, name), value, name)
-

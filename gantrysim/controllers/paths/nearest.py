@@ -242,9 +242,7 @@ def along_blocks(table, blocks, count, spacing, begin):
     while seen < count:
         seen = decided + len(kept) + len(trace) - 1
         part = found[decided:seen]
-        k, index, origin, kept = _next_block(
-            table, trace, spacing, index, origin, kept, cost, at, part, seen == count
-        )
+        k, index, origin, kept = _next_block(table, trace, spacing, index, origin, kept, cost, at, part, seen == count)
         decided += k
         if seen < count:
             trace = np.concatenate([trace[-1:], next(blocks)])

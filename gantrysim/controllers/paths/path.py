@@ -187,9 +187,7 @@ class Path(ABC):
         p = _points(points)
         return self._foot(p, cKDTree(self.table[1]).query(p)[1])
 
-    def follow(
-        self, trace: ArrayLike, begin: float | None = None, rows: NDArray[np.intp] | None = None
-    ) -> Projection:
+    def follow(self, trace: ArrayLike, begin: float | None = None, rows: NDArray[np.intp] | None = None) -> Projection:
         """Project a trace onto the path in the order of its points: the feet advance as the trace does.
 
         A trace thus stays on its own turn of a spiral, at any distance, and on its own leg of a path that retraces

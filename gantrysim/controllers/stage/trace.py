@@ -108,7 +108,9 @@ class OutlineTrace(Controller):
             object.__setattr__(self, name, travel(name, getattr(self, name)))
         at_least("blend", self.blend, 0, "mm")
         if whole("corner_pieces", self.corner_pieces, 0) > _MOST_PIECES:
-            raise InputError(f"corner_pieces = {self.corner_pieces}: must be at most {_MOST_PIECES}, or 0 for exact arcs")
+            raise InputError(
+                f"corner_pieces = {self.corner_pieces}: must be at most {_MOST_PIECES}, or 0 for exact arcs"
+            )
         if self.blend > 0 and self.corner_pieces > 0:
             raise InputError(
                 f"blend = {self.blend:g} mm: must be 0 mm where corner_pieces is {self.corner_pieces}; "
