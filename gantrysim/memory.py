@@ -15,9 +15,8 @@ from gantrysim.errors import InputError
 LONG = 1_000_000
 
 # Measured with all figures, error budget and bead, on an225 with two axes; see tests/engine/test_long.py.
-_TICK = 1000.0  # memory of a tick that is kept there [B]
-_LONG_TICK = 130.0  # of each tick beyond LONG [B]
-_LONG_BASE = 1.0e8  # of the block of a long run that is computed [B]
+_TICK = 1000.0  # memory of a tick, where it is kept there [B]
+_LONG_TICK, _LONG_BASE = 130.0, 2e8  # of a tick of a long run, and of its tables and of a block [B]
 _FILE_TICK = 900.0  # in temporary files, of each tick of a long run [B]
 
 _FEW = 200_000  # ticks that any machine has memory for
@@ -31,7 +30,7 @@ _GROUPS = (
 
 def needed_memory(ticks: float) -> float:
     """Return about how much memory a run of so many ticks needs, with all its figures [B]."""
-    return _TICK * min(ticks, LONG) + (_LONG_BASE + _LONG_TICK * (ticks - LONG) if ticks > LONG else 0.0)
+    return _LONG_BASE + _LONG_TICK * ticks if ticks > LONG else _TICK * ticks
 
 
 def needed_files(ticks: float) -> float:

@@ -127,7 +127,7 @@ class BeadTrace:
 
     @property
     def _vertical_error(self) -> Floats:
-        """Vertical contour error of the nozzle at every tick, before and after dispensing that at the end, (n,) [mm]."""
+        """Vertical contour error at every tick, before and after dispensing that at the end, (n,) [mm]."""
         analysis = self.analysis
         error = by_blocks(lambda block: analysis.nozzle.offset[block, 2], analysis.ticks.size)
         if error.size == len(self.length):

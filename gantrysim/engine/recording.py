@@ -112,13 +112,13 @@ class LogBook:
             log = self.log.until(ticks)
             _send(machine, setpoints, self._position, log.tick["setpoint"], self._dispenser, content)
             content |= _measured(machine, log)
-            return Run(**kept, **{name: read_only(array) for name, array in content.items()}, fault=fault)
+            return Run(**kept, **_protected(content), fault=fault)
         self._write(ticks)
         sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
         _send(machine, setpoints, self._position, sent, self._dispenser, content, table)
         stored = table.stored(ticks)
         stored.pop("setpoint", None)
-        return Run(**kept, **cast(Any, stored), fault=fault)
+        return Run(**kept, **cast(dict[str, Any], stored), fault=fault)
 
 
 def _columns(axes: int, *, waiting: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
@@ -199,8 +199,11 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
     tip, none = content["commanded_tip"], np.zeros_like(position)
     content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(_TIPS, tip)
     content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
-    arrays = {name: read_only(array) for name, array in content.items()}
-    return Run(**_constants(machine, setpoints, dispenser), **arrays)
+    return Run(**_constants(machine, setpoints, dispenser), **_protected(content))
+
+
+def _protected(content: dict[str, Any]) -> dict[str, Any]:
+    return {name: read_only(array) for name, array in content.items()}
 
 
 def _send(
