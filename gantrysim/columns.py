@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gantrysim import memory
 from gantrysim.errors import InputError
 
-BLOCK = 65_536  # rows that are computed at a time
+BLOCK = 16_384  # rows that are computed at a time
 
 _Array = TypeVar("_Array", bound=NDArray[Any])
 _Table = TypeVar("_Table")

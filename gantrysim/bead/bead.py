@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.bead.height_map import HeightMap
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.bead.trace import BeadTrace, cumulated
 from gantrysim.columns import by_blocks
 from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Range
@@ -227,7 +227,8 @@ class Bead(BeadTrace):
     def _parts(self) -> Floats:
         """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
-        more = np.concatenate([[0.0], np.cumsum((run.flow - run.flow_demand)[:-1])]) * run.period
+        more = cumulated(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
+        more *= run.period
         last = more.size - 1
         ticks = [
             [low, *self._settled(on, min(off, last)), high]

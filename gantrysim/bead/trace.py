@@ -88,7 +88,7 @@ class BeadTrace:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        self.length: Floats = np.concatenate([[0.0], np.cumsum(surface_steps(run.nozzle))])
+        self.length: Floats = cumulated(surface_steps(run.nozzle))
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
@@ -148,7 +148,9 @@ class BeadTrace:
     @cached_property
     def volume(self) -> Floats:
         """Volume laid up to each tick, (n,) [mm³]."""
-        return np.concatenate([[0.0], np.cumsum(self.run.flow[:-1]) * self.run.period])
+        volume = cumulated(self.run.flow[:-1])
+        volume *= self.run.period
+        return volume
 
     @cached_property
     def nominal(self) -> float:
@@ -264,6 +266,14 @@ class BeadTrace:
         """First station of every stretch of glue, and the first after it, (k, 2)."""
         least = _WET * (self.nominal if self.nominal > 0 else float(self.area.max()))
         return spans(self.area > least)
+
+
+def cumulated(values: Floats) -> Floats:
+    """Return the sums of the first values, of none to all of them, (n + 1,)."""
+    sums = np.empty(len(values) + 1)
+    sums[0] = 0.0
+    np.cumsum(values, out=sums[1:])
+    return sums
 
 
 def surface_steps(trace: Floats) -> Floats:
