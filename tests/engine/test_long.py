@@ -1,20 +1,23 @@
 """Long runs: computed block by block, with the record in temporary files, they give what short ones do."""
 
 import dataclasses
+import io
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from gantrysim import Job, Run, columns, memory, simulate
 from gantrysim.bead import Bead
+from gantrysim.cli.tables import plan_table
 from gantrysim.columns import Stored
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
 from gantrysim.job.loading import builtin_jobs
@@ -160,6 +163,29 @@ def test_a_program_above_the_memory_is_refused_before_anything_is_allocated(monk
         job = Job.load("an225", [setting])
         with pytest.raises(InputError, match=said):
             _ = job.setpoints
+
+
+def test_a_wait_at_a_gate_counts_for_its_settling_time(xy):
+    limits = Supervision(settle_error=0.05, settle_time=0.02)
+    setpoints = MoveSpiral(60, 1, 10, 100).setpoints(1e-3)
+    gated = dataclasses.replace(setpoints, supervision=limits, gates=[500, 900])
+    assert gated.run_ticks == len(setpoints.position) + 2 * 20
+    assert len(simulate(xy, Servo.derive(xy.axes), gated).time) >= gated.run_ticks
+
+
+def test_check_shows_ticks_machine_time_and_memory(monkeypatch):
+    job = Job.load("an225")
+    plan = job.plan()
+    assert plan.ticks == len(job.setpoints.position)
+    shown = Console(width=200, record=True, file=io.StringIO())
+    shown.print(plan_table(job.name, plan))
+    text = shown.export_text()
+    assert f"{plan.ticks} ticks" in text
+    assert f"{plan.ticks * 1e-3:.3f} s of machine time; about {plan.ticks / 1000:.0f} MB of memory" in text
+    assert "temporary files" not in text
+    monkeypatch.setattr(memory, "LONG", 1000)
+    shown.print(plan_table(job.name, job.plan()))
+    assert "MB of temporary files" in shown.export_text()
 
 
 PROGRAM = """
