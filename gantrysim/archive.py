@@ -10,11 +10,13 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim import memory
+from gantrysim.columns import FileTable, Stored, array_of, blocks
 from gantrysim.errors import InputError
 
 CHECKSUM = "sha256"
@@ -107,28 +109,45 @@ class Archive:
             raise InputError(f"{name} has {info.file_size} bytes, not those of {found[1]} and shape ({found[3]})")
         return Member(dtype, shape, found[2] == "True", info, start + header)
 
-    def read(self, name: str) -> NDArray[Any]:
-        """Return an array, and add its name and bytes to the checksum.
+    def read(self, name: str) -> NDArray[Any] | Stored:
+        """Return an array, in a temporary file if it is that of a long run, and add its name and bytes to the checksum.
 
         Raises:
             KeyError: there is no such member.
         """
         member = self.members[name]
-        values = np.empty(math.prod(member.shape), member.dtype)
         self._digest.update(_named(name) + member.header)
-        left = values.view(np.uint8).data if values.nbytes else memoryview(b"")
         with self._zip.open(member.info) as stream:
             stream.read(len(member.header))
-            while len(left):
-                chunk = stream.read(min(_CHUNK, len(left)))
-                if not chunk:
-                    raise InputError(f"{name} ends early")
-                left[: len(chunk)] = chunk
-                self._digest.update(chunk)
-                left = left[len(chunk) :]
+            if len(member.shape) and member.shape[0] > memory.LONG and not member.fortran:
+                values: NDArray[Any] | Stored = self._long(name, member, stream)
+            else:
+                values = np.empty(math.prod(member.shape), member.dtype)
+                self._fill(name, values, stream)
+                values = values.reshape(member.shape, order="F" if member.fortran else "C")
             if stream.read(1):  # at the end zipfile compares its own checksum
                 raise InputError(f"{name} is longer than announced")
-        return values.reshape(member.shape, order="F" if member.fortran else "C")
+        return values
+
+    def _long(self, name: str, member: Member, stream: IO[bytes]) -> Stored:
+        rows, tail = member.shape[0], member.shape[1:]
+        table = FileTable(rows, {name: (member.dtype, tail)})
+        for block in blocks(rows):
+            values = np.empty((block.stop - block.start) * math.prod(tail), member.dtype)
+            self._fill(name, values, stream)
+            table.write(block.start, {name: values})
+        return table.stored(rows)[name]
+
+    def _fill(self, name: str, values: NDArray[Any], stream: IO[bytes]) -> None:
+        """Fill in an array of one dimension from a stream, and add its bytes to the checksum."""
+        left = values.view(np.uint8).data if values.nbytes else memoryview(b"")
+        while len(left):
+            chunk = stream.read(min(_CHUNK, len(left)))
+            if not chunk:
+                raise InputError(f"{name} ends early")
+            left[: len(chunk)] = chunk
+            self._digest.update(chunk)
+            left = left[len(chunk) :]
 
     def check(self) -> None:
         """Compare the checksum of the arrays read so far, in this order, with the one in the archive.
@@ -164,7 +183,7 @@ def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
 
 def _write(archive: zipfile.ZipFile, name: str, value: Any, digest: Any) -> None:
     with archive.open(name + _SUFFIX, "w", force_zip64=True) as member:
-        np.lib.format.write_array(_Tee(member, digest), np.asanyarray(value), (1, 0), allow_pickle=False)
+        np.lib.format.write_array(_Tee(member, digest), np.asanyarray(array_of(value)), (1, 0), allow_pickle=False)
 
 
 @dataclass(frozen=True)

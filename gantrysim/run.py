@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.arrays import Floats, read_only
+from gantrysim.columns import Column, Stored, array_of, blocks
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault, fault_of
@@ -79,6 +80,7 @@ class Run:
         units: their units, "mm" or "deg"; u below.
         requested: the requested path, in the work frame.
         period: servo period [s].
+        gap: height of the nozzle above the work where its z is 0 [mm].
         time: (n,) [s].
         commanded: setpoints, DPOS, (n, axes) [u].
         encoder: measured positions, MPOS, in whole encoder counts, (n, axes) [u].
@@ -94,7 +96,6 @@ class Run:
             sum(flow[:-1]) * period.
         flow_demand: flow demanded by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
-        gap: height of the nozzle above the work where its z is 0 [mm].
         face: outer diameter of the needle, that of its face [mm].
         needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
@@ -108,22 +109,22 @@ class Run:
     units: tuple[str, ...]
     requested: Path
     period: float
-    time: Floats
-    commanded: Floats
-    commanded_tip: Floats
-    encoder: Floats
-    encoder_tip: Floats
-    motor: Floats
-    motor_tip: Floats
-    nozzle: Floats
-    demand: Floats
-    torque: Floats
-    current: Floats
-    voltage: Floats
-    flow: Floats
-    flow_demand: Floats
-    dispense: NDArray[np.bool_]
     gap: float
+    time: Column[Floats] = Column()
+    commanded: Column[Floats] = Column()
+    commanded_tip: Column[Floats] = Column()
+    encoder: Column[Floats] = Column()
+    encoder_tip: Column[Floats] = Column()
+    motor: Column[Floats] = Column()
+    motor_tip: Column[Floats] = Column()
+    nozzle: Column[Floats] = Column()
+    demand: Column[Floats] = Column()
+    torque: Column[Floats] = Column()
+    current: Column[Floats] = Column()
+    voltage: Column[Floats] = Column()
+    flow: Column[Floats] = Column()
+    flow_demand: Column[Floats] = Column()
+    dispense: Column[NDArray[np.bool_]] = Column()
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None
@@ -132,12 +133,11 @@ class Run:
     machine_sha256: str = ""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and _writable(value):
                 own = value.copy()  # the caller's array stays the caller's
                 own.flags.writeable = False
-                object.__setattr__(self, field.name, own)
+                object.__setattr__(self, name, own)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the record to a NumPy .npz file, with a SHA-256 of its content; an earlier file stays until then.
@@ -145,7 +145,7 @@ class Run:
         Raises:
             InputError: the file cannot be written.
         """
-        arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays: dict[str, Any] = {f.name: vars(self)[f.name] for f in fields(self)}
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
@@ -199,7 +199,7 @@ def _content(archive: Archive) -> dict[str, Any]:
         raise InputError(f"requested has a length of {length:g} mm")
     content["fault"] = None if fault is None else _fault(fault, content["axes"])
     content["injected"] = tuple(fault_of(one) for one in json.loads(content.get("injected", "[]")))
-    return {**content, **{name: read_only(array) for name, array in raw.items()}}
+    return {**content, **{name: read_only(one) if isinstance(one, np.ndarray) else one for name, one in raw.items()}}
 
 
 def _format(archive: Archive) -> int:
@@ -240,7 +240,7 @@ def _check_members(members: Mapping[str, Member], written: int) -> None:
                 raise InputError(f"{name} has the shape {found.shape} and type {found.dtype}, must have {own}, {kind}")
 
 
-def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> None:
+def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any] | Stored]) -> None:
     """Check that names can be printed, numbers are finite and times follow the period."""
     for name in (*content["axes"], *content["units"], content["machine"]):
         if not name or not name.isprintable():
@@ -251,19 +251,23 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
         number = content.get(name, 1.0)
         if not np.isfinite(number) or (name != "gap" and number <= 0):
             raise InputError(f"{name} = {number:g}")
-    time, period = columns["time"], content["period"]
-    if not np.allclose(time, period * np.arange(time.size), rtol=1e-12, atol=1e-9 * period):
-        raise InputError(f"time is not that of ticks every {period:g} s")
-    if columns["dispense"].view(np.uint8).max() > 1:
+    time, period = array_of(columns["time"]), content["period"]
+    for rows in blocks(time.size):
+        expected = period * np.arange(rows.start, rows.stop)
+        if not np.allclose(time[rows], expected, rtol=1e-12, atol=1e-9 * period):
+            raise InputError(f"time is not that of ticks every {period:g} s")
+    if array_of(columns["dispense"]).view(np.uint8).max() > 1:
         raise InputError("dispense has values other than true and false")
     for name, column in columns.items():
-        wrong = ~np.isfinite(column)
-        if name in _NAN:  # of an axis whose motor is an ideal source of torque
-            wrong &= ~np.isnan(column).all(axis=0)
-        if name in _LAST and content["fault"] != "null":
-            wrong = wrong[:-1]
-        if wrong.any():
-            raise InputError(f"{name} has {np.count_nonzero(wrong)} values that are not finite")
+        values = array_of(column)
+        last = len(values) - (name in _LAST and content["fault"] != "null")
+        unknown = name in _NAN and np.isnan(values[0])  # of an axis whose motor is an ideal source of torque
+        wrong = 0
+        for rows in blocks(last):
+            finite = np.isfinite(values[rows]) | (unknown & np.isnan(values[rows]))
+            wrong += finite.size - np.count_nonzero(finite)
+        if wrong:
+            raise InputError(f"{name} has {wrong} values that are not finite")
 
 
 def _fault(content: Any, axes: Sequence[str]) -> Fault:

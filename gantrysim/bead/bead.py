@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.bead.height_map import HeightMap
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.bead.trace import BeadTrace, cumulated
+from gantrysim.columns import by_blocks
 from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward
@@ -189,10 +190,17 @@ class Bead(BeadTrace):
     @cached_property
     def clearance(self) -> Floats:
         """Distance of neighbouring turns less their mean width, at the points of the analysis' spacing, (m,) [mm]."""
-        spacing, foot = self.analysis.spacing, self.analysis.nozzle
-        ahead = forward(foot.s)
-        s, width = foot.s[ahead], np.interp(self.length[self.analysis.ticks], self.place, self.width)[ahead]
-        return spacing.distance - 0.5 * (np.interp(spacing.s, s, width) + np.interp(spacing.next_s, s, width))
+        spacing, ticks = self.analysis.spacing, self.analysis.ticks
+        s = self.analysis.nozzle.s
+        ahead = forward(s)
+        s = s[ahead]
+        width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)[ahead]
+
+        def clearance(block: slice) -> Floats:
+            here, there = (np.interp(at[block], s, width) for at in (spacing.s, spacing.next_s))
+            return spacing.distance[block] - 0.5 * (here + there)
+
+        return by_blocks(clearance, len(spacing.s))
 
     @cached_property
     def _coverage(self) -> float:
@@ -219,7 +227,8 @@ class Bead(BeadTrace):
     def _parts(self) -> Floats:
         """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
-        more = np.concatenate([[0.0], np.cumsum((run.flow - run.flow_demand)[:-1])]) * run.period
+        more = cumulated(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
+        more *= run.period
         last = more.size - 1
         ticks = [
             [low, *self._settled(on, min(off, last)), high]
@@ -234,7 +243,9 @@ class Bead(BeadTrace):
         usual = float(np.median(excess)) if excess.size else 0.0
         # a flow may also cross its settled value on a ramp
         full = demand >= 0.5 * demand.max(initial=0.0)
-        near = np.flatnonzero(full & (np.abs(excess - usual) <= _SETTLED * demand))
+        near = np.flatnonzero(
+            full & by_blocks(lambda block: np.abs(excess[block] - usual) <= _SETTLED * demand[block], demand.size)
+        )
         middle = (on + off) // 2
         if not near.size or usual <= -demand.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
             return middle, middle

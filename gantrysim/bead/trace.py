@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.bead.section import Section
+from gantrysim.columns import by_blocks
 from gantrysim.errors import InputError, at_least, finite, whole
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
@@ -89,8 +90,7 @@ class BeadTrace:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        self.length: Floats = np.concatenate([[0.0], np.cumsum(surface_steps(run.nozzle))])
-        self._ascending = self.length + np.arange(self.length.size) * 1e-12  # strictly, as np.interp requires
+        self.length: Floats = cumulated(surface_steps(run.nozzle))
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
@@ -106,6 +106,14 @@ class BeadTrace:
         """Distance of the stations [mm]."""
         return float(self.place[1])
 
+    @property
+    def _ascending(self) -> Floats:
+        """The length, strictly ascending as np.interp requires, (n,) [mm]."""
+        length = np.arange(self.length.size, dtype=np.float64)
+        length *= 1e-12
+        length += self.length
+        return length
+
     def along(self, values: Floats) -> Floats:
         """Interpolate values at the ticks, (n,), at the stations, (r,)."""
         return np.interp(self.place, self._ascending, values)
@@ -113,7 +121,20 @@ class BeadTrace:
     @cached_property
     def point(self) -> Floats:
         """The stations in the work frame, (r, 3) [mm]."""
-        return np.stack([self.along(self.run.nozzle[:, i]) for i in range(3)], axis=1)
+        return np.stack([self.along(self._nozzle(i)) for i in range(3)], axis=1)
+
+    def _nozzle(self, i: int) -> Floats:
+        """One coordinate of the nozzle, (n,) [mm]."""
+        return by_blocks(lambda block: self.run.nozzle[block, i], len(self.length))
+
+    @property
+    def _vertical_error(self) -> Floats:
+        """Vertical contour error at every tick, before and after dispensing that at the end, (n,) [mm]."""
+        analysis = self.analysis
+        error = by_blocks(lambda block: analysis.nozzle.offset[block, 2], analysis.ticks.size)
+        if error.size == len(self.length):
+            return error
+        return np.interp(np.arange(len(self.length), dtype=np.float64), analysis.ticks, error)
 
     @cached_property
     def heading(self) -> Floats:
@@ -129,7 +150,9 @@ class BeadTrace:
     @cached_property
     def volume(self) -> Floats:
         """Volume laid up to each tick, (n,) [mm³]."""
-        return np.concatenate([[0.0], np.cumsum(self.run.flow[:-1]) * self.run.period])
+        volume = cumulated(self.run.flow[:-1])
+        volume *= self.run.period
+        return volume
 
     @cached_property
     def nominal(self) -> float:
@@ -137,19 +160,27 @@ class BeadTrace:
 
         It is 0 where it is unknown: without flow in motion, or if a fault comes before the speed is steady.
         """
-        demand, speed = self.run.flow_demand[:-1], self.commanded_steps / self.run.period
+        demand, speed = self.run.flow_demand[:-1], self.commanded_steps
+        speed /= self.run.period
         moving = (demand > 0) & (speed > 0)
         if not moving.any():
             return 0.0
-        sections = demand[moving] / speed[moving]
+        sections = demand[moving]
+        sections /= speed[moving]
+        del demand, speed
         section = float(np.median(sections))
         steady = np.abs(sections - section) <= _STEADY * section
         return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
 
-    @cached_property
+    @property
     def commanded_steps(self) -> Floats:
         """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
-        return np.linalg.norm(np.diff(self.run.commanded_tip, axis=0), axis=1)
+        tip = self.run.commanded_tip
+
+        def steps(block: slice) -> Floats:
+            return np.linalg.norm(np.diff(tip[block.start : block.stop + 1], axis=0), axis=1)
+
+        return by_blocks(steps, len(tip) - 1)
 
     @cached_property
     def nozzle_height(self) -> Floats:
@@ -160,10 +191,7 @@ class BeadTrace:
         run = self.run
         if not run.dispense.any():
             return np.full(self.place.size, self.gap)
-        error = self.analysis.nozzle.offset[:, 2]
-        ticks = np.arange(len(run.time), dtype=np.float64)
-        height = self.gap + np.interp(ticks, self.analysis.ticks, error)
-        return np.maximum(self.along(height), _LEAST_GAP * self.gap)
+        return np.maximum(self.along(self.gap + self._vertical_error), _LEAST_GAP * self.gap)
 
     @cached_property
     def surface(self) -> Floats:
@@ -270,15 +298,27 @@ class BeadTrace:
         return spans(self.area > least)
 
 
+def cumulated(values: Floats) -> Floats:
+    """Return the sums of the first values, of none to all of them, (n + 1,)."""
+    sums = np.empty(len(values) + 1)
+    sums[0] = 0.0
+    np.cumsum(values, out=sums[1:])
+    return sums
+
+
 def surface_steps(trace: Floats) -> Floats:
     """Length from each point of a trace to the next along the surface, (n - 1,) [mm].
 
     A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
     so that glue which flows meanwhile lies on the spot.
     """
-    step = np.diff(trace, axis=0)
-    ahead = np.hypot(step[:, 0], step[:, 1])
-    return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
+
+    def steps(block: slice) -> Floats:
+        step = np.diff(trace[block.start : block.stop + 1], axis=0)
+        ahead = np.hypot(step[:, 0], step[:, 1])
+        return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
+
+    return by_blocks(steps, len(trace) - 1)
 
 
 def _averaged(values: Floats, reach: int) -> Floats:

@@ -19,6 +19,7 @@ from gantrysim.run import Run
 from gantrysim.stability.margins import Margins
 
 _UM = 1e3
+_MB = 1e6
 
 
 def links_table(name: str, machine: Machine, budget: Budget) -> Table:
@@ -105,6 +106,12 @@ def plan_table(name: str, plan: Plan) -> Table:
     table.add_row("requested path", f"{plan.length:.3f} mm", "")
     table.add_row("commanded way", f"{plan.way:.3f} mm", f"{plan.glue:.3f} mm with glue")
     table.add_row("time", f"{plan.duration:.3f} s", f"at most {plan.speed:.2f} mm/s")
+    files = f", {plan.files / _MB:.0f} MB of temporary files" if plan.files else ""
+    table.add_row(
+        "run",
+        f"{plan.ticks} ticks",
+        f"{plan.ticks * plan.period:.3f} s of machine time; about {plan.memory / _MB:.0f} MB of memory{files}",
+    )
     for k, axis in enumerate("xyz"):
         table.add_row(f"tip {axis}", f"{plan.box[0, k]:.3f} to {plan.box[1, k]:.3f} mm", "")
     for axis, extent in plan.travel.items():

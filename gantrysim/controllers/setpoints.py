@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.columns import by_blocks
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Constant, Profile
 from gantrysim.errors import InputError, at_least, positive, whole
+from gantrysim.memory import check_ticks
 
 MAX_TICKS = 50_000_000
 _ROUNDING = 1e-9  # relative, of lengths
@@ -99,6 +101,16 @@ class Setpoints:
         """Time of the last setpoint, without waits at gates [s]."""
         return (len(self.position) - 1) * self.period
 
+    @property
+    def run_ticks(self) -> int:
+        """Number of servo ticks of a run that waits at each gate for no longer than it must."""
+        return len(self.position) + self.gates.size * periods(self.supervision.settle_time, self.period)
+
+    @property
+    def most_ticks(self) -> int:
+        """Number of servo ticks of a run that waits at each gate for as long as it may, before that is a fault."""
+        return len(self.position) + self.gates.size * (periods(self.supervision.settle_timeout, self.period) + 1)
+
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
         return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
@@ -110,6 +122,8 @@ class Setpoints:
     def _padded(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self
+        total, added = len(self.position) + before + after, (before + after) * self.period
+        check_ticks(total, f"hold of {added:g} s in periods of {self.period:g} s", "hold for a shorter time")
         position = np.pad(self.position, ((before, after), (0, 0)), "edge")
         return replace(
             self, position=position, dispense=np.pad(self.dispense, (before, after)), gates=self.gates + before
@@ -143,13 +157,29 @@ class Setpoints:
         if abs(profile.length - path.length) > _ROUNDING * (1 + path.length):
             raise InputError(f"profile of {profile.length:.6g} mm: must be as long as the path, {path.length:.6g} mm")
         n = ticks(profile.duration, period)
-        s = profile.position(np.arange(n + 1) * period)
-        s[-1] = path.length
-        position = path.position(s)[:, : len(axes)] if coordinates is None else coordinates(s)
+
+        def positions(block: slice) -> Floats:
+            s = profile.position(np.arange(block.start, block.stop) * period)
+            if block.stop > n:
+                s[-1] = path.length
+            return path.position(s)[:, : len(axes)] if coordinates is None else coordinates(s)
+
+        position = by_blocks(positions, n + 1)
         return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
 
 
 def ticks(duration: float, period: float) -> int:
+    """Return the number of setpoints after the first that cover `duration` [s], see `periods`.
+
+    Raises:
+        InputError: more than MAX_TICKS, or than there is memory for.
+    """
+    count = periods(duration, period)
+    check_ticks(count, f"{duration:g} s in periods of {period:g} s", "use a shorter program or a longer period")
+    return count
+
+
+def periods(duration: float, period: float) -> int:
     """Return the number of whole periods that cover `duration` [s], with a tolerance for rounding.
 
     Raises:

@@ -25,6 +25,7 @@ def advance(
 ) -> None:
     """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
 
+    Before every call each simulation's log gets room for its ticks.
     It returns early where MuJoCo does not call the servo, which `Started.record` reports.
 
     Args:
@@ -43,6 +44,8 @@ def advance(
             one, before = runs[left[0]], runs[left[0]].steps
             needed = max(runs[number].steps_left for number in left) if steps is None else steps - made
             count = min(needed, most, *(runs[number].steps_of_model for number in left))
+            for number in left:
+                runs[number].make_room(count)
             step(count, left)
             if one.steps == before:
                 return

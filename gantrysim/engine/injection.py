@@ -123,19 +123,20 @@ def stuck_models(
 
 
 def stretches(
-    faults: Sequence[InjectedFault], axes: Sequence[str], period: float, ticks: int, drives: Floats
+    faults: Sequence[InjectedFault], axes: Sequence[str], period: float, ticks: range, drives: Floats
 ) -> Iterator[tuple[int, int, Floats]]:
-    """Yield the stretches of a run between electrical faults: first tick, the one after the last, and the drives.
+    """Yield the stretches of ticks between electrical faults: first tick, the one after the last, and the drives.
 
     Args:
         faults: faults on purpose.
         axes: names of the axes.
         period: servo period [s].
-        ticks: number of servo ticks.
+        ticks: servo ticks, each after the one before.
         drives: gain, motor constant, resistance, bus voltage and peak torque of each healthy axis, (axes, 5).
     """
     electrical = [(f, *f.acting(period)) for f in faults if isinstance(f, OpenWinding | BusSag) and f.acts]
-    edges = {0, ticks, *(int(edge) for _, *ends in electrical for edge in ends if edge < ticks)}
+    edges = {ticks.start, ticks.stop}
+    edges |= {int(end) for _, *ends in electrical for end in ends if ticks.start < end < ticks.stop}
     for first, after in zip(sorted(edges)[:-1], sorted(edges)[1:], strict=True):
         own = drives.copy()
         bus = drives[:, 3].copy()

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints, ticks
+from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
 from gantrysim.engine.positions import axis_positions, check_supervision
-from gantrysim.engine.recording import record
+from gantrysim.engine.recording import LogBook
 from gantrysim.errors import GantryError, InputError
 from gantrysim.faults import InjectedFault, check_faults
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
+from gantrysim.memory import check_ticks
 from gantrysim.native.row import (
     FAULTS,
     NEVER,
@@ -49,7 +50,7 @@ class Simulation:
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
         model: the machine's, with the physics step; not to be changed.
-        log: entries written by the servo.
+        book: of the log that the servo writes.
         faults: faults on purpose.
         injected: those that act in the servo tick, (entries,) of `INJECTED`.
         later: the models with the friction of stuck axes, each with the number of physics steps before it, ascending.
@@ -62,7 +63,7 @@ class Simulation:
     position: Floats
     substeps: int
     model: mujoco.MjModel
-    log: Log
+    book: LogBook
     faults: tuple[InjectedFault, ...] = ()
     injected: NDArray[np.void] = field(default_factory=no_entries)
     later: tuple[tuple[int, mujoco.MjModel], ...] = ()
@@ -91,9 +92,9 @@ class Simulation:
             )
         substeps = substeps_of(machine, servo.period, physics_step)
         delay_steps(servo.delay, servo.period, substeps)
-        most = _most_ticks(setpoints)
+        _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps)
-        checked = check_faults(faults, machine.name, machine.axis_names, most * servo.period)
+        checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(
             machine,
             servo,
@@ -102,11 +103,16 @@ class Simulation:
             position,
             substeps,
             model,
-            Log.of(most, servo.axes),
+            LogBook(machine, setpoints, position, dispenser, checked),
             checked,
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, servo.period, substeps),
         )
+
+    @property
+    def log(self) -> Log:
+        """The log in memory."""
+        return self.book.log
 
     def start(self, qpos: Floats, userdata: Floats) -> Started:
         """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
@@ -125,7 +131,7 @@ class Simulation:
         row["axes"], row["ticks"], row["substeps"] = servo.axes, len(self.position), self.substeps
         row["delay"] = delay_steps(servo.delay, servo.period, self.substeps)
         row["setpoints"] = self.position.ctypes.data
-        row["log"], row["axis_log"] = self.log.tick.ctypes.data, self.log.axis.ctypes.data
+        self.book.begin(row)
         row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
         row["resolution"][: servo.axes] = servo.resolution
         row["following_error_limit"][: servo.axes] = servo.following_error_limit
@@ -149,8 +155,8 @@ class Simulation:
         row["position_error_delay"] = supervision.position_error_delay
         row["injected"], row["injected_count"] = self.injected.ctypes.data, self.injected.size
         row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
-        row["settle_ticks"] = ticks(supervision.settle_time, self.setpoints.period)
-        row["timeout_ticks"] = ticks(supervision.settle_timeout, self.setpoints.period)
+        row["settle_ticks"] = periods(supervision.settle_time, self.setpoints.period)
+        row["timeout_ticks"] = periods(supervision.settle_timeout, self.setpoints.period)
         for a, axis in enumerate(self.machine.axes):
             row["linear"][a] = axis.unit == "mm"
             if axis.unit == "mm":
@@ -210,6 +216,13 @@ class Started:
         last = self.ticks - self.sent + len(self.simulation.position) - 1
         return last * self.simulation.substeps + 1 - self.steps
 
+    def make_room(self, steps: int) -> None:
+        """Make room in the log for the servo ticks of a number of physics steps; errors as of `LogBook.make_room`."""
+        ticks = steps // self.simulation.substeps + 2
+        if self.row["gate"] >= self.row["gate_count"]:  # no more waits
+            ticks = min(ticks, len(self.simulation.position) - self.sent)
+        self.simulation.book.make_room(self.row, ticks)
+
     @property
     def fault(self) -> Fault | None:
         """The fault, if there is one."""
@@ -245,14 +258,9 @@ class Started:
                 f"the servo of machine {simulation.machine.name} ran for {kept} of {len(simulation.position)} ticks: "
                 "MuJoCo did not call it"
             )
-        if fault is not None:
-            nozzle, encoder = simulation.log.tick["nozzle"][kept - 1], simulation.log.axis["encoder"][kept - 1]
-            if not (np.isfinite(nozzle).all() and np.isfinite(encoder).all()):
-                kept -= 1  # the tick at which it diverged has no position to record
-        log, position = simulation.log.until(kept), simulation.position
-        return record(
-            simulation.machine, simulation.setpoints, position, log, simulation.dispenser, fault, simulation.faults
-        )
+        if fault is not None and not simulation.book.finite(kept - 1):
+            kept -= 1  # the tick at which it diverged has no position to record
+        return simulation.book.record(kept, fault)
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
@@ -262,14 +270,9 @@ def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Disp
     return checked
 
 
-def _most_ticks(setpoints: Setpoints) -> int:
-    """Return the number of servo ticks if the stream waits at every gate as long as it may."""
-    most = len(setpoints.position) + setpoints.gates.size * ticks(
-        setpoints.supervision.settle_timeout, setpoints.period
-    )
-    if most > MAX_TICKS:
-        raise InputError(
-            f"settle_timeout = {setpoints.supervision.settle_timeout:g} s at each of {setpoints.gates.size} gates: "
-            f"makes {most:.3g} ticks, at most {MAX_TICKS:g}"
-        )
-    return most
+def _check_ticks(setpoints: Setpoints) -> None:
+    """Check that there is memory for the run, which waits at every gate for at least its settling time."""
+    wait, count = setpoints.supervision.settle_time, setpoints.gates.size
+    what = f"settle_time = {wait:g} s at each of {count} gates" if count else "the program"
+    remedy = "use a shorter settle_time or program" if count else "use a shorter program or a longer period"
+    check_ticks(setpoints.run_ticks, what, remedy)

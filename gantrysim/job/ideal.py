@@ -8,9 +8,10 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.positions import axis_positions, program_positions
 from gantrysim.machine.machine import Machine
+from gantrysim.memory import check_ticks
 
 FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
 
@@ -75,7 +76,10 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
-    n = ticks(servo.period, FINE)
+    n = periods(servo.period, FINE)
+    check_ticks(
+        n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
+    )
     if machine.kinematics.followers:  # travel and speed are limits of the axes
         setpoints = replace(setpoints, axes=machine.axis_names, position=axis_positions(machine, setpoints))
     period, knots = servo.period / n, setpoints.position

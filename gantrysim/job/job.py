@@ -196,9 +196,9 @@ class Job(JobContent):
         with self._located():
             return self.dispenser.held_back(self._sent).hold(settle)
 
-    @cached_property
+    @property
     def _sent(self) -> Setpoints:
-        """The program's own setpoints."""
+        """The program's own setpoints; not kept, as those of a long program fill the memory."""
         return self.controller.setpoints(self.built_servo.period)
 
     @property

@@ -10,6 +10,7 @@ from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
+from gantrysim.memory import needed_files, needed_memory
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,10 @@ class Plan:
         way: of the commanded tip, with all dry moves [mm].
         glue: way with the dispenser on [mm].
         duration: of the program's motion [s].
+        ticks: servo ticks of a run, see `Setpoints.run_ticks`.
+        period: servo period [s].
+        memory: that a run with all its figures needs, estimated [B].
+        files: room in temporary files that it needs, estimated; 0 for none [B].
         speed: largest speed of the tip [mm/s].
         box: least and largest x, y and z of the tip in the work frame, (2, 3) [mm].
         travel: positions of each axis, by its name [mm or deg].
@@ -45,6 +50,10 @@ class Plan:
     way: float
     glue: float
     duration: float
+    ticks: int
+    period: float
+    memory: float
+    files: float
     speed: float
     box: Floats
     travel: dict[str, Extent]
@@ -71,6 +80,10 @@ def plan_of(machine: Machine, controller: str, setpoints: Setpoints, length: flo
         way=float(ways.sum()),
         glue=float(ways[setpoints.dispense[:-1]].sum()),
         duration=duration,
+        ticks=setpoints.run_ticks,
+        period=setpoints.period,
+        memory=needed_memory(setpoints.run_ticks),
+        files=needed_files(setpoints.run_ticks),
         speed=float(ways.max(initial=0)) / setpoints.period,
         box=np.array([tip.min(axis=0), tip.max(axis=0)]),
         travel={

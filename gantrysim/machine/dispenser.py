@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.columns import blocks
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.errors import InputError, at_least, positive, unknown
 from gantrysim.machine.lag import driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.machine.needle import Needle
-from gantrysim.machine.syringe import Syringe
+from gantrysim.machine.syringe import ATMOSPHERE, Syringe
 
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 
@@ -159,20 +160,40 @@ class Dispenser:
         begins, ends = self._valve(on, period)
         if not begins.size or not (self.flow or self.area or self.pressure):
             return np.zeros(on.size)
-        request = self._request(self._demand(speeds))
-        ticks = np.arange(on.size + 1, dtype=np.float64)
+        state = self._at_rest()
+        parts = [self._flows(block, on.size, speeds, (begins, ends), period, state) for block in blocks(on.size)]
+        return np.concatenate(parts)
+
+    def _flows(
+        self, block: slice, ticks: int, speed: Floats, valve: tuple[Floats, Floats], period: float, state: Floats
+    ) -> Floats:
+        """Return the flow over a block of periods, given the state before it, which becomes that after it."""
+        late = self.dead_time / period
+        first = max(math.floor(block.start - late) - 1, 0)
+        last = min(max(math.ceil(block.stop - late) + 1, first), ticks)
+        breaks, value = self._requests(first, last, speed, valve, period)
+        return self._lagged(breaks, value, block, period, state)
+
+    def _requests(
+        self, first: int, last: int, speed: Floats, valve: tuple[Floats, Floats], period: float
+    ) -> tuple[Floats, Floats]:
+        """Return when the request changes from one tick to another, (k + 1,) [periods], and its values, (k,)."""
+        begins, ends = valve
+        before = first - 1 if self.advance and first else first
+        ticks = np.arange(before, last + 1, dtype=np.float64)
+        request = self._request(self._demand(speed[before : last + 1]))
         # breaks: times at which the request changes [periods]; gate: whether the valve is open until the next break
-        breaks = np.unique(np.concatenate([ticks, begins, ends]))
-        breaks = breaks[(breaks >= 0) & (breaks <= on.size)]
+        edges = [edge[(edge >= before) & (edge <= last)] for edge in valve]
+        breaks = np.unique(np.concatenate([ticks, *edges]))
         # leads may merge two stretches, or put an end before its beginning
         gate = np.searchsorted(begins, breaks[:-1], "right") > np.searchsorted(ends, breaks[:-1], "right")
-        value = np.where(gate, request[breaks[:-1].astype(np.intp)], 0.0)
+        value = np.where(gate, request[breaks[:-1].astype(np.intp) - before], 0.0)
         if self.advance:
-            amount = np.concatenate([[0.0], np.cumsum(value * np.diff(breaks))])
-            mean = np.diff(np.interp(ticks, breaks, amount))
-            breaks, value = ticks, mean + self.advance / period * np.diff(mean, prepend=0.0)
-        value = np.clip(value, 0.0, self.limit)
-        return self._lagged(breaks, value, on.size, period)
+            amount = value * np.diff(breaks)
+            mean = np.bincount(breaks[:-1].astype(np.intp) - before, amount, minlength=last - before)
+            change = np.diff(mean, prepend=0.0)
+            breaks, value = ticks[first - before :], (mean + self.advance / period * change)[first - before :]
+        return breaks, np.clip(value, 0.0, self.limit)
 
     def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
         """Return what to tell of a run with the flow of each period [mm³/s]: whether the syringe runs empty."""
@@ -232,26 +253,34 @@ class Dispenser:
             ends[-1] = on.size  # the program has not closed the valve by the end of the record
         return begins, ends
 
-    def _lagged(self, breaks: Floats, value: Floats, ticks: int, period: float) -> Floats:
-        """Return the mean flow over each period for a request of `value` between `breaks` [periods]."""
-        later = np.concatenate([[0.0], _on_ticks(breaks + self.dead_time / period)])
-        value = np.concatenate([[0.0], value])
-        edges = np.unique(np.concatenate([later, np.arange(ticks + 1, dtype=np.float64)]))
-        edges = edges[edges <= ticks]
+    def _at_rest(self) -> Floats:
+        """Return the state of the lag before the first tick, see `gantrysim.machine.lag`."""
+        if self.syringe is None:
+            return np.zeros(1)
+        return np.array([0.0, ATMOSPHERE, self.syringe.glue, self.syringe.air])
+
+    def _lagged(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
+        """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""
+        later = _on_ticks(breaks + self.dead_time / period)
+        if breaks[0] == 0:  # none before
+            later, value = np.concatenate([[0.0], later]), np.concatenate([[0.0], value])
+        edges = np.unique(np.concatenate([later, np.arange(block.start, block.stop + 1, dtype=np.float64)]))
+        edges = edges[(edges >= block.start) & (edges <= block.stop)]
         which = np.minimum(np.searchsorted(later, edges[:-1], "right") - 1, value.size - 1)
-        duration = period * np.diff(edges)
-        lag = (duration, value[which], self.opening, self.closing)
+        lag = (period * np.diff(edges), value[which], self.opening, self.closing)
         needle, syringe = self._driven, self.syringe
         if needle is None:
-            volume = lagged_volumes(*lag)
+            volume = lagged_volumes(*lag, state)
         else:
             law = (needle.yield_pressure, 1 / needle.index, *needle.shape)
             if syringe is None:
-                volume = needle.conductance * driven_volumes(*lag, law)
+                volume = needle.conductance * driven_volumes(*lag, law, state)
             else:
-                air = (syringe.glue, syringe.air, syringe.rate, syringe.critical_ratio)
-                volume = syringe_volumes(*lag, needle.conductance, law, air)
-        return np.bincount(edges[:-1].astype(np.intp), volume, minlength=ticks) / period
+                air = (syringe.rate, syringe.critical_ratio)
+                volume = syringe_volumes(*lag, needle.conductance, law, air, state)
+        return (
+            np.bincount(edges[:-1].astype(np.intp) - block.start, volume, minlength=block.stop - block.start) / period
+        )
 
 
 def _on_ticks(time: Floats) -> Floats:

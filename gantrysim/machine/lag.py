@@ -25,10 +25,18 @@ Law = tuple[float, float, float, float]
 
 
 @jit
-def lagged_volumes(duration: Floats, request: Floats, opening: float, closing: float) -> Floats:
-    """Return the integrals of the first-order lag over pieces of constant request, (k,)."""
+def lagged_volumes(duration: Floats, request: Floats, opening: float, closing: float, state: Floats) -> Floats:
+    """Return the integrals of the first-order lag over pieces of constant request, (k,).
+
+    Args:
+        duration: of the pieces, (k,).
+        request: in each, (k,).
+        opening: time constant of a rise.
+        closing: likewise of a fall.
+        state: the lagged value before the first piece, (1,), replaced by that after the last.
+    """
     volume = np.empty(duration.size)
-    y = 0.0
+    y = state[0]
     for k in range(duration.size):
         r, h = request[k], duration[k]
         constant = opening if r > y else closing
@@ -39,6 +47,7 @@ def lagged_volumes(duration: Floats, request: Floats, opening: float, closing: f
         else:
             volume[k] = r * h
             y = r
+    state[0] = y
     return volume
 
 
@@ -61,10 +70,11 @@ def driven_volumes(
     opening: float,
     closing: float,
     law: Law,
+    state: Floats,
 ) -> Floats:
-    """Return the integrals of `_flow` of the lagged state over pieces of constant request, (k,)."""
+    """Return the integrals of `_flow` of the lagged state over pieces of constant request, (k,); see above."""
     volume = np.empty(duration.size)
-    least, y = law[0], 0.0
+    least, y = law[0], state[0]
     for k in range(duration.size):
         r, h = request[k], duration[k]
         constant = opening if r > y else closing
@@ -86,10 +96,11 @@ def driven_volumes(
         step = moving / max(pieces, 1)
         for piece in range(pieces):
             for i in range(_NODES.size):
-                state = r + (y - r) * math.exp(-(begin + (piece + _NODES[i]) * step) / constant)
-                total += step * _WEIGHTS[i] * _flow(max(state, 0.0), law)
+                value = r + (y - r) * math.exp(-(begin + (piece + _NODES[i]) * step) / constant)
+                total += step * _WEIGHTS[i] * _flow(max(value, 0.0), law)
         volume[k] = total
         y += (r - y) * -math.expm1(-h / constant)
+    state[0] = y
     return volume
 
 
@@ -101,7 +112,8 @@ def syringe_volumes(
     closing: float,
     conductance: float,
     law: Law,
-    syringe: tuple[float, float, float, float],
+    syringe: tuple[float, float],
+    state: Floats,
 ) -> Floats:
     """Return the volumes of glue over pieces of constant request, (k,) [mm³].
 
@@ -115,11 +127,13 @@ def syringe_volumes(
         closing: likewise.
         conductance: of the needle [mm³/s].
         law: of the needle.
-        syringe: volumes of glue and air at the start [mm³], C p0 [mm³/s] and critical pressure ratio b.
+        syringe: C p0 [mm³/s] and critical pressure ratio b.
+        state: before the first piece, replaced by that after the last: valve pressure and absolute pressure of the air
+            [kPa], volumes of glue and air [mm³], (4,).
     """
-    left, air, rate, ratio = syringe
+    rate, ratio = syringe
     volume = np.zeros(duration.size)
-    y, pressure = 0.0, ATMOSPHERE
+    y, pressure, left, air = state
     for k in range(duration.size):
         r, h = request[k], duration[k]
         lag = opening if r > y else closing
@@ -148,4 +162,5 @@ def syringe_volumes(
             pressure = after * air / (air + used)
             air += used
             y = r + (y - r) * fraction**4
+    state[0], state[1], state[2], state[3] = y, pressure, left, air
     return volume

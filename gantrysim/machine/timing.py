@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gantrysim.controllers.setpoints import ticks
+from gantrysim.controllers.setpoints import periods
 from gantrysim.errors import InputError, at_least
 from gantrysim.machine.machine import Machine
 
@@ -22,13 +22,13 @@ def substeps_of(machine: Machine, period: float, physics_step: float | None = No
     """
     longest = float(machine.physics.opt.timestep)
     if physics_step is None:
-        return ticks(period, longest)
+        return periods(period, longest)
     step = at_least("physics_step", physics_step, _SHORTEST_STEP, "s")
     if step > longest * (1 + 1e-9):
         raise InputError(
             f"physics_step = {step:g} s: must be at most {longest:g} s, the timestep of machine {machine.name}"
         )
-    return ticks(period, step)
+    return periods(period, step)
 
 
 def delay_steps(delay: float, period: float, substeps: int) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, dot
+from gantrysim.columns import blocks, by_blocks
 from gantrysim.controllers.paths.path import Projection
 from gantrysim.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
@@ -95,7 +96,7 @@ class Analysis:
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the generation error."""
-        return self.run.requested.follow(self.run.commanded_tip[self.ticks], begin=0.0)
+        return self.run.requested.follow(self.run.commanded_tip, 0.0, self.ticks)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -115,9 +116,9 @@ class Analysis:
     def _followed(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
         """Follow a trace, unless an ideal link made it equal to that of the link before."""
         other, name = like
-        if np.array_equal(trace, other):
+        if all(np.array_equal(trace[block], other[block]) for block in blocks(len(trace))):
             return getattr(self, name)
-        return self.run.requested.follow(trace[self.ticks], begin=0.0)
+        return self.run.requested.follow(trace, 0.0, self.ticks)
 
     @cached_property
     def spacing(self) -> Spacing:
@@ -128,19 +129,27 @@ class Analysis:
     def values(self) -> AnalysisValues:
         """The values of the run, up to a fault where there is one."""
         run, on = self.run, self.ticks
-        along = dot((run.commanded_tip - run.encoder_tip)[on], run.requested.tangent(self.commanded.s))
-        error = tracking_error(run)
-        steps = np.linalg.norm(np.diff(run.commanded_tip[on], axis=0), axis=1)
-        moving = np.flatnonzero(np.any(np.diff(run.commanded, axis=0) != 0, axis=1))
+
+        def along(block: slice) -> Floats:
+            lag = run.commanded_tip[on[block]] - run.encoder_tip[on[block]]
+            return dot(lag, run.requested.tangent(self.commanded.s[block]))
+
+        def steps(block: slice) -> Floats:
+            return np.linalg.norm(np.diff(run.commanded_tip[on[block.start : block.stop + 1]], axis=0), axis=1)
+
+        def moves(block: slice) -> NDArray[np.bool_]:
+            return np.any(np.diff(run.commanded[block.start : block.stop + 1], axis=0) != 0, axis=1)
+
         x, y, z = run.nozzle[-1].tolist()
+        moving = np.flatnonzero(by_blocks(moves, len(run.time) - 1))
         return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
-            tracking={name: ErrorSize.of(error[on, a]) for a, name in enumerate(run.axes)},
-            tracking_along=ErrorSize.of(along),
+            tracking={name: ErrorSize.of(run.commanded[on, a] - run.encoder[on, a]) for a, name in enumerate(run.axes)},
+            tracking_along=ErrorSize.of(by_blocks(along, on.size)),
             generation=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),
             speed=Range.of(path_speed(run)[on]),
-            path_length=float(steps[np.diff(on) == 1].sum()),
+            path_length=float(by_blocks(steps, on.size - 1)[np.diff(on) == 1].sum()),
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
             end_point=(x, y, z),
         )
@@ -162,9 +171,16 @@ def tracking_error(run: Run) -> Floats:
 
 def path_speed(run: Run) -> Floats:
     """Speed of the nozzle in the work frame, by central differences, (n,) [mm/s]."""
-    if len(run.time) < 2:
-        return np.zeros(len(run.time))
-    return np.linalg.norm(np.gradient(run.nozzle, run.period, axis=0), axis=1)
+    n = len(run.time)
+    if n < 2:
+        return np.zeros(n)
+
+    def speed(block: slice) -> Floats:
+        before, after = min(block.start, 1), 1 if block.stop < n else 0  # rows of the neighbouring blocks
+        around = run.nozzle[block.start - before : block.stop + after]
+        return np.linalg.norm(np.gradient(around, run.period, axis=0), axis=1)[before : len(around) - after]
+
+    return by_blocks(speed, n)
 
 
 def speed_ripple(run: Run) -> float:
@@ -193,8 +209,9 @@ def torque_ripple(run: Run) -> Floats:
         InputError: the dispenser is never on.
     """
     _dispensing_ticks(run)
-    change = np.diff(run.demand, axis=0)[run.dispense[:-1] & run.dispense[1:]]
-    return np.sqrt(np.sum(change**2, axis=0) / (2 * max(len(change), 1)))
+    both = run.dispense[:-1] & run.dispense[1:]
+    squares = [np.sum(np.diff(run.demand[:, a])[both] ** 2) for a in range(len(run.axes))]
+    return np.sqrt(np.array(squares) / (2 * max(int(np.count_nonzero(both)), 1)))
 
 
 def steady(ticks: int) -> slice:

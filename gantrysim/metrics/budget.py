@@ -24,7 +24,7 @@ of e(nozzle) is the distance from the path everywhere.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Protocol
 
@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
+from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.controllers.paths.path import Projection
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.spacing import one_way
@@ -71,21 +72,30 @@ class Part:
         beyond: along the tangent, where the nearest point is an end of the path or a corner, (m,) [mm].
     """
 
-    lateral: Floats
-    vertical: Floats
-    beyond: Floats
+    lateral: Column[Floats] = Column()
+    vertical: Column[Floats] = Column()
+    beyond: Column[Floats] = Column()
 
     @property
     def size(self) -> Floats:
         """Magnitude, (m,) [mm]."""
         return np.sqrt(self.dot(self))
 
+    def at(self, rows: slice) -> Part:
+        """Return the part at some of the ticks."""
+        return Part(self.lateral[rows], self.vertical[rows], self.beyond[rows])
+
     def __sub__(self, other: Part) -> Part:
         return Part(self.lateral - other.lateral, self.vertical - other.vertical, self.beyond - other.beyond)
 
     def dot(self, other: Part) -> Floats:
         """Scalar product with another part, (m,) [mm²]."""
-        return self.lateral * other.lateral + self.vertical * other.vertical + self.beyond * other.beyond
+
+        def product(block: slice) -> Floats:
+            a, b = self.at(block), other.at(block)
+            return a.lateral * b.lateral + a.vertical * b.vertical + a.beyond * b.beyond
+
+        return by_blocks(product, len(self.lateral))
 
 
 @dataclass(frozen=True)
@@ -175,15 +185,15 @@ class Budget:
         """The part of every link of `LINKS`; they add up to `contour`."""
         chain = (self.analysis.commanded, self.analysis.encoder, self.analysis.motor)
         errors = [*(_normal(foot) for foot in chain), self.contour]
-        links = [errors[0], *(after - before for before, after in pairwise(errors))]
+        links = [errors[0], *(_difference(after, before) for before, after in pairwise(errors))]
         return dict(zip(LINKS, links, strict=True))
 
-    @cached_property
+    @property
     def lag(self) -> Floats:
         """Lag of the nozzle behind the command along the path, (m,) [mm]."""
         return self.analysis.commanded.s - self.analysis.nozzle.s
 
-    @cached_property
+    @property
     def turn(self) -> NDArray[np.intp]:
         """Turn of the path's tangent at each tick, 0 for the first, -1 outside of any, (m,).
 
@@ -191,7 +201,8 @@ class Budget:
         hundredth of a turn belongs to the last one.
         """
         foot = np.maximum.accumulate(self.analysis.nozzle.s)
-        turned, (first, last) = one_way(self.analysis.run.requested.heading(foot), foot)
+        path = self.analysis.run.requested
+        turned, (first, last) = one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
         turn = np.full(foot.size, -1)
         if turned.size:
             whole = np.ceil(turned[-1] / (2 * np.pi) - _REST)
@@ -218,15 +229,25 @@ class Budget:
             machine: the machine of the run.
         """
         run, on, foot = self.analysis.run, self.analysis.ticks, self.analysis.commanded
-        normal = run.requested.normal(foot.s)
-        binormal = np.cross(run.requested.tangent(foot.s), normal)
-        parts = {}
-        for a, name in enumerate(run.axes):
-            position = run.commanded[on]
-            position[:, a] = run.encoder[on, a]
-            shift = machine.tip(position) - run.commanded_tip[on]
-            parts[name] = Part(dot(shift, normal), dot(shift, binormal), np.zeros(len(on)))
-        return parts
+
+        @lru_cache(maxsize=1)
+        def frame(first: int, last: int) -> tuple[Floats, Floats]:
+            """The path's normal and binormal at the feet of some ticks."""
+            s = foot.s[first:last]
+            normal = run.requested.normal(s)
+            return normal, np.cross(run.requested.tangent(s), normal)
+
+        def part(a: int, block: slice) -> Part:
+            normal, binormal = frame(block.start, block.stop)
+            position = run.commanded[on[block]]
+            position[:, a] = run.encoder[on[block], a]
+            shift = machine.tip(position) - run.commanded_tip[on[block]]
+            return Part(dot(shift, normal), dot(shift, binormal), np.zeros(len(shift)))
+
+        return {
+            name: table_by_blocks((part(a, block) for block in blocks(on.size)), on.size)
+            for a, name in enumerate(run.axes)
+        }
 
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a part of the error."""
@@ -245,17 +266,33 @@ class Budget:
         )
 
     def _turns(self) -> tuple[TurnValues, ...]:
-        if self.turn.max() < 1:
+        turns = self.turn
+        count = int(turns.max()) + 1
+        if count < 2:
             return ()
-        sizes = {name: part.size for name, part in {**self.parts, "contour": self.contour}.items()}
-        turns = []
-        for turn in range(self.turn.max() + 1):
-            here = np.flatnonzero(self.turn == turn)
-            s = self.analysis.nozzle.s[here]
-            parts = {name: ErrorSize.of(size[here]) for name, size in sizes.items()}
-            turns.append(TurnValues(turn + 1, (float(s.min()), float(s.max())), parts))
-        return tuple(turns)
+        inside = np.flatnonzero(turns >= 0)  # a stretch of ticks in the order of the turns
+        edges = inside[0] + np.searchsorted(turns[inside], np.arange(count + 1))
+        del turns, inside
+        stretches = [slice(low, high) for low, high in pairwise(edges.tolist())]
+        sizes: dict[str, list[ErrorSize]] = {}
+        for name, part in {**self.parts, "contour": self.contour}.items():
+            size = part.size
+            sizes[name] = [ErrorSize.of(size[here]) for here in stretches]
+        s = self.analysis.nozzle.s
+        return tuple(
+            TurnValues(
+                turn + 1,
+                (float(s[here].min()), float(s[here].max())),
+                {name: every[turn] for name, every in sizes.items()},
+            )
+            for turn, here in enumerate(stretches)
+        )
 
 
 def _normal(foot: Projection) -> Part:
-    return Part(foot.lateral, foot.vertical, foot.beyond)
+    return Part(*(vars(foot)[name] for name in ("lateral", "vertical", "beyond")))  # in a file where they are
+
+
+def _difference(after: Part, before: Part) -> Part:
+    rows = len(after.lateral)
+    return table_by_blocks((after.at(block) - before.at(block) for block in blocks(rows)), rows)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
+from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.controllers.paths.path import Local, Path, Projection
 
 _NEWTON_STEPS = 20
@@ -32,11 +33,11 @@ class Spacing:
         link: both points on the trace, (m, 2, 3) [mm].
     """
 
-    s: Floats
-    turn: Floats
-    distance: Floats
-    next_s: Floats
-    link: Floats
+    s: Column[Floats] = Column()
+    turn: Column[Floats] = Column()
+    distance: Column[Floats] = Column()
+    next_s: Column[Floats] = Column()
+    link: Column[Floats] = Column()
 
 
 def spacing(path: Path, trace: ArrayLike) -> Spacing:
@@ -67,6 +68,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     kept = forward(foot.s)
     s, lateral = foot.s[kept], foot.lateral[kept]
     parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[kept]
+    heading = by_blocks(lambda block: path.heading(s[block]), s.size)
 
     def offset(at: Floats) -> Floats:
         return np.interp(at, s, lateral)
@@ -82,35 +84,39 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         ahead = here.cosine - here.turning * error
         return point, ahead[:, None] * here.along + slope(at)[:, None] * here.normal, here
 
-    heading, (first, last) = one_way(path.heading(s), s)
+    heading, (first, last) = one_way(heading, s)
     s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
         nothing = np.zeros(0)
         return Spacing(nothing, nothing, nothing, nothing, np.zeros((0, 2, 3)))
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
-    at = s[inner]
-    point, tangent, here = trace(at)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    normal = np.cross(here.up, tangent)
-    guess = np.interp(heading[inner] + 2 * np.pi, heading, s)
-    met_at = guess.copy()
-    active = np.arange(at.size)
-    for _ in range(_NEWTON_STEPS):
-        ahead = tangent[active]
-        there, direction, _ = trace(met_at[active])
-        # short steps where the directions of the two turns differ much
-        step = dot(there - point[active], ahead) / np.maximum(dot(direction, ahead), _LEAST_SLOPE)
-        met_at[active] -= step
-        active = active[np.abs(step) >= _LAST_STEP]
-        if not active.size:
-            break
-    met = (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
-    met[active] = False
-    after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
-    met &= parts[after] == parts[after - 1]
-    link = np.stack([point, trace(met_at)[0]], axis=1)
-    distance = np.abs(dot(link[:, 1] - point, normal))
-    return Spacing(at[met], heading[inner][met] / (2 * np.pi), distance[met], met_at[met], link[met])
+
+    def links(rows: NDArray[np.intp]) -> Spacing:
+        at = s[rows]
+        point, tangent, here = trace(at)
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        normal = np.cross(here.up, tangent)
+        guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
+        met_at = guess.copy()
+        active = np.arange(at.size)
+        for _ in range(_NEWTON_STEPS):
+            ahead = tangent[active]
+            there, direction, _ = trace(met_at[active])
+            # short steps where the directions of the two turns differ much
+            step = dot(there - point[active], ahead) / np.maximum(dot(direction, ahead), _LEAST_SLOPE)
+            met_at[active] -= step
+            active = active[np.abs(step) >= _LAST_STEP]
+            if not active.size:
+                break
+        met = (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
+        met[active] = False
+        after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
+        met &= parts[after] == parts[after - 1]
+        link = np.stack([point, trace(met_at)[0]], axis=1)
+        distance = np.abs(dot(link[:, 1] - point, normal))
+        return Spacing(at[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
+
+    return table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
 
 
 def forward(s: Floats) -> NDArray[np.bool_]:

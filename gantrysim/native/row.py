@@ -167,3 +167,7 @@ class Log(NamedTuple):
     def until(self, tick: int) -> Log:
         """Return the entries before a tick."""
         return Log(self.tick[:tick], self.axis[:tick])
+
+    def since(self, tick: int) -> Log:
+        """Return the entries from a tick on."""
+        return Log(self.tick[tick:], self.axis[tick:])

@@ -8,9 +8,10 @@ import re
 import numpy as np
 import pytest
 
-from gantrysim import Dispenser, Run, Servo, simulate
+from gantrysim import Dispenser, Run, Servo, memory, simulate
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.softmc import Group, Program
+from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import InputError
 from gantrysim.native.tick import magic
 
@@ -319,8 +320,38 @@ def test_gates_are_ascending_indices(gates):
         dataclasses.replace(diagonal(10.0), gates=gates)
 
 
-def test_waits_that_would_exhaust_the_memory_are_refused(rigid):
+def test_waits_that_would_exhaust_the_memory_are_refused(rigid, monkeypatch):
+    machine, limits = rigid(), {"settle_error": 0.1, "settle_timeout": 3e4}
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e9)
+    waiting = dataclasses.replace(diagonal(10.0), supervision=Supervision(settle_time=2e4, **limits), gates=[5, 9])
+    said = (
+        r"^settle_time = 20000 s at each of 2 gates: makes 4e\+07 ticks, which need about [\d.]+ GB of memory, "
+        "where 1 GB are available; use a shorter settle_time or program$"
+    )
+    with pytest.raises(InputError, match=said):
+        simulate(machine, lazy(machine), waiting)
+
+
+def test_a_timeout_of_hours_takes_no_memory_before_the_wait(rigid):
+    machine, limits = rigid(), {"settle_error": 0.1, "settle_timeout": 3e4}
+    patient = dataclasses.replace(diagonal(10.0), supervision=Supervision(**limits), gates=[5, 9])
+    simulation = Simulation.of(machine, lazy(machine), patient)
+    assert len(simulation.log.tick) <= 2 * len(patient.position)
+    short = dataclasses.replace(patient, supervision=Supervision(**{**limits, "settle_timeout": 1.0}))
+    run, same = (simulate(machine, lazy(machine), setpoints) for setpoints in (patient, short))
+    np.testing.assert_array_equal(run.nozzle, same.nozzle)
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_the_log_grows_where_the_run_waits_for_longer_than_it_has_room(rigid, monkeypatch, long):
     machine = rigid()
-    setpoints = dataclasses.replace(diagonal(10.0), supervision=Supervision(settle_timeout=3e4), gates=[5, 9])
-    with pytest.raises(InputError, match=r"^settle_timeout = 30000 s at each of 2 gates: makes 6e\+07 ticks, at most"):
-        simulate(machine, lazy(machine), setpoints)
+    limits = {"settle_error": 1e-3, "settle_time": 1.5, "settle_timeout": 30.0, "position_error": 90.0}
+    setpoints = supervised(diagonal(10.0), **limits, position_error_delay=7)
+    gated = dataclasses.replace(setpoints, gates=[100, 599])
+    waited = simulate(machine, lazy(machine), gated)
+    assert len(waited.time) > 3000 > 2 * len(gated.position)  # two waits of one and a half seconds
+    monkeypatch.setattr(memory, "LONG", 100 if long else 10**9)
+    again = simulate(machine, lazy(machine), gated)
+    for name, value in vars(waited).items():
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(getattr(again, name), value, name)

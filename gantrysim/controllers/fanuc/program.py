@@ -219,6 +219,7 @@ class Program(Controller):
             return replace(self, blend_time=window).setpoints(period)
         begun = np.concatenate([[0.0], np.cumsum([part.duration for part in self._parts])])
         n = ticks(float(begun[-1]), period)
+        ticks(float(begun[-1]) + self.blend_time, period)  # raises where the average makes too many
         time = np.arange(n + 1) * period
         time[-1] = begun[-1]
         place = np.empty((n + 1, 4))

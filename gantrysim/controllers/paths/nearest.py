@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
 from gantrysim.jit import inner_jit, jit
 
 # A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
@@ -87,39 +86,37 @@ def _minima(table, point, low, high, found, place, distance):
     return count
 
 
-@jit
-def along(table, trace, spacing, begin):
-    """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
+@inner_jit
+def _start(table, point, spacing, begin):
+    """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
+    last_entry = len(table) - 1
+    if begin < 0:
+        first, reach = _first(table, point, spacing), 2
+    else:
+        first = min(begin, last_entry)
+        reach = int((2 * np.sqrt(_square(point, table[first])) + _BACK) / spacing)
+    first = _nearest(table, point, first - reach, first + reach)
+    return _nearest(table, point, first - _AROUND, first + _AROUND)
 
-    Candidates are the points of the path that are nearer than their neighbours. Among all sequences of candidates s_k
-    within reach of one another the one with the least
 
-        sum of |s_k - s_(k-1) - l_k| + w d_k l_k,    l_k = |p_k - p_(k-1)|,
-
-    is chosen (Viterbi's algorithm), d being the distance from the path. So the foot advances along the path as the
-    trace does, where the path retraces itself or nearly does, and is the nearest where it may be either of two.
+@inner_jit
+def _extend(table, trace, spacing, index, origin, kept, cost, at):
+    """Extend the best sequences of feet from the first point of a trace to all others.
 
     Args:
         table: points along the path, (m, 3) [mm].
         trace: points, (n, 3) [mm].
         spacing: of the table [mm].
-        begin: index at which the trace begins; -1 to search the whole table.
+        index: candidates of every point, (n, _KEPT), the first row given, the others written.
+        origin: which of the candidates of the point before each of them follows, (n, _KEPT), likewise.
+        kept: number of candidates, (n,), likewise.
+        cost: of the sequences that end at the candidates, (_KEPT,), updated.
+        at: where their feet are, in entries, (_KEPT,), updated.
     """
-    n, last_entry = len(trace), len(table) - 1
-    index, origin = np.zeros((n, _KEPT), np.int32), np.zeros((n, _KEPT), np.int8)
-    kept = np.ones(n, np.int64)
-    cost, extended = np.zeros(_KEPT), np.zeros(_KEPT)
-    at, reached = np.zeros(_KEPT), np.zeros(_KEPT)  # where the feet are, in entries
+    last_entry = len(table) - 1
+    extended, reached = np.zeros(_KEPT), np.zeros(_KEPT)
     candidate, place, distance = np.zeros(4 * _KEPT, np.int64), np.zeros(4 * _KEPT), np.zeros(4 * _KEPT)
-    if begin < 0:
-        first, reach = _first(table, trace[0], spacing), 2
-    else:
-        first = min(begin, last_entry)
-        reach = int((2 * np.sqrt(_square(trace[0], table[first])) + _BACK) / spacing)
-    first = _nearest(table, trace[0], first - reach, first + reach)
-    index[0, 0] = _nearest(table, trace[0], first - _AROUND, first + _AROUND)
-    at[0] = index[0, 0]
-    for k in range(1, n):
+    for k in range(1, len(trace)):
         step = np.sqrt(_square(trace[k], trace[k - 1]))
         previous = index[k - 1, : kept[k - 1]]
         low = max(previous.min() - int((_BACK + step) / spacing), 0)
@@ -149,17 +146,130 @@ def along(table, trace, spacing, begin):
                 index[k, alive], origin[k, alive] = index[k, c], origin[k, c]
                 alive += 1
         kept[k] = alive
-    found = np.empty(n, np.int64)
-    slot = int(np.argmin(cost[: kept[n - 1]]))
-    for k in range(n - 1, -1, -1):
+
+
+@inner_jit
+def _trace_back(index, origin, slot, found):
+    """Write the sequence that ends at a candidate of the last point of `found`."""
+    for k in range(len(found) - 1, -1, -1):
         found[k] = index[k, slot]
         slot = origin[k, slot]
+
+
+@jit
+def along(table, trace, spacing, begin):
+    """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
+
+    Candidates are the points of the path that are nearer than their neighbours. Among all sequences of candidates s_k
+    within reach of one another the one with the least
+
+        sum of |s_k - s_(k-1) - l_k| + w d_k l_k,    l_k = |p_k - p_(k-1)|,
+
+    is chosen (Viterbi's algorithm), d being the distance from the path. So the foot advances along the path as the
+    trace does, where the path retraces itself or nearly does, and is the nearest where it may be either of two.
+
+    Args:
+        table: points along the path, (m, 3) [mm].
+        trace: points, (n, 3) [mm].
+        spacing: of the table [mm].
+        begin: index at which the trace begins; -1 to search the whole table.
+    """
+    n = len(trace)
+    index, origin, kept = np.zeros((n, _KEPT), np.int32), np.zeros((n, _KEPT), np.int8), np.ones(n, np.int64)
+    cost, at = np.zeros(_KEPT), np.zeros(_KEPT)
+    index[0, 0] = _start(table, trace[0], spacing, begin)
+    at[0] = index[0, 0]
+    _extend(table, trace, spacing, index, origin, kept, cost, at)
+    found = np.empty(n, np.int64)
+    _trace_back(index, origin, int(np.argmin(cost[: kept[n - 1]])), found)
     return found
 
 
-def last_moved(steps: Floats) -> Floats:
-    """Return steps in which those of a trace at rest are the last one before it."""
-    return steps[np.maximum.accumulate(np.where(steps > 0, np.arange(len(steps)), 0))]
+@jit
+def _next_block(table, trace, spacing, index, origin, kept, cost, at, found, last):
+    """Extend sequences by a block of a trace, and write what all of them have in common.
+
+    Args:
+        table: as in `along`.
+        trace: the block, after the last point of the one before, (k + 1, 3) [mm].
+        spacing: as in `along`.
+        index: of the points that are not decided, the last is the first of `trace`, (u, _KEPT).
+        origin: likewise, see `_extend`.
+        kept: likewise, (u,).
+        cost: see `_extend`.
+        at: see `_extend`.
+        found: of the points not decided and of the block, (u + k,), written as far as it is decided.
+        last: whether the block is the last.
+
+    Returns:
+        The number of decided points less one, and index, origin and kept from the last decided one on.
+    """
+    u, n = len(kept) - 1, len(trace)
+    indices, origins = np.zeros((u + n, _KEPT), np.int32), np.zeros((u + n, _KEPT), np.int8)
+    counts = np.ones(u + n, np.int64)
+    indices[: u + 1], origins[: u + 1], counts[: u + 1] = index, origin, kept
+    _extend(table, trace, spacing, indices[u:], origins[u:], counts[u:], cost, at)
+    k = u + n - 1
+    slots = np.arange(counts[k])
+    if last:
+        slots[:] = np.argmin(cost[: counts[k]])
+    while k > 0 and slots.min() != slots.max():
+        for c in range(len(slots)):
+            slots[c] = origins[k, slots[c]]
+        k -= 1
+    if slots.min() == slots.max():
+        _trace_back(indices, origins, slots[0], found[: k + 1])
+    return k, indices[k:].copy(), origins[k:].copy(), counts[k:].copy()
+
+
+def along_blocks(table, blocks, count, spacing, begin):
+    """Return what `along` does, (n,), for a trace that is given block by block.
+
+    Args:
+        table: as in `along`.
+        blocks: iterator of the trace's points in their order, (k, 3) each [mm].
+        count: number of points, n.
+        spacing: as in `along`.
+        begin: as in `along`.
+    """
+    trace = next(blocks)
+    if len(trace) == count:
+        return along(table, trace, spacing, begin)
+    found, decided, seen = np.empty(count, np.int64), 0, 0
+    index, origin, kept = np.zeros((1, _KEPT), np.int32), np.zeros((1, _KEPT), np.int8), np.ones(1, np.int64)
+    cost, at = np.zeros(_KEPT), np.zeros(_KEPT)
+    index[0, 0] = at[0] = along(table, trace[:1], spacing, begin)[0]
+    while seen < count:
+        seen = decided + len(kept) + len(trace) - 1
+        part = found[decided:seen]
+        k, index, origin, kept = _next_block(table, trace, spacing, index, origin, kept, cost, at, part, seen == count)
+        decided += k
+        if seen < count:
+            trace = np.concatenate([trace[-1:], next(blocks)])
+    return found
+
+
+@jit
+def longer_steps(steps):
+    """Return the longer of the steps before and after each point of a trace, (n,) [mm].
+
+    A point at rest has the last step before the rest, and the first after it.
+
+    Args:
+        steps: from each point to the next, (n - 1,) [mm].
+    """
+    found = np.zeros(len(steps) + 1)
+    moved = 0.0
+    for k in range(len(steps)):
+        if steps[k] > 0.0:
+            moved = steps[k]
+        found[k + 1] = moved
+    moved = 0.0
+    for k in range(len(steps) - 1, -1, -1):
+        if steps[k] > 0.0:
+            moved = steps[k]
+        found[k] = max(found[k], moved)
+    return found
 
 
 @jit

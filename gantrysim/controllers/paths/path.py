@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.controllers.paths.nearest import along, last_moved, vertices
+from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.controllers.paths.nearest import along_blocks, longer_steps, vertices
 from gantrysim.errors import InputError, unknown
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
@@ -52,12 +53,12 @@ class Projection:
         distance: distance to the path, (n,) [mm].
     """
 
-    s: Floats
-    offset: Floats
-    lateral: Floats
-    vertical: Floats
-    beyond: Floats
-    distance: Floats
+    s: Column[Floats] = Column()
+    offset: Column[Floats] = Column()
+    lateral: Column[Floats] = Column()
+    vertical: Column[Floats] = Column()
+    beyond: Column[Floats] = Column()
+    distance: Column[Floats] = Column()
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ class Path(ABC):
         p = _points(points)
         return self._foot(p, cKDTree(self.table[1]).query(p)[1])
 
-    def follow(self, trace: ArrayLike, begin: float | None = None) -> Projection:
+    def follow(self, trace: ArrayLike, begin: float | None = None, rows: NDArray[np.intp] | None = None) -> Projection:
         """Project a trace onto the path in the order of its points: the feet advance as the trace does.
 
         A trace thus stays on its own turn of a spiral, at any distance, and on its own leg of a path that retraces
@@ -196,14 +197,27 @@ class Path(ABC):
             trace: points in the order of the motion, (n, 3) [mm].
             begin: arc length at which the trace begins; its first foot is at most twice the distance to there
                 along the path from it. By default the nearest of the whole path, the earlier of two [mm].
+            rows: of the trace that count, ascending, (m,); by default all.
         """
-        p = _points(trace)
+        every = np.atleast_2d(np.asarray(trace, float))
+        count = len(every) if rows is None else rows.size
+
+        def points(block: slice) -> Floats:
+            return _points(every[block] if rows is None else every[rows[block]])
+
         s_table, p_table = self.table
         first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
-        steps = np.sqrt(np.sum(np.diff(p, axis=0) ** 2, axis=1))
-        longer = np.maximum(last_moved(np.append(0.0, steps)), last_moved(np.append(0.0, steps[::-1]))[::-1])
-        entries = along(p_table, p, s_table[1], first)  # type: ignore[no-untyped-call]
-        return self._foot(p, entries, _NEAR_SHARP * s_table[1] + longer)
+        parts = map(points, blocks(count))
+        entries = along_blocks(p_table, parts, count, s_table[1], first)  # type: ignore[no-untyped-call]
+        sharp = np.zeros(0)
+        if self.corners.size:
+
+            def steps(block: slice) -> Floats:
+                return np.sqrt(np.sum(np.diff(points(slice(block.start, block.stop + 1)), axis=0) ** 2, axis=1))
+
+            sharp = _NEAR_SHARP * s_table[1] + longer_steps(by_blocks(steps, count - 1))  # type: ignore[no-untyped-call]
+
+        return table_by_blocks((self._foot(points(b), entries[b], sharp[b]) for b in blocks(count)), count)
 
     @cached_property
     def corners(self) -> Floats:

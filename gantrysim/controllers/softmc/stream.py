@@ -17,6 +17,7 @@ from gantrysim.controllers.setpoints import MAX_TICKS, ticks
 from gantrysim.controllers.softmc.geometry import Segment, placed
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.errors import InputError
+from gantrysim.memory import check_ticks
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,7 @@ def stream(steps: Sequence[Leg | Rest], period: float) -> Stream:
     counts = [ticks(step.duration, period) for step in steps]
     if sum(counts) > MAX_TICKS:
         raise InputError(f"program of {sum(counts):.3g} ticks of {period:g} s: must be at most {MAX_TICKS:g}")
+    check_ticks(sum(counts), f"program in periods of {period:g} s", "use a shorter program or a longer period")
     here = next(step.start for step in steps if isinstance(step, Leg))
     position = np.tile(here, (sum(counts) + 1, 1))
     ends = np.cumsum(counts)

@@ -28,6 +28,7 @@ _STEP = 0.05  # distance of the nodes for the axes' limits [mm]
 _NUDGE = 1e-9  # from a piece's ends to its inside [mm]
 _ZOOMS = 4  # each by 50
 _SAMPLES = 101  # of a piece, for an axis' extreme
+_MOST_PIECES = 10_000  # linear moves of a corner
 _JUMP = 1e-5  # largest jump of an axis' derivative taken as none
 
 
@@ -106,7 +107,10 @@ class OutlineTrace(Controller):
         for name in ("travel_x", "travel_y"):
             object.__setattr__(self, name, travel(name, getattr(self, name)))
         at_least("blend", self.blend, 0, "mm")
-        whole("corner_pieces", self.corner_pieces, 0)
+        if whole("corner_pieces", self.corner_pieces, 0) > _MOST_PIECES:
+            raise InputError(
+                f"corner_pieces = {self.corner_pieces}: must be at most {_MOST_PIECES}, or 0 for exact arcs"
+            )
         if self.blend > 0 and self.corner_pieces > 0:
             raise InputError(
                 f"blend = {self.blend:g} mm: must be 0 mm where corner_pieces is {self.corner_pieces}; "

@@ -14,7 +14,7 @@ import numpy as np
 from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.controllers.softmc.basic.declarations import routine
 from gantrysim.controllers.softmc.basic.expressions import trees
 from gantrysim.controllers.softmc.basic.statements import LocatedError, block, interpreted, line_of, statement
@@ -138,7 +138,7 @@ class Basic(Controller):
     def line_at(self, time: float, period: float = 1e-3) -> int | None:
         """Return the line of the program that moves the group, or lets it rest, at a time [s]; None after its end."""
         steps = self.task.time.steps
-        ends = np.cumsum([ticks(step.duration, period) for step in steps]) * period
+        ends = np.cumsum([periods(step.duration, period) for step in steps]) * period
         k = int(np.searchsorted(ends, time - 1e-9 * period))
         return steps[k].line if k < len(steps) else None
 
