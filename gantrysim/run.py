@@ -188,9 +188,9 @@ def _content(archive: Archive) -> dict[str, Any]:
         archive.check()
     for old, new in _RENAMED.get(written, {}).items():
         raw[new] = raw.pop(old)
-    content: dict[str, Any] = {name: float(raw.pop(name)) for name in _NUMBERS if name in raw}
+    content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS if name in raw}
     content |= {name: str(raw.pop(name)) for name in _TEXTS if name in raw}
-    content |= {name: tuple(str(item) for item in raw.pop(name)) for name in _LISTS}
+    content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
     path, fault = json.loads(content["requested"]), json.loads(content["fault"])
     _check_values(content, raw)
     content["requested"] = Path.build(path["kind"], path["parameters"])
@@ -206,7 +206,7 @@ def _format(archive: Archive) -> int:
     member = archive.members.get("format")
     if member is None or member.shape or member.dtype.kind != "i":
         raise InputError("it has no format")
-    written = int(archive.read("format"))
+    written = int(array_of(archive.read("format")))
     if written != _FORMAT and written not in _RENAMED:
         raise InputError(f"it is written in another format, {written}; run its job.toml again")
     return written

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from types import TracebackType
@@ -16,6 +17,8 @@ def main() -> None:
     """Run the command."""
     sys.excepthook = last_words
     signals.heed()
+    # the matrices are small: threads would only wait for one another, a thousand times as long on busy cores
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from gantrysim.cli.main import main
 
     global _left
