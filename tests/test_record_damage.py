@@ -132,7 +132,7 @@ def test_members_of_a_record_without_a_checksum(place, old_members, seed):
 
 
 @pytest.mark.soak
-def test_many_damaged_records(place, record, content, old_members):
+def test_many_damaged_records(place, record, content, old_members, record_property):
     refused = [0, 0, 0]
     for seed in range(4000):
         rng = np.random.default_rng(seed)
@@ -140,6 +140,9 @@ def test_many_damaged_records(place, record, content, old_members):
         refused[1] += check_new(place, record, inside(rng, members(content)))
         refused[2] += check_old(place, inside(rng, old_members))
     assert all(count > 3000 for count in refused)
+    record_property("attack", "records: bytes changed, members left out, exchanged or of another shape")
+    record_property("tries", 12_000)
+    record_property("refused", sum(refused))
 
 
 def test_one_bit_of_any_number_is_noticed_although_the_archive_is_whole(place, content):

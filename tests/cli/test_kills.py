@@ -155,7 +155,7 @@ def test_a_few_kills(commands, tmp_path):
     ("kind", "count"),
     [("run", 80), ("report", 25), ("video", 15), ("study", 25), ("alone", 20), ("tune", 15), ("render", 20)],
 )
-def test_many_kills(commands, kind, count, tmp_path):
+def test_many_kills(commands, kind, count, tmp_path, record_property):
     killed = Killed(commands, kind, tmp_path)
     chance = random.Random(kind)
     for k in range(count):
@@ -164,7 +164,6 @@ def test_many_kills(commands, kind, count, tmp_path):
         at = chance.randrange(killed.seen) if injected else None
         after = None if injected else chance.uniform(0, killed.takes)
         killed(chance.choice(KILLS), at, after, empty=k % 5 == 4, resume=killed.takes < 3 or k % 3 == 0)
-    print(
-        f"{kind}: {count} kills, {killed.seen} accesses, {killed.takes:.1f} s; end at most {killed.longest:.2f} s later"
-    )
     assert killed.longest < PATIENCE
+    record_property("attack", "commands that write, killed (INT, TERM, HUP, KILL) at any time and at any access to a file")
+    record_property("tries", count)

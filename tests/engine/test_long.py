@@ -210,7 +210,7 @@ print(len(run.time), 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 @pytest.mark.soak
-def test_a_thousand_turns_take_less_than_a_gigabyte(tmp_path):
+def test_a_thousand_turns_take_less_than_a_gigabyte(tmp_path, record_property):
     """An hour and a half of machine time, with all figures, budget and bead, in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, tmp_path / "run.npz"], capture_output=True, text=True, check=False
@@ -219,6 +219,8 @@ def test_a_thousand_turns_take_less_than_a_gigabyte(tmp_path):
     ticks, most = map(int, done.stdout.split())
     assert ticks > 4.9e6
     assert most < 1e9
+    record_property("attack", "a thousand turns, an hour and a half of machine time, within 1 GB of memory")
+    record_property("tries", 1)
 
 
 def grown(work, times):
