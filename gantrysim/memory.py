@@ -12,7 +12,7 @@ from pathlib import Path
 from gantrysim.errors import InputError
 
 # Runs of more ticks keep their tables of a row per tick in temporary files instead of memory.
-LONG = 1_000_000
+LONG = 250_000
 
 # Measured with all figures, error budget and bead, on an225 with two axes; see tests/engine/test_long.py.
 _TICK = 1000.0  # memory of a tick, where it is kept there [B]
