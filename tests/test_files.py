@@ -251,8 +251,9 @@ def test_a_read_only_folder_is_refused(old):
             replace(old)
         return 5
 
-    for folder in (old.parent, *old.parents[1:3]):
-        folder.chmod(0o755)
+    for folder in old.parents:
+        if folder == old.parent or folder.name.startswith(("pytest-", "popen-")):  # those of this run of pytest
+            folder.chmod(0o755)
     assert forked(action, old)[0] == 5
     assert content(old) == {**OLD, **OTHERS}
     old.chmod(0o755)

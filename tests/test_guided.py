@@ -10,7 +10,7 @@ import pytest
 from support.guided import TARGETS
 
 GUIDED = Path(__file__).parent / "support" / "guided.py"
-RUNS, MANY = 1500, 100_000
+RUNS, MANY = 1500, 30_000
 
 
 def searched(name, runs, folder):

@@ -11,7 +11,7 @@ from gantrysim.controllers.law import PlainLaw
 from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.native.hook import installed, installed_law
 
-CALLS = 50  # of the stepping function for a run, or more: they cost nothing, and let Ctrl-C and progress in between
+CALLS = 50  # of the stepping function for a run that shows its progress, or more
 _MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
 
 
@@ -36,7 +36,7 @@ def advance(
         progress: called after every call of `step` with the number of setpoints that all simulations have sent.
     """
     most = _MOST_STEPS
-    if steps is None:
+    if steps is None and progress is not None:
         most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
     made = 0
     with installed() if hook is None else hook:

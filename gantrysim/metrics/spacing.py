@@ -87,8 +87,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     heading, (first, last) = one_way(heading, s)
     s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
-        nothing = np.zeros(0)
-        return Spacing(nothing, nothing, nothing, nothing, np.zeros((0, 2, 3)))
+        return _none()
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
 
     def links(rows: NDArray[np.intp]) -> Spacing:
@@ -116,7 +115,15 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         distance = np.abs(dot(link[:, 1] - point, normal))
         return Spacing(at[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
 
-    return table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
+    found = table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
+    # a closed loop meets its own start, which is no turn beside it
+    overlaps = found.turn.size and 2 * np.pi * np.ptp(found.turn) >= _LEAST_OVERLAP
+    return found if overlaps else _none()
+
+
+def _none() -> Spacing:
+    nothing = np.zeros(0)
+    return Spacing(nothing, nothing, nothing, nothing, np.zeros((0, 2, 3)))
 
 
 def forward(s: Floats) -> NDArray[np.bool_]:

@@ -169,10 +169,10 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
 
     study = LoopStudy(Job.load("an225", SHORT))
     lines = [json.loads(line) for line in (folder / LEDGER).read_bytes().splitlines()[1 : done + 1]]
-    first = [case for case in study.cases if case.key in {key for key, _ in lines}]
+    first = [case for case in study.cases if case.key in {key for key, *_ in lines}]
     with Ledger(None, {}) as ledger:
         alone = run_cases(first, ledger, workers=1)
-        assert {case.key: ledger[case.key] for case in first} == dict(lines)
+        assert {case.key: ledger[case.key] for case in first} == {key: row for key, row, _ in lines}
     identity = json.loads((folder / LEDGER).read_bytes().splitlines()[0])
     with Ledger(folder, identity) as ledger:
         assert ledger.kept == done

@@ -59,6 +59,7 @@ def _child(action, folder, at, number, output, tell):
     status = 99
     try:
         os.setsid()
+        atexit._clear()  # what the parent has opened is not this copy's to close, a display of OpenGL above all
         sink = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(sink, 1)
         os.dup2(sink, 2)
