@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, read_only
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.errors import InputError, TimedError
+from gantrysim.jit import jit
 from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.machine import Machine
 
@@ -69,7 +71,7 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         except UnreachableError as error:
             time = error.row * setpoints.period
             raise TimedError(f"{error}, at t = {time:.4g} s, on machine {machine.name}", time) from None
-    speed = np.abs(np.diff(position, axis=0)) / setpoints.period
+    lowest, highest, fastest = _extremes(position)
 
     def where(k: int) -> str:
         place = f" ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})" if kinematics.followers else ""
@@ -77,7 +79,7 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
 
     for a, axis in enumerate(machine.axes):
         low, high = axis.travel
-        for k in (int(position[:, a].argmin()), int(position[:, a].argmax())):
+        for k in (int(lowest[a]), int(highest[a])):
             if not low <= position[k, a] <= high:
                 left = int(np.argmax((position[:, a] < low) | (position[:, a] > high)))
                 raise TimedError(
@@ -85,11 +87,32 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
                     f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}",
                     left * setpoints.period,
                 )
-        k = int(speed[:, a].argmax())
-        if speed[k, a] > axis.speed_limit * (1 + 1e-9):
+        k = int(fastest[a])
+        speed = float(abs(position[min(k + 1, len(position) - 1), a] - position[k, a]) / setpoints.period)
+        if speed > axis.speed_limit * (1 + 1e-9):
             raise TimedError(
-                f"speed of {axis.name} = {speed[k, a]:.6g} {axis.unit}/s {where(k)}: "
+                f"speed of {axis.name} = {speed:.6g} {axis.unit}/s {where(k)}: "
                 f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}",
                 k * setpoints.period,
             )
     return read_only(position)
+
+
+@jit
+def _extremes(position: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows of each axis' lowest and highest position, and of its fastest step to the next row, (axes,)."""
+    n, axes = position.shape
+    lowest, highest, fastest = np.zeros(axes, np.intp), np.zeros(axes, np.intp), np.zeros(axes, np.intp)
+    for a in range(axes):
+        low = high = position[0, a]
+        most = 0.0
+        for k in range(1, n):
+            here = position[k, a]
+            step = abs(here - position[k - 1, a])
+            if here < low:
+                low, lowest[a] = here, k
+            if here > high:
+                high, highest[a] = here, k
+            if step > most:
+                most, fastest[a] = step, k - 1
+    return lowest, highest, fastest
