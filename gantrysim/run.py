@@ -7,17 +7,21 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.arrays import Floats, read_only
+from gantrysim.columns import columns, description
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault, fault_of
 from gantrysim.files import replaced
+
+if TYPE_CHECKING:
+    import pandas
 
 _FORMAT = 7
 # arrays of older formats that are still read, by their names today; what they lack has its default
@@ -152,6 +156,20 @@ class Run:
         arrays["injected"] = json.dumps([fault.table() for fault in self.injected])
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame with a row per servo tick, see `gantrysim.columns`; `attrs` describe the run.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError("Run.to_frame: pandas is not installed: pip install 'gantrysim[tables]'") from None
+        frame = pandas.DataFrame(columns(self))
+        frame.attrs = description(self)
+        return frame
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:

@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 
 from gantrysim import signals
 from gantrysim.cli.check import check
+from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
@@ -55,6 +56,7 @@ app.command()(run)
 app.command()(check)
 app.command()(tune)
 app.command()(gains)
+app.command()(export)
 app.command("render")(render_command)
 app.command()(view)
 
