@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 
 from gantrysim import signals
 from gantrysim.cli.check import check
+from gantrysim.cli.compare import compare
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
 from gantrysim.cli.render import render as render_command
@@ -57,6 +58,7 @@ app.command()(check)
 app.command()(tune)
 app.command()(gains)
 app.command()(export)
+app.command()(compare)
 app.command("render")(render_command)
 app.command()(view)
 
