@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import metadata
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
 
 _PER_AXIS = {  # unit; None for that of the axis
     "commanded": None,
@@ -88,6 +91,21 @@ def description(run: Record) -> dict[str, str]:
         "job_sha256": run.job_sha256,
         "machine_sha256": run.machine_sha256,
     }
+
+
+def frame(run: Record) -> pandas.DataFrame:
+    """Return the columns as a pandas DataFrame, with the description as its `attrs`.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise InputError("Run.to_frame: pandas is not installed: pip install 'gantrysim[tables]'") from None
+    table = pandas.DataFrame(columns(run))
+    table.attrs = description(run)
+    return table
 
 
 def _split(array: Floats) -> Sequence[Floats]:

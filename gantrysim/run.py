@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.arrays import Floats, read_only
-from gantrysim.columns import columns, description
+from gantrysim.columns import frame
 from gantrysim.controllers.paths.path import Path
+from gantrysim.display import Shown
 from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault, fault_of
 from gantrysim.files import replaced
@@ -73,8 +74,8 @@ class Fault:
         return f"{text}; {self.reaction}" if self.reaction else text
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Shown):
     """The record of a run, one row per servo tick, at the instant of its sample. All arrays are read-only.
 
     Attributes:
@@ -163,13 +164,16 @@ class Run:
         Raises:
             InputError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError:
-            raise InputError("Run.to_frame: pandas is not installed: pip install 'gantrysim[tables]'") from None
-        frame = pandas.DataFrame(columns(self))
-        frame.attrs = description(self)
-        return frame
+        return frame(self)
+
+    def facts(self) -> dict[str, str]:
+        return {
+            "machine": self.machine,
+            "axes": ", ".join(f"{axis} [{unit}]" for axis, unit in zip(self.axes, self.units, strict=True)),
+            "ticks": f"{len(self.time)} of {1e3 * self.period:g} ms",
+            "path": f"{self.requested.length:.4g} mm",
+            "fault": "none" if self.fault is None else str(self.fault),
+        }
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:
