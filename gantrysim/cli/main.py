@@ -19,7 +19,7 @@ from gantrysim.cli.gains import gains
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
-from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, warn
+from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
 from gantrysim.errors import GantryError
@@ -94,6 +94,7 @@ def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
     signals.forget()
     spell_out()
+    tell_compiling()
     try:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:

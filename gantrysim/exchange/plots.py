@@ -9,16 +9,17 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.exchange.comparison import Comparison
-from gantrysim.plots.style import COLOURS, INK, UM, sheet, thinned
+from gantrysim.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 OVERLAY, SPECTRUM = "overlay.png", "spectrum.png"
 
 
-def draw_overlay(figure: Figure, comparison: Comparison) -> None:
-    """Draw the lateral errors of each link along the path, measured and simulated, and their difference below."""
+def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Axes, ...]:
+    """Draw each link's lateral error along the path, measured and simulated, and their difference; return the axes."""
     names = [*comparison.parts, "contour"]
     panels = figure.subplots(len(names) + 1, sharex=True, squeeze=False)[:, 0]
     for panel, name in zip(panels[:-1], names, strict=True):
@@ -40,11 +41,12 @@ def draw_overlay(figure: Figure, comparison: Comparison) -> None:
         panel.axhline(0, color=INK, lw=0.6)
         panel.margins(x=0.01)
     figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
+    return tuple(panels)
 
 
-def draw_spectrum(figure: Figure, comparison: Comparison) -> None:
-    """Draw the spectrum of the lateral error that the model does not explain, its peaks marked."""
-    axes = figure.add_subplot()
+def draw_spectrum(place: Figure | SubFigure | Axes, comparison: Comparison) -> Axes:
+    """Draw the spectrum of the lateral error that the model does not explain, its peaks marked; return the axes."""
+    axes = axes_on(place)
     frequency, density = comparison.spectrum
     axes.loglog(frequency[1:], UM * np.sqrt(density[1:]), lw=1.0, color=COLOURS["structure"])
     for peak in comparison.peaks:
@@ -53,6 +55,7 @@ def draw_spectrum(figure: Figure, comparison: Comparison) -> None:
         text = f"{peak.frequency:.1f} Hz, {UM * peak.rms:.2g} µm"
         axes.annotate(text, place, xycoords=("data", "axes fraction"), rotation=90, va="top", fontsize=7)
     axes.set(xlabel="frequency [Hz]", ylabel="measured less simulated [µm/√Hz]")
+    return axes
 
 
 def save_comparison(comparison: Comparison, folder: Path) -> list[str]:
