@@ -29,7 +29,7 @@ def cached(compiler: Callable[..., Any], *signature: Any, **options: Any) -> Cal
     return decorate
 
 
-class _Told(Listener):
+class _Told(Listener):  # type: ignore[misc]
     """Calls a function once, when numba first compiles what its cache lacks."""
 
     def __init__(self, tell: Callable[[], None]) -> None:
@@ -37,7 +37,7 @@ class _Told(Listener):
 
     def on_start(self, event: Any) -> None:
         if self._tell is not None:
-            self._tell, tell = None, self._tell
+            tell, self._tell = self._tell, None
             tell()
 
     def on_end(self, event: Any) -> None:

@@ -63,6 +63,7 @@ def gains(
     if export is None and source is None:
         show(_table(loaded))
         return
+    notes: list[str] = []
     if source is not None:
         name, file = source
         dialect(name)
@@ -71,7 +72,7 @@ def gains(
         except OSError as error:
             raise InputError(f"--from {name} {file}: cannot be read: {error.strerror}") from None
         found = imported(name, text, axes, loaded.built_servo, f"--from {name} {file}")
-        content, notes = servo_toml(loaded, found, [f"Gains in the words of {name}, from {file.name}."]), []
+        content = servo_toml(loaded, found, [f"Gains in the words of {name}, from {file.name}."])
     elif export == _SHAPER:
         content, notes = klipper(axes)
     else:

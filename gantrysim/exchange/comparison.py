@@ -13,7 +13,9 @@ from scipy.signal import find_peaks, welch
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.errors import InputError
-from gantrysim.exchange.measured import Alignment, Trace, aligned, beside, evenly
+from gantrysim.exchange.alignment import Alignment, aligned
+from gantrysim.exchange.beside import beside, evenly
+from gantrysim.exchange.measured import Trace
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
@@ -146,7 +148,7 @@ class Comparison:
         Raises:
             InputError: the command is no full circle about the centre.
         """
-        found = {}
+        found: dict[str, Mapping[str, Any]] = {}
         for name, budget in (("measured", self.measured), ("simulated", self.simulated)):
             run = budget.analysis.run
             x, y = (run.commanded_tip[:, :2] - centre).T

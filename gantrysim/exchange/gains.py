@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
@@ -60,4 +61,5 @@ def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: st
         names = ", ".join(word.name for word in chosen.words(own[0]))
         raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
     gains = [chosen.gains(words, axis) for words, axis in zip(found, own, strict=True)]
-    return replace(servo, **{gain: tuple(one[gain] for one in gains) for gain in GAIN_NAMES})
+    own_gains: dict[str, Any] = {gain: tuple(one[gain] for one in gains) for gain in GAIN_NAMES}
+    return replace(servo, **own_gains)

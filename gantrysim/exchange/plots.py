@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.exchange.comparison import Comparison
@@ -44,9 +45,9 @@ def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Ax
     return tuple(panels)
 
 
-def draw_spectrum(place: Figure | SubFigure | Axes, comparison: Comparison) -> Axes:
+def draw_spectrum(on: Figure | SubFigure | Axes, comparison: Comparison) -> Axes:
     """Draw the spectrum of the lateral error that the model does not explain, its peaks marked; return the axes."""
-    axes = axes_on(place)
+    axes = axes_on(on)
     frequency, density = comparison.spectrum
     axes.loglog(frequency[1:], UM * np.sqrt(density[1:]), lw=1.0, color=COLOURS["structure"])
     for peak in comparison.peaks:
@@ -71,6 +72,6 @@ def save_comparison(comparison: Comparison, folder: Path) -> list[str]:
     return [OVERLAY, SPECTRUM]
 
 
-def _line(s: Floats, ticks: Floats, error: Floats) -> tuple[Floats, Floats]:
+def _line(s: Floats, ticks: NDArray[np.intp], error: Floats) -> tuple[Floats, Floats]:
     gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
     return thinned(np.insert(s, gaps, np.nan), np.insert(UM * error, gaps, np.nan))

@@ -19,9 +19,9 @@ _USUAL, _ABOVE = 95.0, 1.6  # percentile of the width, and the limit of the axis
 _GLUE, _GAP, _OVERLAP = "#b87a00", "#3a9fc7", "#d55e00"
 
 
-def draw_height_map(place: Figure | SubFigure | Axes, bead: Bead) -> Axes:
+def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
     """Draw the height of the glue over the surface, in plan view; return the axes."""
-    axes = axes_on(place)
+    axes = axes_on(on)
     heights, x, y = bead.map.height, bead.map.x, bead.map.y
     half = 0.5 * bead.map.cell
     image = axes.imshow(

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-def draw_plan(place: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the requested path, and the nozzle's path with its error magnified; return the axes."""
     run = analysis.run
-    axes = axes_on(place)
+    axes = axes_on(on)
     trace, offset, distance = run.nozzle[analysis.ticks], analysis.nozzle.offset, analysis.nozzle.distance
     factor = _magnification(analysis)
     drawn = trace + (factor - 1) * offset
@@ -34,7 +34,7 @@ def draw_plan(place: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
         axes.plot(*trace[k, :2], mark, ms=5, color=INK)
         axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
-    add_legend(place, 3)
+    add_legend(on, 3)
     return axes
 
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 _MOST_NAMED = 5  # largest number of turns in a legend
 
 
-def draw_spacing(place: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the spacing over the angle within the turn; return the axes."""
-    axes = axes_on(place)
+    axes = axes_on(on)
     turns, requested = analysis.spacing, analysis.run.requested.turn_spacing
     for k, chosen, colour, label in _by_turn(turns.turn):
         axes.plot(360 * (turns.turn[chosen] - k), turns.distance[chosen], lw=1.2, color=colour, label=label)
@@ -32,16 +32,16 @@ def draw_spacing(place: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     axes.set_xticks(range(0, 361, 45))
     axes.set_xlim(0, 360)
     axes.ticklabel_format(axis="y", useOffset=False)
-    add_legend(place, 3)
+    add_legend(on, 3)
     return axes
 
 
-def draw_polar_spacing(place: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the spacing over the direction of the path's outward normal in its plane; return the axes, polar ones.
 
     The centre of the plot is not zero: the range of spacings fills the outer half.
     """
-    axes = cast("PolarAxes", axes_on(place, projection="polar"))
+    axes = cast("PolarAxes", axes_on(on, projection="polar"))
     run, turns = analysis.run, analysis.spacing
     requested = run.requested.turn_spacing
     heading = run.requested.heading(turns.s)

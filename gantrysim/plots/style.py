@@ -70,21 +70,21 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
         yield figure
 
 
-def axes_on(place: Figure | SubFigure | Axes, **options: Any) -> Axes:
+def axes_on(on: Figure | SubFigure | Axes, **options: Any) -> Axes:
     """Return the axes that a plot is drawn on: those given, or new ones that fill a figure."""
     from matplotlib.figure import FigureBase  # slow to import
 
-    return place.add_subplot(**options) if isinstance(place, FigureBase) else place
+    return on.add_subplot(**options) if isinstance(on, FigureBase) else on
 
 
-def add_legend(place: Figure | SubFigure | Axes, columns: int) -> None:
+def add_legend(on: Figure | SubFigure | Axes, columns: int) -> None:
     """Add a legend below a figure's own plot, or inside of axes that were given."""
     from matplotlib.figure import FigureBase  # slow to import
 
-    if isinstance(place, FigureBase):
-        place.legend(loc="outside lower center", ncols=columns)
+    if isinstance(on, FigureBase):
+        on.legend(loc="outside lower center", ncols=columns)
     else:
-        place.legend(fontsize="small")
+        on.legend(fontsize="small")
 
 
 def turn_colours(count: int) -> list[str]:

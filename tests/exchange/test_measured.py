@@ -12,8 +12,9 @@ from scipy.interpolate import CubicSpline
 from gantrysim import Budget, InputError, Job, Machine
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.exchange.alignment import aligned
 from gantrysim.exchange.comparison import Comparison
-from gantrysim.exchange.measured import Trace, aligned
+from gantrysim.exchange.measured import Trace
 from gantrysim.exchange.traces import Assignment, read_log
 from gantrysim.study.circle.study import CircleStudy, circle_row
 
