@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.cli.terminal import say, show
+from gantrysim.cli.terminal import say, show, warn
 from gantrysim.errors import InputError, finite
 
 if TYPE_CHECKING:
@@ -84,6 +84,8 @@ def compare(
     say(_alignment(found), wrap=True)
     for peak in found.peaks:
         say(f"unexplained at {peak.frequency:.1f} Hz: {_UM * peak.rms:.2g} µm rms")
+    if saved.changed:
+        warn(f"note: machine {saved.machine.name} has changed since the run")
     for note in found.notes:
         say(f"note: {note}", wrap=True)
     say(f"written to {folder}/: {', '.join(written)}")

@@ -90,16 +90,19 @@ def gains(
 def _table(job: Job) -> Table:
     from rich.table import Table
 
-    from gantrysim.exchange.dialect import AxisServo
+    from gantrysim.exchange.dialect import SYMBOLS, AxisServo
     from gantrysim.exchange.gains import DIALECTS
 
     machine = job.built_machine
     own = AxisServo.of(machine.axes, job.built_servo)
-    table = Table(title=f"Servo gains of {job.name}, u the unit of the axis", title_justify="left")
+    table = Table(
+        title=f"Servo gains of {job.name}, u the unit of the axis", title_justify="left", box=None, padding=(0, 1, 0, 0)
+    )
     for heading in ("controller", "word", "unit", "from"):
-        table.add_column(heading, overflow="fold")
+        table.add_column(heading, no_wrap=heading != "from", overflow="fold")
     for axis in own:
-        table.add_column(f"{axis.name} [{axis.unit}]", justify="right")
+        table.add_column(f"{axis.name}\n\\[{axis.unit}]", justify="right", no_wrap=True)
+    table.caption, table.caption_justify = SYMBOLS, "left"
     for name, one in DIALECTS.items():
         try:
             rows = list(zip(*(one.words(axis) for axis in own), strict=True))
@@ -107,7 +110,7 @@ def _table(job: Job) -> Table:
             table.add_row(name, "", "", str(error))
             continue
         for k, words in enumerate(rows):
-            values = (f"{word.value:.6g}" for word in words)
+            values = (f"{word.value:.4g}" for word in words)
             table.add_row(name if k == 0 else "", words[0].name, words[0].unit, words[0].formula, *values)
         table.add_section()
     return table

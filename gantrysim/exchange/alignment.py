@@ -25,6 +25,7 @@ from gantrysim.run import Run
 ALIGNED = ("time", "offset", "rotation")
 _STEPS = 50
 _SETTLED = 1e-9  # change of the shift that ends the search, in servo periods
+_LONGEST = 100.0  # of a trace, in lengths of the run
 _SMOOTH = 15  # samples of a mean over which velocities are correlated
 
 
@@ -134,6 +135,12 @@ def turned(points: Floats, turn: float) -> Floats:
 
 def _correlated(time: Floats, measured: Floats, run: Run, simulated: Floats, turning: bool) -> tuple[float, float]:
     """Return shift [s] and turn [rad] at the highest cross-correlation of the velocities."""
+    long, least, most = time[-1] - time[0], 2 * _SMOOTH * run.period, _LONGEST * (run.time[-1] - run.time[0])
+    if not least <= long <= most:
+        raise InputError(
+            f"the trace lasts {long:.4g} s: must last {least:.4g} to {most:.4g} s beside a run of {run.time[-1]:.4g} "
+            "s; is its time in another unit?"
+        )
     even = np.arange(time[0], time[-1], run.period)
     smooth = partial(np.convolve, np.full(_SMOOTH, 1 / _SMOOTH), mode="same")
     one, other = (

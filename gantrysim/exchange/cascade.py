@@ -31,11 +31,11 @@ class SoftMC(Dialect):
         kv = axis.has("kd - output_velocity", gains["kd"], "it is the gain of the velocity loop")
         c, unit = _per_speed(axis)
         return [
-            Word("KPP", gains["kp"] / kv, "1/s", "kp / kv, with kv = kd - output_velocity"),
+            Word("KPP", gains["kp"] / kv, "1/s", "kp / kv"),
             Word("KPI", gains["ki"] / kv, "1/s²", "ki / kv"),
-            Word("KVP", kv * c, f"{unit}·s/rad", "kv times travel per radian, per motor constant"),
-            Word("KPVFR", 1 + gains["velocity_ff"] / kv, "1", "1 + (velocity_ff + output_velocity) / kv"),
-            Word("KPAFR", gains["acceleration_ff"] * c, f"{unit}·s²/rad", "acceleration_ff, converted as KVP"),
+            Word("KVP", kv * c, f"{unit}·s/rad", "kv s / K"),
+            Word("KPVFR", 1 + gains["velocity_ff"] / kv, "1", "1 + (vff + o) / kv"),
+            Word("KPAFR", gains["acceleration_ff"] * c, f"{unit}·s²/rad", "aff s / K"),
         ]
 
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
@@ -83,7 +83,7 @@ class Fanuc(Dialect):
     def words(self, axis: AxisServo) -> list[Word]:
         gains = axis.on_error
         kv = axis.has("kd - output_velocity", gains["kd"], "it is the gain of the velocity loop")
-        return [Word("1825", round(100 * gains["kp"] / kv), "0.01/s", "100 kp / (kd - output_velocity), rounded")]
+        return [Word("1825", round(100 * gains["kp"] / kv), "0.01/s", "100 kp / kv, rounded")]
 
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
         kv = axis.has("kd - output_velocity", axis.on_error["kd"], "it is the gain of the velocity loop")

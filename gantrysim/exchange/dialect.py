@@ -14,6 +14,11 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError
 from gantrysim.machine.axis import Axis
 
+# letters of the formulas
+SYMBOLS = (
+    "T period, r resolution, c 2048 / torque_limit, o output_velocity, vff velocity_ff, aff acceleration_ff, kv kd - o, s "
+    "travel per radian of the motor, K motor constant (1 for an ideal torque source)"
+)
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
@@ -24,7 +29,7 @@ class Word(NamedTuple):
         name: as the controller calls it.
         value: in its unit.
         unit: in which u is the axis' own, mm or deg.
-        formula: how it follows from the servo's gains.
+        formula: how it follows from the servo's gains, in the letters of `SYMBOLS`.
     """
 
     name: str
@@ -155,6 +160,7 @@ class Dialect(ABC):
         head = [
             f"Servo gains for {self.name}. Source of words and units: {self.source}",
             *(f"{word.name} [{word.unit}] = {word.formula}" for word in self.words(axes[0])),
+            f"with {SYMBOLS}",
             *self.losses(axes),
         ]
         return "\n".join([*(f"{self.comment} {line}" for line in head), *self.body(axes)]) + "\n"

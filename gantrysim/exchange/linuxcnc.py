@@ -18,7 +18,7 @@ _TERMS = (
 )
 _FOREIGN = (("FF0", "FF0"), ("FF3", "FF3"), ("bias", "BIAS"), ("deadband", "DEADBAND"))  # that the servo lacks
 _UNITS = {"kp": "/u", "ki": "/(u·s)", "kd": "·s/u", "velocity_ff": "·s/u", "acceleration_ff": "·s²/u"}
-_FORMULAS = {"kd": "kd - output_velocity", "velocity_ff": "velocity_ff + output_velocity"}
+_FORMULAS = {"kd": "kd - o", "velocity_ff": "vff + o", "acceleration_ff": "aff"}
 
 
 class LinuxCNC(Dialect):

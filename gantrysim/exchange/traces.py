@@ -167,9 +167,9 @@ def _csv(label: str, rows: list[tuple[int, str]]) -> Log:
     separator = next((each for each in ";\t," if each in rows[0][1]), None)
     comma = separator == ";" and any("," in line for _, line in rows[1:3])  # as the decimal sign
     cells = [(k, _cells(line.replace(",", ".") if comma else line, separator)) for k, line in rows if line != _LOST]
-    if not cells:
-        raise InputError(f"{label}: has no rows")
-    first = cells[0][1]
+    first = cells[0][1] if cells else []
+    if not first:
+        raise InputError(f"{label}: has no columns")
     named = any(_number(cell) is None for cell in first)
     names = first if named else [str(k) for k in range(1, len(first) + 1)]
     values = np.empty((len(cells) - named, len(names)))

@@ -34,13 +34,7 @@ class Trio(Dialect):
 
     def words(self, axis: AxisServo) -> list[Word]:
         values = (gain * factor for gain, factor in zip(self._known(axis), self._factors(axis), strict=True))
-        formulas = (
-            "kp r c",
-            "ki T r c",
-            "kd / T r c",
-            "velocity_ff / T r c",
-            "output_velocity / T r c, with r = resolution, c = 2048 / torque_limit, T = period",
-        )
+        formulas = ("kp r c", "ki T r c", "kd r c / T", "vff r c / T", "o r c / T")
         return [
             Word(name, value, "DAC/edge", formula)
             for name, value, formula in zip(_WORDS, values, formulas, strict=True)

@@ -157,6 +157,9 @@ def test_traces_that_cannot_be_compared_are_refused(run):
         Comparison.of(Trace(run.time + 1e3, {"encoder": run.encoder}, None), run, MACHINE, ())
     with pytest.raises(InputError, match="unknown alignment 'place'"):
         Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE, ("place",))
+    for factor, told in ((1e3, "lasts"), (1e-3, "is its time in another unit")):
+        with pytest.raises(InputError, match=told):
+            aligned(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
     early = Comparison.of(Trace(run.time[~half], {"encoder": run.encoder[~half]}, None), run, MACHINE)
     assert "% of the time for which the dispenser is on" in early.notes[0]
 

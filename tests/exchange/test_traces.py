@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gantrysim import InputError
 from gantrysim.controllers.softmc.record import Record
@@ -141,3 +143,30 @@ def test_a_log_that_cannot_be_used_is_refused_in_one_line(log, run, text, column
         Trace.of(log(text), Assignment.parse(columns), run)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@given(
+    text=st.one_of(
+        st.text(max_size=80),
+        st.lists(st.sampled_from(["1", "-2.5e3", "x", ";", ",", " ", "\n", "overrun\n", "nan", "#", '"', "_"])).map(
+            "".join
+        ),
+    ),
+    blocks=st.integers(0, 3),
+)
+def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory, text, blocks):
+    file = tmp_path_factory.getbasetemp() / "any.csv"
+    file.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        found = read_log(file, blocks)
+    except InputError as error:
+        refused = str(error)
+    else:
+        refused = ""
+    assert "\n" not in refused
+    if refused:
+        return
+    lengths = {len(column) for column in found.columns.values()}
+    assert len(lengths) == 1
+    assert min(lengths) > 0
+    assert all(np.isfinite(column).all() for column in found.columns.values())
