@@ -54,7 +54,7 @@ def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
     trace = Trace(time, {} if link == "nozzle" else {link: positions}, positions if link == "nozzle" else None)
     found = aligned(trace, run, ("time", "offset", "rotation") if turn else ("time", "offset"))
     assert abs(found.shift - late) * rate < FOUND_SHIFT
-    assert found.offsets["nozzle" if link == "nozzle" else "axes"] == pytest.approx(x, abs=2 * FOUND_PLACE)
+    assert found.offsets["nozzle" if link == "nozzle" else "axes"] == pytest.approx(x, abs=FOUND_PLACE)
     assert found.rotation == pytest.approx(turn, abs=1e-3)
     assert found.residual == pytest.approx(1e-3, rel=0.1)
 
