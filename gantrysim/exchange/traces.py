@@ -166,23 +166,15 @@ def read_log(file: str | Path, blocks: int = 0) -> Log:
 def _csv(label: str, rows: list[tuple[int, str]]) -> Log:
     separator = next((each for each in ";\t," if each in rows[0][1]), None)
     comma = separator == ";" and any("," in line for _, line in rows[1:3])  # as the decimal sign
-    cells = [(k, _cells(line.replace(",", ".") if comma else line, separator)) for k, line in rows if line != _LOST]
-    first = cells[0][1] if cells else []
+    lines = [(k, line.replace(",", ".") if comma else line) for k, line in rows if line != _LOST]
+    first = _cells(lines[0][1], separator) if lines else []
     if not first:
         raise InputError(f"{label}: has no columns")
     named = any(_number(cell) is None for cell in first)
     names = first if named else [str(k) for k in range(1, len(first) + 1)]
-    values = np.empty((len(cells) - named, len(names)))
-    for row, (k, own) in enumerate(cells[named:]):
-        if len(own) != len(names):
-            raise InputError(f"{label}: line {k} has {len(own)} columns, must have {len(names)}")
-        for column, cell in enumerate(own):
-            value = _number(cell)
-            if value is None or not np.isfinite(value):
-                raise InputError(f"{label}: line {k}: {names[column]} = {cell[:_SHOWN]!r} is no finite number")
-            values[row, column] = value
-    if not len(values):
+    if len(lines) == named:
         raise InputError(f"{label}: has no rows")
+    values = _numbers(label, lines[named:], separator, names)
     units: dict[str, str] = {}
     plain = []
     for name in names:
@@ -193,7 +185,28 @@ def _csv(label: str, rows: list[tuple[int, str]]) -> Log:
             units[bare] = unit
     if len(set(plain)) < len(plain):
         raise InputError(f"{label}: two columns have one name: {', '.join(plain)}")
-    return Log(label, dict(zip(plain, values.T, strict=True)), units, lost=len(cells) < len(rows))
+    return Log(label, dict(zip(plain, values.T, strict=True)), units, lost=len(lines) < len(rows))
+
+
+def _numbers(label: str, lines: list[tuple[int, str]], separator: str | None, names: list[str]) -> Floats:
+    """Return the numbers of lines, (n, columns); those that NumPy does not read as they are, one by one."""
+    try:
+        values = np.loadtxt([line for _, line in lines], delimiter=separator, comments=None, ndmin=2)
+        if values.shape == (len(lines), len(names)) and np.isfinite(values).all():
+            return values
+    except ValueError:
+        pass
+    values = np.empty((len(lines), len(names)))
+    for row, (k, line) in enumerate(lines):
+        cells = _cells(line, separator)
+        if len(cells) != len(names):
+            raise InputError(f"{label}: line {k} has {len(cells)} columns, must have {len(names)}")
+        for column, cell in enumerate(cells):
+            value = _number(cell)
+            if value is None or not np.isfinite(value):
+                raise InputError(f"{label}: line {k}: {names[column]} = {cell[:_SHOWN]!r} is no finite number")
+            values[row, column] = value
+    return values
 
 
 def _halscope(label: str, rows: list[tuple[int, str]], period: float) -> Log:
@@ -208,7 +221,10 @@ def _halscope(label: str, rows: list[tuple[int, str]], period: float) -> Log:
             found.setdefault(name, []).append(float(value or 0.0))
     if not found:
         raise InputError(f"{label}: has no rows")
-    shortest = min(map(len, found.values()))  # the last line may be cut
+    shortest = min(map(len, found.values()))
+    if max(map(len, found.values())) > shortest + 1:  # the last line alone may be cut
+        counts = ", ".join(f"{name} {len(values)}" for name, values in found.items())
+        raise InputError(f"{label}: its channels have different numbers of samples: {counts}")
     return Log(label, {name: np.array(values[:shortest]) for name, values in found.items()}, {}, period)
 
 

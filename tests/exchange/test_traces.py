@@ -80,6 +80,8 @@ def test_halscope_s_file_gives_names_and_period(log, run):
     trace = Trace.of(found, Assignment.parse("encoder.x=joint.0.pos,encoder.y=joint.1.pos*2"), run)
     assert trace.axes["encoder"][:, 1] == pytest.approx(-2 * np.array(NINE))
     assert trace.time[-1] == pytest.approx(8 * 5e-4)
+    with pytest.raises(InputError, match="different numbers of samples: joint"):
+        log("Sampling period is 500000 ns \n\n" + "\n".join([*lines, *["joint.0.pos +9.0 "] * 2]))
 
 
 @pytest.mark.parametrize("statement", [True, False])
