@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _UM = 1e3
 _SUMMARY = "compare.json"
+_HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax", "difference\nrms", "\nmax")
 
 
 def compare(
@@ -102,15 +103,13 @@ def _circle(text: str) -> tuple[float, tuple[float, float]]:
 def _table(found: Comparison) -> Table:
     from rich.table import Table
 
-    table = Table(title="error normal to the path [µm]: measured, simulated, difference", title_justify="left")
+    table = Table(title="error normal to the path [µm]", title_justify="left", box=None, padding=(0, 1, 0, 0))
     table.add_column("link", no_wrap=True)
-    for column in ("rms", "95 %", "max", "rms", "95 %", "max", "rms", "max"):
+    for column in _HEADS:
         table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("span")
+    table.add_column("span", overflow="fold")
     budgets = [budget.values for budget in (found.measured, found.simulated)]
     for name in (*found.parts, "contour"):
-        if name == "contour":
-            table.add_section()
         cells = []
         for values in budgets:
             part = values.contour if name == "contour" else values.parts[name]
@@ -137,12 +136,12 @@ def _circle_table(values: dict[str, dict[str, float]]) -> Table:
 
 def _alignment(found: Comparison) -> str:
     alignment, run = found.alignment, found.measured.analysis.run
-    text = f"aligned by {alignment.by}: the trace's time is {alignment.shift:+.6f} s against the run's"
+    text = f"aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
     names = {"axes": run.axes, "nozzle": ("x", "y", "z")}
     units = {"axes": run.units, "nozzle": ("mm",) * 3}
     for frame, offsets in alignment.offsets.items():
         places = zip(names[frame], offsets, units[frame], strict=True)
-        text += f"; {frame} offset " + ", ".join(f"{axis} {value:+.4f} {unit}" for axis, value, unit in places)
+        text += f"; {frame} offset " + ", ".join(f"{axis} {value:+z.4f} {unit}" for axis, value, unit in places)
     if alignment.rotation:
         text += f"; turned by {alignment.rotation:+.4f} deg"
     return f"{text}; left {_UM * alignment.residual:.2f} thousandths rms."

@@ -24,6 +24,7 @@ from gantrysim.study.circle.study import circle_row
 
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum
+_NOTHING = 1e-6  # rms of a peak that is rounding [mm]
 _FEW = 64  # samples below which there is no spectrum
 
 
@@ -75,6 +76,8 @@ class Comparison:
         found = aligned(trace, run, what)
         measured, simulated = beside(trace, found, run, machine)
         notes = list(trace.notes)
+        if "commanded" not in trace.links:
+            notes.append("the command is not measured: it is the simulation's in both budgets")
         covered = measured.dispense.sum() * measured.period / (run.dispense.sum() * run.period)
         if covered < 0.999:
             notes.append(f"the trace covers {100 * covered:.1f} % of the time for which the dispenser is on")
@@ -136,7 +139,8 @@ class Comparison:
         places, _ = find_peaks(density, height=10 * floor, distance=3)
         best = sorted(places, key=lambda k: -density[k])[:PEAKS]
         step = frequency[1] - frequency[0]
-        return [Peak(float(frequency[k]), math.sqrt(float(density[max(k - 1, 0) : k + 2].sum() * step))) for k in best]
+        found = [Peak(float(frequency[k]), math.sqrt(float(density[max(k - 1, 0) : k + 2].sum() * step))) for k in best]
+        return [peak for peak in found if peak.rms > _NOTHING]
 
     def circle(self, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> dict[str, Mapping[str, Any]]:
         """Return the values of `gantrysim study circle` of both, over the circle's middle 360 degrees.
