@@ -135,6 +135,8 @@ def _circle_table(values: dict[str, dict[str, float]]) -> Table:
 
 
 def _alignment(found: Comparison) -> str:
+    from gantrysim.metrics.analysis import THOUSANDTH
+
     alignment, run = found.alignment, found.measured.analysis.run
     text = f"aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
     names = {"axes": run.axes, "nozzle": ("x", "y", "z")}
@@ -144,4 +146,5 @@ def _alignment(found: Comparison) -> str:
         text += f"; {frame} offset " + ", ".join(f"{axis} {value:+z.4f} {unit}" for axis, value, unit in places)
     if alignment.rotation:
         text += f"; turned by {alignment.rotation:+.4f} deg"
-    return f"{text}; left {_UM * alignment.residual:.2f} thousandths rms."
+    kinds = dict.fromkeys(THOUSANDTH[unit] for unit in units["nozzle" if alignment.by == "nozzle" else "axes"])
+    return f"{text}; left {_UM * alignment.residual:.2f} {' and '.join(kinds)} rms."

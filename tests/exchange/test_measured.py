@@ -111,6 +111,18 @@ def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
             assert all(budget.values.parts[name].max == 0 for name in absent)
 
 
+def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
+    run = job_run("stage-outline")
+    rng = np.random.default_rng(2)
+    encoder = run.encoder + [3.0, -2.0, 1.0] + rng.normal(scale=1e-3, size=run.encoder.shape)
+    found = Comparison.of(
+        Trace(run.time + 0.5, {"encoder": encoder}, None), run, Job.load("stage-outline").built_machine
+    )
+    assert found.alignment.shift == pytest.approx(0.5, abs=FOUND_SHIFT * run.period)
+    assert found.alignment.offsets["axes"] == pytest.approx([3.0, -2.0, 1.0], abs=FOUND_PLACE)
+    assert found.alignment.residual == pytest.approx(1e-3, rel=0.05)
+
+
 def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path, circle):
     # another program: a first-order lag behind the command, stepped at 10 kHz, logged in metres and milliseconds
     radius, omega, tau, step = 40.0, 2.5, 0.02, 1e-4
