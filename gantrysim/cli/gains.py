@@ -47,7 +47,7 @@ def gains(
 
     Exit status: 0, 2 for bad input.
     """
-    from gantrysim.exchange.gains import dialect, exported, imported
+    from gantrysim.exchange.gains import DIALECTS, dialect, exported, imported
     from gantrysim.exchange.shaper import klipper
     from gantrysim.files import replaced
     from gantrysim.job.job import Job
@@ -83,6 +83,9 @@ def gains(
         with replaced(out) as partial:
             partial.write_text(content, encoding="utf-8")
         say(f"written to {out}")
+    named = source[0] if source is not None else export
+    if named in DIALECTS:
+        warn(f"note: assumed of {named}: {DIALECTS[named].assumes}")
     for note in notes:
         warn(f"note: {note}")
 

@@ -24,7 +24,8 @@ class SoftMC(Dialect):
     name = "softmc"
     suffix = ".prg"
     comment = "'"
-    source = "[A] words and units after public descriptions of the linear position loop of CDHD drives"
+    source = "public descriptions of the linear position loop of CDHD drives"
+    assumes = "words and units, and both loops at the servo period"
 
     def words(self, axis: AxisServo) -> list[Word]:
         gains = axis.on_error
@@ -78,6 +79,7 @@ class Fanuc(Dialect):
     suffix = ".prm"
     comment = ";"  # before the first %, where the control skips all
     source = "FANUC parameter manuals (1825, servo loop gain per axis, unit 0.01 1/s)"
+    assumes = "the velocity loop has the gain kv of the job's servo"
     lacks = ("ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 
     def words(self, axis: AxisServo) -> list[Word]:

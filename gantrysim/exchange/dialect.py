@@ -108,7 +108,8 @@ class Dialect(ABC):
         name: of the dialect.
         suffix: of the files that it writes.
         comment: begins a comment in them.
-        source: which public documents give words and units; [A] marks what is assumed.
+        source: which public documents give words and units.
+        assumes: what is assumed of controller and drive.
         lacks: gains that the controller's law has no term for.
     """
 
@@ -116,6 +117,7 @@ class Dialect(ABC):
     suffix: ClassVar[str] = ".txt"
     comment: ClassVar[str] = "#"
     source: ClassVar[str]
+    assumes: ClassVar[str]
     lacks: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -161,6 +163,7 @@ class Dialect(ABC):
             f"Servo gains for {self.name}. Source of words and units: {self.source}",
             *(f"{word.name} [{word.unit}] = {word.formula}" for word in self.words(axes[0])),
             f"with {SYMBOLS}",
+            f"Assumed: {self.assumes}",
             *self.losses(axes),
         ]
         return "\n".join([*(f"{self.comment} {line}" for line in head), *self.body(axes)]) + "\n"

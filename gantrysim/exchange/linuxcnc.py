@@ -32,7 +32,8 @@ class LinuxCNC(Dialect):
 
     name = "linuxcnc"
     suffix = ".hal"
-    source = "LinuxCNC manual page pid(9); machine units mm or deg, output in N·m"
+    source = "LinuxCNC manual page pid(9)"
+    assumes = "the output of pid is the torque demand in N·m, machine units are mm or deg"
     keys = 0  # which name of `_TERMS` is the dialect's
 
     def words(self, axis: AxisServo) -> list[Word]:

@@ -26,10 +26,8 @@ class Trio(Dialect):
     name = "trio"
     suffix = ".bas"
     comment = "'"
-    source = (
-        "Motion Coordinator technical reference (gains per edge and servo period, DAC_OUT -2048 to 2047); "
-        "[A] the drive takes the DAC as its torque demand, full scale at the torque limit"
-    )
+    source = "Motion Coordinator technical reference (gains per edge and servo period, DAC_OUT -2048 to 2047)"
+    assumes = "the drive takes the DAC as its torque demand, full scale at torque_limit"
     lacks = ("acceleration_ff",)
 
     def words(self, axis: AxisServo) -> list[Word]:

@@ -114,7 +114,7 @@ def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
 def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
     run = job_run("stage-outline")
     rng = np.random.default_rng(2)
-    encoder = run.encoder + [3.0, -2.0, 1.0] + rng.normal(scale=1e-3, size=run.encoder.shape)
+    encoder = run.encoder + np.array([3.0, -2.0, 1.0]) + rng.normal(scale=1e-3, size=run.encoder.shape)
     found = Comparison.of(
         Trace(run.time + 0.5, {"encoder": encoder}, None), run, Job.load("stage-outline").built_machine
     )
