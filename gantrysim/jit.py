@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from numba.core.event import Listener, register
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -26,6 +27,26 @@ def cached(compiler: Callable[..., Any], *signature: Any, **options: Any) -> Cal
         return decorated
 
     return decorate
+
+
+class _Told(Listener):  # type: ignore[misc]
+    """Calls a function once, when numba first compiles what its cache lacks."""
+
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell: Callable[[], None] | None = tell
+
+    def on_start(self, event: Any) -> None:
+        if self._tell is not None:
+            tell, self._tell = self._tell, None
+            tell()
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+def tell_compiling(tell: Callable[[], None]) -> None:
+    """Call a function once, when numba first compiles what no cache holds."""
+    register("numba:compile", _Told(tell))
 
 
 def inner_jit(function: _Function) -> _Function:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,14 @@ from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_arc
 from gantrysim.arrays import Floats, read_only
 from gantrysim.columns import Column, Stored, array_of, blocks
 from gantrysim.controllers.paths.path import Path
+from gantrysim.display import Shown
 from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault, fault_of
 from gantrysim.files import replaced
+from gantrysim.named_columns import frame
+
+if TYPE_CHECKING:
+    import pandas
 
 _FORMAT = 7
 # arrays of older formats that are still read, by their names today; what they lack has its default
@@ -70,8 +75,8 @@ class Fault:
         return f"{text}; {self.reaction}" if self.reaction else text
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Shown):
     """The record of a run, one row per servo tick, at the instant of its sample. All arrays are read-only.
 
     Attributes:
@@ -152,6 +157,23 @@ class Run:
         arrays["injected"] = json.dumps([fault.table() for fault in self.injected])
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame with a row per servo tick, see `gantrysim.named_columns`; `attrs` describe the run.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return frame(self)
+
+    def facts(self) -> dict[str, str]:
+        return {
+            "machine": self.machine,
+            "axes": ", ".join(f"{axis} [{unit}]" for axis, unit in zip(self.axes, self.units, strict=True)),
+            "ticks": f"{len(self.time)} of {1e3 * self.period:g} ms",
+            "path": f"{self.requested.length:.4g} mm",
+            "fault": "none" if self.fault is None else str(self.fault),
+        }
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:

@@ -12,6 +12,7 @@ from gantrysim.arrays import Floats, spans
 from gantrysim.bead.height_map import HeightMap
 from gantrysim.bead.trace import BeadTrace, cumulated
 from gantrysim.columns import by_blocks
+from gantrysim.display import Shown
 from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward
@@ -108,8 +109,16 @@ class BeadValues:
         return self.start_error + self.steady_error + self.stop_error
 
 
-class Bead(BeadTrace):
+class Bead(BeadTrace, Shown):
     """The bead of a run: stations along the nozzle's trace, the height map, and its values; see `BeadTrace`."""
+
+    def facts(self) -> dict[str, str]:
+        return {
+            "machine": self.run.machine,
+            "section": f"{self.nominal:.3g} mm²",
+            "volume": f"{self.total_volume:.4g} mm³",
+            "requested": f"{self.requested_volume:.4g} mm³",
+        }
 
     @cached_property
     def map(self) -> HeightMap:

@@ -13,10 +13,13 @@ from typer.core import TyperGroup
 
 from gantrysim import signals
 from gantrysim.cli.check import check
+from gantrysim.cli.compare import compare
+from gantrysim.cli.export import export
+from gantrysim.cli.gains import gains
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
-from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, warn
+from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
 from gantrysim.errors import GantryError
@@ -53,6 +56,9 @@ app.add_typer(study_app, name="study")
 app.command()(run)
 app.command()(check)
 app.command()(tune)
+app.command()(gains)
+app.command()(export)
+app.command()(compare)
 app.command("render")(render_command)
 app.command()(view)
 
@@ -88,6 +94,7 @@ def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
     signals.forget()
     spell_out()
+    tell_compiling()
     try:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:

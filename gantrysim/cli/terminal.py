@@ -8,9 +8,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from types import FrameType
 from typing import Any
 
+import wrapt
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import (
@@ -68,6 +70,17 @@ def warn(text: str, kind: str = "") -> None:
     """Print a line to the standard error, headed by the kind of failure, such as "error" or "fault"."""
     head = f"[bold red]{kind}[/]: " if kind else ""
     _messages.print(f"{head}{escape(text)}", soft_wrap=True, highlight=False)
+
+
+@cache
+def tell_compiling() -> None:
+    """Print a line to a terminal when numba first compiles in this process, which takes seconds."""
+
+    def tell() -> None:
+        if _messages.is_terminal:
+            warn("compiling for this machine, once: some 15 s")
+
+    wrapt.when_imported("gantrysim.jit")(lambda jit: jit.tell_compiling(tell))
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from functools import cached_property
 from gantrysim.controllers import notch
 from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, loop, pd_gains
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
+from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive
 from gantrysim.stability.compensator import Compensator
 
@@ -35,8 +36,8 @@ DERIVED = (
 )
 
 
-@dataclass(frozen=True)
-class Servo:
+@dataclass(frozen=True, repr=False)
+class Servo(Shown):
     """Period, gains and limits of a sampled servo; every gain has one value per axis.
 
     The output is computed once per period from the quantised position, takes effect `delay` later and is
@@ -83,6 +84,11 @@ class Servo:
                 raise InputError(f"{field.name} has {len(values)} values: must be {len(self.kp)}, one per axis")
             object.__setattr__(self, field.name, tuple(_checked(field.name, value) for value in values))
         _ = self.filters
+
+    def facts(self) -> dict[str, str]:
+        shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
+        gains = {f"{p.name} [{p.unit}]": " ".join(f"{value:.4g}" for value in getattr(self, p.name)) for p in shown}
+        return {"period": f"{1e3 * self.period:g} ms", "axes": str(self.axes), **gains}
 
     @property
     def axes(self) -> int:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
+from gantrysim.display import table_html
 from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, with_dynamics
 from gantrysim.machine.chain import Chain
@@ -126,6 +127,21 @@ class Machine:
 
     def __repr__(self) -> str:
         return f"Machine({str(self.source)!r})"
+
+    def _repr_html_(self) -> str:
+        heads = ("axis", "unit", "travel", "peak torque [N·m]", "encoder count", "inertia [N·m·s²/u]")
+        rows = [
+            [
+                axis.name,
+                axis.unit,
+                f"{axis.travel[0]:g} to {axis.travel[1]:g}",
+                f"{axis.peak_torque:.4g}",
+                f"{axis.resolution:.4g}",
+                f"{axis.inertia:.4g}",
+            ]
+            for axis in self.axes
+        ]
+        return table_html(f"machine {self.name}", heads, rows)
 
     @property
     def axis_names(self) -> tuple[str, ...]:

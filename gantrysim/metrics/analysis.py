@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats, dot
 from gantrysim.columns import blocks, by_blocks
 from gantrysim.controllers.paths.path import Projection
+from gantrysim.display import Shown
 from gantrysim.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
 from gantrysim.run import Run
@@ -79,7 +80,7 @@ class AnalysisValues:
     end_point: tuple[float, float, float]
 
 
-class Analysis:
+class Analysis(Shown):
     """A run's traces projected onto its requested path; each is computed once, at first use.
 
     All are taken at `ticks`, those where the dispenser is on. The traces are followed along the path in the order of
@@ -92,6 +93,9 @@ class Analysis:
     def __init__(self, run: Run) -> None:
         self.run = run
         self.ticks = _dispensing_ticks(run)
+
+    def facts(self) -> dict[str, str]:
+        return {**self.run.facts(), "dispensing": f"{len(self.ticks)} ticks"}
 
     @cached_property
     def commanded(self) -> Projection:

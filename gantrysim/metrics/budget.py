@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.arrays import Floats, dot
 from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.controllers.paths.path import Projection
+from gantrysim.display import table_html
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.spacing import one_way
 from gantrysim.run import Run
@@ -166,6 +167,23 @@ class Budget:
 
     def __init__(self, of: Run | Analysis) -> None:
         self.analysis = of if isinstance(of, Analysis) else Analysis(of)
+
+    def __repr__(self) -> str:
+        shares = ", ".join(f"{name} {100 * part.share:z.1f} %" for name, part in self.values.parts.items())
+        return f"Budget(contour: {_UM * self.values.contour.rms:.1f} µm rms, {shares})"
+
+    def _repr_html_(self) -> str:
+        heads = ("link", "rms", "95 %", "max", "share", "span")
+        rows = [
+            [
+                name,
+                *(f"{_UM * size:.1f}" for size in (part.rms, part.p95, part.max)),
+                f"{100 * part.share:z.1f} %",
+                DESCRIPTIONS[name],
+            ]
+            for name, part in {**self.values.parts, "contour": self.values.contour}.items()
+        ]
+        return table_html("error normal to the requested path [µm]", heads, rows)
 
     def __str__(self) -> str:
         fault = "" if self.analysis.run.fault is None else ", until the fault"

@@ -47,7 +47,7 @@ def save_plots(
         PlotError: plots that failed; the others are written.
     """
     tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axis, and one for the path
-    drawings: dict[str, tuple[Callable[[Figure], None], tuple[float, float]]] = {
+    drawings: dict[str, tuple[Callable[[Figure], object], tuple[float, float]]] = {
         "plan": (partial(draw_plan, analysis=analysis), (7.0, view_height(*plan_extent(analysis), 7.0))),
         "error": (partial(draw_error, analysis=analysis), (9.0, tall)),
         "budget": (partial(draw_budget_along, budget=Budget(analysis)), (9.0, 7.5)),

@@ -8,20 +8,20 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.bead import Bead
-from gantrysim.plots.style import COLOURS, INK, thinned
+from gantrysim.plots.style import COLOURS, INK, axes_on, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 _DRY = 1e-3  # of the nozzle's height; less is no glue
 _USUAL, _ABOVE = 95.0, 1.6  # percentile of the width, and the limit of the axis over it
 _GLUE, _GAP, _OVERLAP = "#b87a00", "#3a9fc7", "#d55e00"
 
 
-def draw_height_map(figure: Figure, bead: Bead) -> None:
-    """Draw the height of the glue over the surface, in plan view."""
-    axes = figure.add_subplot()
+def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
+    """Draw the height of the glue over the surface, in plan view; return the axes."""
+    axes = axes_on(on)
     heights, x, y = bead.map.height, bead.map.x, bead.map.y
     half = 0.5 * bead.map.cell
     image = axes.imshow(
@@ -34,15 +34,16 @@ def draw_height_map(figure: Figure, bead: Bead) -> None:
         zorder=2,
     )
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="Bead height")
-    bar = figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
+    bar = axes.figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
     if bead.settings.squashed and bead.gap <= float(heights.max()):
         bar.ax.axhline(bead.gap, color=INK, lw=1.0)
         place, units = (0, bead.gap), ("axes fraction", "data")
         bar.ax.annotate("gap", place, (-2, 0), units, "offset points", ha="right", va="center", fontsize=7)
+    return axes
 
 
-def draw_bead_along(figure: Figure, bead: Bead) -> None:
-    """Draw the bead's width along the trace, and the clearance between neighbouring turns."""
+def draw_bead_along(figure: Figure | SubFigure, bead: Bead) -> tuple[Axes, ...]:
+    """Draw the bead's width along the trace, and the clearance between neighbouring turns; return the axes."""
     turns = bead.clearance.size > 0
     upper, *lower = figure.subplots(2 if turns else 1, sharex=True, squeeze=False)[:, 0]
     upper.plot(*thinned(bead.place, bead.width), color=_GLUE, lw=1.2, label="width")
@@ -72,6 +73,7 @@ def draw_bead_along(figure: Figure, bead: Bead) -> None:
             if stop > start:
                 axes.axvspan(start, stop, color=COLOURS["requested"], alpha=0.2, lw=0)
     (lower[-1] if lower else upper).set_xlabel("distance along the nozzle's path [mm]")
+    return (upper, *lower)
 
 
 def _clip(axes: Axes, place: Floats, width: Floats, nominal: float) -> None:

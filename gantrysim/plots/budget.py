@@ -13,7 +13,7 @@ from gantrysim.plots.style import COLOURS, INK, UM, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 _LEAST_NAMED = 0.07  # smallest share of a bar with room for its number
 _MOST_NAMED = 10  # largest number of labelled turns
@@ -21,10 +21,10 @@ _NOTHING = 1e-6  # largest negligible error [mm]
 _VERTICAL = 0.02  # smallest vertical error that is drawn, of the largest error
 
 
-def draw_budget(figure: Figure, budget: Budget) -> None:
+def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
     """Draw the links' shares of the contour error's mean square as a stacked bar, and below it the rms by turn.
 
-    Negative shares, which offset others, extend to the other side of zero.
+    Negative shares, which offset others, extend to the other side of zero. Returns the axes.
     """
     turns = budget.values.turns
     whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
@@ -49,12 +49,13 @@ def draw_budget(figure: Figure, budget: Budget) -> None:
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
         axes.grid(visible=False, axis="x")
+    return (whole, *below)
 
 
-def draw_budget_along(figure: Figure, budget: Budget) -> None:
+def draw_budget_along(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
     """Draw the lateral contour error and its parts along the path: on one scale, then each on its own.
 
-    Vertical errors, if any, are thin lines.
+    Vertical errors, if any, are thin lines. Returns the axes.
     """
     analysis = budget.analysis
     s, ticks = analysis.nozzle.s, analysis.ticks
@@ -80,6 +81,7 @@ def draw_budget_along(figure: Figure, budget: Budget) -> None:
     figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
     panels[-1].set_xlabel("distance along the requested path [mm]")
     whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if _turn_starts(budget).size else 1.0), ncols=6)
+    return tuple(panels)
 
 
 def _turn_starts(budget: Budget) -> Floats:

@@ -11,18 +11,22 @@ from gantrysim.metrics.budget import LINKS
 from gantrysim.plots.style import COLOURS, INK, UM
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 _ROOM = 0.45  # beyond the bars for their numbers, of the largest
 _LEAST = 0.05  # half of the narrowest scale [µm]
 
 
-def draw_causes(figure: Figure, worth: Mapping[str, Mapping[str, float]]) -> None:
+def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, float]]) -> tuple[Axes, ...]:
     """Draw what each cause is worth in the contour error and in each link: a bar per cause, a panel per error.
 
     Args:
         figure: figure to draw on.
         worth: rms with the cause minus rms without it, by cause and by link or "contour"; nan where unknown [mm].
+
+    Returns:
+        The axes.
     """
     errors = ("contour", *LINKS)
     at = np.arange(len(worth))
@@ -42,3 +46,4 @@ def draw_causes(figure: Figure, worth: Mapping[str, Mapping[str, float]]) -> Non
         axes.spines["left"].set_visible(False)
     panels[0].set_yticks(at, list(worth))
     panels[0].invert_yaxis()
+    return tuple(panels)

@@ -12,11 +12,11 @@ from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 
-def draw_error(figure: Figure, analysis: Analysis) -> None:
-    """Draw the following errors of linear and of rotary axes, and the contour error, over time."""
+def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ...]:
+    """Draw the following errors of linear and of rotary axes, and the contour error, over time; return the axes."""
     run, on = analysis.run, analysis.ticks
     kinds = [unit for unit in THOUSANDTH if unit in run.units]
     *upper, lower = figure.subplots(len(kinds) + 1, sharex=True)
@@ -47,6 +47,7 @@ def draw_error(figure: Figure, analysis: Analysis) -> None:
             axes.axvspan(run.time[start], run.time[after - 1], color="0.5", alpha=0.12, lw=0)
             place = (run.time[start], 0.03)
             axes.annotate("dispenser off", place, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
+    return (*upper, lower)
 
 
 def _clip(axes: Axes, time: Floats, errors: Floats, members: list[int], unit: str) -> None:

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.plots.style import COLOURS, INK, UM
+from gantrysim.plots.style import COLOURS, INK, UM, add_legend, axes_on
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-def draw_plan(figure: Figure, analysis: Analysis) -> None:
-    """Draw the requested path, and the nozzle's path with its error magnified."""
+def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+    """Draw the requested path, and the nozzle's path with its error magnified; return the axes."""
     run = analysis.run
-    axes = figure.add_subplot()
+    axes = axes_on(on)
     trace, offset, distance = run.nozzle[analysis.ticks], analysis.nozzle.offset, analysis.nozzle.distance
     factor = _magnification(analysis)
     drawn = trace + (factor - 1) * offset
@@ -33,7 +34,8 @@ def draw_plan(figure: Figure, analysis: Analysis) -> None:
         axes.plot(*trace[k, :2], mark, ms=5, color=INK)
         axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
-    figure.legend(loc="outside lower center", ncols=3)
+    add_legend(on, 3)
+    return axes
 
 
 def plan_extent(analysis: Analysis) -> tuple[float, float]:

@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.plots.style import INK, turn_colours
+from gantrysim.plots.style import INK, add_legend, axes_on, turn_colours
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
     from matplotlib.projections.polar import PolarAxes
 
 _MOST_NAMED = 5  # largest number of turns in a legend
 
 
-def draw_spacing(figure: Figure, analysis: Analysis) -> None:
-    """Draw the spacing over the angle within the turn."""
-    axes = figure.add_subplot()
+def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+    """Draw the spacing over the angle within the turn; return the axes."""
+    axes = axes_on(on)
     turns, requested = analysis.spacing, analysis.run.requested.turn_spacing
     for k, chosen, colour, label in _by_turn(turns.turn):
         axes.plot(360 * (turns.turn[chosen] - k), turns.distance[chosen], lw=1.2, color=colour, label=label)
@@ -31,15 +32,16 @@ def draw_spacing(figure: Figure, analysis: Analysis) -> None:
     axes.set_xticks(range(0, 361, 45))
     axes.set_xlim(0, 360)
     axes.ticklabel_format(axis="y", useOffset=False)
-    figure.legend(loc="outside lower center", ncols=3)
+    add_legend(on, 3)
+    return axes
 
 
-def draw_polar_spacing(figure: Figure, analysis: Analysis) -> None:
-    """Draw the spacing over the direction of the path's outward normal in its plane.
+def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+    """Draw the spacing over the direction of the path's outward normal in its plane; return the axes, polar ones.
 
     The centre of the plot is not zero: the range of spacings fills the outer half.
     """
-    axes = cast("PolarAxes", figure.add_subplot(projection="polar"))
+    axes = cast("PolarAxes", axes_on(on, projection="polar"))
     run, turns = analysis.run, analysis.spacing
     requested = run.requested.turn_spacing
     heading = run.requested.heading(turns.s)
@@ -58,6 +60,7 @@ def draw_polar_spacing(figure: Figure, analysis: Analysis) -> None:
     axes.set_rlabel_position(22.5)
     axes.set_title("Spacing of neighbouring turns [mm] by direction")
     axes.spines["polar"].set_visible(False)
+    return axes
 
 
 def _by_turn(turn: Floats) -> Iterator[tuple[int, NDArray[np.bool_], str, str]]:

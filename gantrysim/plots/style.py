@@ -11,7 +11,8 @@ import numpy as np
 from gantrysim.arrays import Floats
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 _COLUMNS = 1000  # horizontal resolution of a thinned line
 
@@ -67,6 +68,23 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+
+
+def axes_on(on: Figure | SubFigure | Axes, **options: Any) -> Axes:
+    """Return the axes that a plot is drawn on: those given, or new ones that fill a figure."""
+    from matplotlib.figure import FigureBase  # slow to import
+
+    return on.add_subplot(**options) if isinstance(on, FigureBase) else on
+
+
+def add_legend(on: Figure | SubFigure | Axes, columns: int) -> None:
+    """Add a legend below a figure's own plot, or inside of axes that were given."""
+    from matplotlib.figure import FigureBase  # slow to import
+
+    if isinstance(on, FigureBase):
+        on.legend(loc="outside lower center", ncols=columns)
+    else:
+        on.legend(fontsize="small")
 
 
 def turn_colours(count: int) -> list[str]:

@@ -203,7 +203,7 @@ def _volumes(values: BeadValues) -> Table:
     )
 
 
-def drawn(draw: Callable[[Figure, Subject], None], subject: Subject, width: float, height: float) -> Figure:
+def drawn(draw: Callable[[Figure, Subject], object], subject: Subject, width: float, height: float) -> Figure:
     """Return a plot on a figure of its own, width by height [inch]."""
     with sheet(width, height) as figure:
         draw(figure, subject)

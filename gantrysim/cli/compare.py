@@ -1,0 +1,150 @@
+"""The command `gantrysim compare`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.cli.terminal import say, show, warn
+from gantrysim.errors import InputError, finite
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from gantrysim.exchange.comparison import Comparison
+
+_UM = 1e3
+_SUMMARY = "compare.json"
+_HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax", "difference\nrms", "\nmax")
+
+
+def compare(
+    run: Annotated[Path, typer.Argument(help="Output folder of gantrysim run.", show_default=False)],
+    measured: Annotated[
+        Path,
+        typer.Option(
+            help="Log of the real machine: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a TABLE dump.",
+            show_default=False,
+        ),
+    ],
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="Columns of the log: time=t\\[ms],x=px,y=py*0.001 of the nozzle, commanded.x=..., encoder.x=... for "
+            "axes; or a TOML file with a table \\[columns]."
+        ),
+    ] = None,
+    period: Annotated[float | None, typer.Option(help="Sampling period, for a log without time \\[s].")] = None,
+    blocks: Annotated[int, typer.Option(min=0, help="Blocks of a Trio TABLE dump.")] = 0,
+    align: Annotated[
+        str, typer.Option(help="What is fitted of the trace: time, offset, rotation, or none.")
+    ] = "time,offset",
+    circle: Annotated[
+        str | None,
+        typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame [mm]."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder; by default RUN and /compare.")] = None,
+) -> None:
+    """Compare a saved run with a measured trace: both error budgets, and what the model does not explain.
+
+    The trace is aligned in time and place; its samples are not interpolated, the simulation is taken at their instants.
+    Links that are not measured are left out of both budgets.
+
+    Exit status: 0, 2 for bad input.
+    """
+    from dataclasses import replace
+
+    from gantrysim.exchange.comparison import Comparison
+    from gantrysim.exchange.measured import Trace
+    from gantrysim.exchange.plots import OVERLAY, SPECTRUM, save_comparison
+    from gantrysim.exchange.traces import Assignment, read_log
+    from gantrysim.report.folder import Output, output_folder
+    from gantrysim.report.saved import SavedRun
+
+    given = Assignment({}) if columns is None else Assignment.parse(columns)
+    if period is not None:
+        given = replace(given, period=period)
+    saved = SavedRun.load(run)
+    trace = Trace.of(read_log(measured, blocks or given.blocks), given, saved.run)
+    what = tuple(part.strip() for part in align.split(",") if part.strip() not in ("", "none"))
+    found = Comparison.of(trace, saved.run, saved.machine, what)
+    content = {"run": str(run), "measured": str(measured), **found.summary()}
+    if circle is not None:
+        radius, centre = _circle(circle)
+        content["circle"] = found.circle(radius, centre)
+    folder = out if out is not None else run / "compare"
+    with output_folder(folder, Output("comparison", _SUMMARY, (_SUMMARY, OVERLAY, SPECTRUM))) as scratch:
+        (scratch / _SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        written = [_SUMMARY, *save_comparison(found, scratch)]
+    show(_table(found))
+    if circle is not None:
+        show(_circle_table(content["circle"]))
+    say(_alignment(found), wrap=True)
+    for peak in found.peaks:
+        say(f"unexplained at {peak.frequency:.1f} Hz: {_UM * peak.rms:.2g} µm rms")
+    if saved.changed:
+        warn(f"note: machine {saved.machine.name} has changed since the run")
+    for note in found.notes:
+        say(f"note: {note}", wrap=True)
+    say(f"written to {folder}/: {', '.join(written)}")
+
+
+def _circle(text: str) -> tuple[float, tuple[float, float]]:
+    parts = text.split(",")
+    if len(parts) not in (1, 3):
+        raise InputError(f"--circle {text}: must be RADIUS or RADIUS,X,Y [mm]")
+    radius, *centre = (finite("--circle", part, "mm") for part in parts)  # type: ignore[arg-type]
+    return radius, (centre[0], centre[1]) if centre else (0.0, 0.0)
+
+
+def _table(found: Comparison) -> Table:
+    from rich.table import Table
+
+    table = Table(title="error normal to the path [µm]", title_justify="left", box=None, padding=(0, 1, 0, 0))
+    table.add_column("link", no_wrap=True)
+    for column in _HEADS:
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("span", overflow="fold")
+    budgets = [budget.values for budget in (found.measured, found.simulated)]
+    for name in (*found.parts, "contour"):
+        cells = []
+        for values in budgets:
+            part = values.contour if name == "contour" else values.parts[name]
+            cells += [part.rms, part.p95, part.max]
+        rest = found.unexplained[name]
+        numbers = [f"{_UM * cell:.1f}" for cell in (*cells, rest.rms, rest.max)]
+        table.add_row(name, *numbers, found.parts.get(name, "requested path to the last link measured"))
+    table.caption = "difference: of the errors at the same instant, lateral and vertical"
+    table.caption_justify = "left"
+    return table
+
+
+def _circle_table(values: dict[str, dict[str, float]]) -> Table:
+    from rich.table import Table
+
+    table = Table(title="circular test", title_justify="left")
+    table.add_column("value")
+    for name in values:
+        table.add_column(name, justify="right")
+    for key in values["measured"]:
+        table.add_row(key, *(f"{own[key]:.2f}" for own in values.values()))
+    return table
+
+
+def _alignment(found: Comparison) -> str:
+    from gantrysim.metrics.analysis import THOUSANDTH
+
+    alignment, run = found.alignment, found.measured.analysis.run
+    text = f"aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
+    names = {"axes": run.axes, "nozzle": ("x", "y", "z")}
+    units = {"axes": run.units, "nozzle": ("mm",) * 3}
+    for frame, offsets in alignment.offsets.items():
+        places = zip(names[frame], offsets, units[frame], strict=True)
+        text += f"; {frame} offset " + ", ".join(f"{axis} {value:+z.4f} {unit}" for axis, value, unit in places)
+    if alignment.rotation:
+        text += f"; turned by {alignment.rotation:+.4f} deg"
+    kinds = dict.fromkeys(THOUSANDTH[unit] for unit in units["nozzle" if alignment.by == "nozzle" else "axes"])
+    return f"{text}; left {_UM * alignment.residual:.2f} {' and '.join(kinds)} rms."

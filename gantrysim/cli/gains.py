@@ -1,0 +1,119 @@
+"""The command `gantrysim gains`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.cli.options import Model, Settings
+from gantrysim.cli.terminal import say, show, warn
+from gantrysim.errors import InputError, expanded
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from gantrysim.job.job import Job
+
+_SHAPER = "klipper"
+
+
+def gains(
+    job: Annotated[str, typer.Argument(help="Built-in job, or TOML file.")] = "an225",
+    export: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Write the gains for trio, linuxcnc, linuxcnc-ini, softmc or fanuc, or the input shapers of the "
+            "machine's first modes for klipper.",
+        ),
+    ] = None,
+    source: Annotated[
+        tuple[str, Path] | None,
+        typer.Option("--from", metavar="NAME FILE", help="Read gains in these words, and write the table \\[servo]."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; by default the standard output.")] = None,
+    model: Model = None,
+    settings: Settings = None,
+    servo: Annotated[
+        Path | None, typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml.")
+    ] = None,
+) -> None:
+    """Show a job's servo gains in the words and units of motion controllers; write or read them.
+
+    Without --export or --from, a table gives every controller's words, their units, and how they follow from the
+    servo's gains. What a controller has no word for is told in notes, and in the file.
+
+    Exit status: 0, 2 for bad input.
+    """
+    from gantrysim.exchange.gains import DIALECTS, dialect, exported, imported
+    from gantrysim.exchange.shaper import klipper
+    from gantrysim.files import replaced
+    from gantrysim.job.job import Job
+    from gantrysim.job.toml_files import read_text
+    from gantrysim.tuning.servo import servo_toml
+
+    if export is not None and source is not None:
+        raise InputError("--export and --from: must be one of them")
+    if export is not None and export != _SHAPER:
+        dialect(export)
+    loaded = Job.load(job, settings or (), model, servo)
+    axes = loaded.built_machine.axes
+    if export is None and source is None:
+        show(_table(loaded))
+        return
+    notes: list[str] = []
+    if source is not None:
+        name, file = source
+        dialect(name)
+        try:
+            text = read_text(expanded(file), errors="replace")
+        except OSError as error:
+            raise InputError(f"--from {name} {file}: cannot be read: {error.strerror}") from None
+        found = imported(name, text, axes, loaded.built_servo, f"--from {name} {file}")
+        content = servo_toml(loaded, found, [f"Gains in the words of {name}, from {file.name}."])
+    elif export == _SHAPER:
+        content, notes = klipper(axes)
+    else:
+        content, notes = exported(str(export), axes, loaded.built_servo)
+    if out is None:
+        say(content, end="")
+    else:
+        with replaced(out) as partial:
+            partial.write_text(content, encoding="utf-8")
+        say(f"written to {out}")
+    named = source[0] if source is not None else export
+    if named in DIALECTS:
+        warn(f"note: assumed of {named}: {DIALECTS[named].assumes}")
+    for note in notes:
+        warn(f"note: {note}")
+
+
+def _table(job: Job) -> Table:
+    from rich.table import Table
+
+    from gantrysim.exchange.dialect import SYMBOLS, AxisServo
+    from gantrysim.exchange.gains import DIALECTS
+
+    machine = job.built_machine
+    own = AxisServo.of(machine.axes, job.built_servo)
+    table = Table(
+        title=f"Servo gains of {job.name}, u the unit of the axis", title_justify="left", box=None, padding=(0, 1, 0, 0)
+    )
+    for heading in ("controller", "word", "unit", "from"):
+        table.add_column(heading, no_wrap=heading != "from", overflow="fold")
+    for axis in own:
+        table.add_column(f"{axis.name}\n\\[{axis.unit}]", justify="right", no_wrap=True)
+    table.caption, table.caption_justify = SYMBOLS, "left"
+    for name, one in DIALECTS.items():
+        try:
+            rows = list(zip(*(one.words(axis) for axis in own), strict=True))
+        except InputError as error:
+            table.add_row(name, "", "", str(error))
+            continue
+        for k, words in enumerate(rows):
+            values = (f"{word.value:.4g}" for word in words)
+            table.add_row(name if k == 0 else "", words[0].name, words[0].unit, words[0].formula, *values)
+        table.add_section()
+    return table

@@ -1,0 +1,31 @@
+"""How results show themselves: one line in a terminal, a small table in a notebook."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+
+
+class Shown(ABC):
+    """An object with facts about itself, in the order of their weight."""
+
+    @abstractmethod
+    def facts(self) -> Mapping[str, str]:
+        """Return what there is to say about the object, by name; nothing that takes long to compute."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}: {value}' for name, value in self.facts().items())})"
+
+    def _repr_html_(self) -> str:
+        return table_html(type(self).__name__, (), self.facts().items())
+
+
+def table_html(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in HTML; the first cell of a row is its head."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
+    body = "".join(
+        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in rest)}</tr>"
+        for first, *rest in rows
+    )
+    return f"<table><caption>{escape(title)}</caption>{f'<tr>{head}</tr>' if head else ''}{body}</table>"

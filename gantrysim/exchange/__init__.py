@@ -1,0 +1,1 @@
+"""Exchange with other programs and real machines: gains, tables, measured traces."""

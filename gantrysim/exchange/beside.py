@@ -1,0 +1,88 @@
+"""The records of a measured and of a simulated run, at the same instants.
+
+The measured samples are never interpolated: the simulation, which is smooth, is taken at their instants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
+from gantrysim.exchange.alignment import Alignment, turned
+from gantrysim.exchange.measured import Trace
+from gantrysim.machine.machine import Machine
+from gantrysim.run import Run
+
+_UNEVEN = 0.01  # of a period, between samples of one rate
+
+
+def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
+    """Return the records of the measured and of the simulated run, at the trace's instants that both cover.
+
+    A link of the chain that is not measured is that of the link before it, in both, so that its share is zero: without
+    the encoder, the nozzle's whole deviation from the command is structure; without the nozzle, the rigid machine's at
+    the encoder is the nozzle. Command, dispenser and flow are the simulation's unless the command is measured. What no
+    link needs is nan.
+
+    Raises:
+        InputError: the trace begins after the dispenser is on.
+    """
+    at = trace.time - found.shift
+    rows = np.flatnonzero((at >= run.time[0]) & (at <= run.time[-1]))
+    at = at[rows]
+    starts = run.time[np.flatnonzero(run.dispense)[0]]
+    period = float(np.median(np.diff(trace.time)))
+    if at[0] > starts + period:
+        raise InputError(
+            f"the trace begins at {at[0]:.4g} s of the run, {at[0] - starts:.4g} s after the dispenser is on: must "
+            "cover the start of the bead"
+        )
+    tick = np.clip(np.floor(at / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
+    simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(at) for name in ("commanded", "encoder")}
+    measured: dict[str, Floats] = {"commanded": simulated["commanded"]}
+    for link, values in trace.axes.items():
+        own = values[rows] - found.offsets["axes"]
+        measured[link] = np.where(np.isnan(own), simulated["commanded"], own)
+    if "encoder" not in trace.axes:
+        measured["encoder"], simulated["encoder"] = measured["commanded"], simulated["commanded"]
+    records = []
+    for chain, actual in ((measured, True), (simulated, False)):
+        tips = {link: machine.tip(chain[link]) for link in ("commanded", "encoder")}
+        if trace.nozzle is None:
+            nozzle = tips["encoder"]
+        elif actual:
+            nozzle = turned(trace.nozzle[rows] - found.offsets["nozzle"], -np.radians(found.rotation))
+            nozzle = np.where(np.isnan(nozzle), tips["commanded"], nozzle)
+        else:
+            nozzle = CubicSpline(run.time, run.nozzle, axis=0)(at)
+            nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
+        nothing = np.full_like(chain["encoder"], np.nan)
+        columns: dict[str, Any] = {**chain, **dict.fromkeys(("demand", "torque", "current", "voltage"), nothing)}
+        records.append(
+            replace(
+                run,
+                period=period,
+                time=at,
+                **columns,
+                motor=chain["encoder"],
+                commanded_tip=tips["commanded"],
+                encoder_tip=tips["encoder"],
+                motor_tip=tips["encoder"],
+                nozzle=nozzle,
+                flow=run.flow[tick],
+                flow_demand=run.flow_demand[tick],
+                dispense=run.dispense[tick],
+            )
+        )
+    return records[0], records[1]
+
+
+def evenly(time: Floats) -> bool:
+    """Return whether samples have one rate."""
+    steps = np.diff(time)
+    return bool(np.ptp(steps) <= _UNEVEN * np.median(steps))

@@ -1,0 +1,65 @@
+"""Servo gains to and from the words of motion controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.servo import Servo
+from gantrysim.errors import InputError, unknown
+from gantrysim.exchange.cascade import Fanuc, SoftMC
+from gantrysim.exchange.dialect import AxisServo, Dialect
+from gantrysim.exchange.linuxcnc import LinuxCNC, LinuxCNCIni
+from gantrysim.exchange.trio import Trio
+from gantrysim.machine.axis import Axis
+
+DIALECTS: dict[str, Dialect] = {one.name: one for one in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
+
+
+def dialect(name: str) -> Dialect:
+    """Return a dialect by its name.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    if name not in DIALECTS:
+        raise unknown("controller", name, DIALECTS)
+    return DIALECTS[name]
+
+
+def exported(name: str, axes: Iterable[Axis], servo: Servo) -> tuple[str, list[str]]:
+    """Return the gains as a text for a controller, and what the controller has no word for.
+
+    Args:
+        name: of the dialect.
+        axes: of the machine.
+        servo: with one value per axis.
+    """
+    chosen, own = dialect(name), AxisServo.of(axes, servo)
+    return chosen.text(own), chosen.losses(own)
+
+
+def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: str = "gains") -> Servo:
+    """Return a servo with the gains of a controller's text.
+
+    Args:
+        name: of the dialect.
+        text: as the controller writes it, or `exported`.
+        axes: of the machine, in the controller's order.
+        servo: gives period, limits, resolution and notches.
+        label: names the text in errors.
+
+    Raises:
+        InputError: no words of the dialect, not those of every axis, or a term that the servo's law lacks.
+    """
+    chosen, own = dialect(name), AxisServo.of(axes, servo)
+    found = chosen.read(text, own)
+    missing = [axis.name for axis, words in zip(own, found, strict=True) if not words]
+    if missing:
+        names = ", ".join(word.name for word in chosen.words(own[0]))
+        raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
+    gains = [chosen.gains(words, axis) for words, axis in zip(found, own, strict=True)]
+    own_gains: dict[str, Any] = {gain: tuple(one[gain] for one in gains) for gain in GAIN_NAMES}
+    return replace(servo, **own_gains)

@@ -1,0 +1,109 @@
+"""The gains in the words of LinuxCNC's component pid: a .hal file, or the section of an INI file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from gantrysim.errors import InputError
+from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
+
+# pins of pid, keys of an INI file and gains of the servo
+_TERMS = (
+    ("Pgain", "P", "kp"),
+    ("Igain", "I", "ki"),
+    ("Dgain", "D", "kd"),
+    ("FF1", "FF1", "velocity_ff"),
+    ("FF2", "FF2", "acceleration_ff"),
+)
+_FOREIGN = (("FF0", "FF0"), ("FF3", "FF3"), ("bias", "BIAS"), ("deadband", "DEADBAND"))  # that the servo lacks
+_UNITS = {"kp": "/u", "ki": "/(u·s)", "kd": "·s/u", "velocity_ff": "·s/u", "acceleration_ff": "·s²/u"}
+_FORMULAS = {"kd": "kd - o", "velocity_ff": "vff + o", "acceleration_ff": "aff"}
+
+
+class LinuxCNC(Dialect):
+    """Pgain, Igain, Dgain, FF1 and FF2 of the component pid; its output is the torque demand in N·m.
+
+        output = bias + Pgain E + Igain T sum(E) + Dgain dE/T + FF0 DPOS + FF1 dDPOS/T + FF2 ddDPOS/T^2
+
+    bias, FF0 and deadband are 0. The servo's output_velocity o is carried by Dgain and FF1, as
+    kd dE + o dMPOS = (kd - o) dE + o dDPOS.
+    """
+
+    name = "linuxcnc"
+    suffix = ".hal"
+    source = "LinuxCNC manual page pid(9)"
+    assumes = "the output of pid is the torque demand in N·m, machine units are mm or deg"
+    keys = 0  # which name of `_TERMS` is the dialect's
+
+    def words(self, axis: AxisServo) -> list[Word]:
+        gains = axis.on_error
+        return [
+            Word(term[self.keys], gains[term[2]], f"N·m{_UNITS[term[2]]}", _FORMULAS.get(term[2], term[2]))
+            for term in _TERMS
+        ]
+
+    def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
+        foreign = {term[self.keys]: words.get(term[self.keys], 0.0) for term in _FOREIGN}
+        for name, value in foreign.items():
+            if value != 0:
+                raise InputError(f"{name} of axis {axis.name} = {value:g}: must be 0, the servo has no such term")
+        return {term[2]: words.get(term[self.keys], 0.0) for term in _TERMS} | {"output_velocity": 0.0}
+
+    def body(self, axes: Sequence[AxisServo]) -> list[str]:
+        names = [f"pid.{axis.name}" for axis in axes]
+        lines = [
+            "# Runs as it is by halrun -f; beside motmod, which makes the thread, leave out the line of threads.",
+            f"loadrt threads name1=servo-thread period1={round(1e9 * axes[0].period)}",
+            f"loadrt pid names={','.join(names)}",
+        ]
+        for axis, name in zip(axes, names, strict=True):
+            limit = axis.torque_limit if axis.torque_limit < float("inf") else 0.0  # 0: no limit
+            lines += [f"addf {name}.do-pid-calcs servo-thread"]
+            lines += [f"setp {name}.{word.name} {word.value!r}" for word in self.words(axis)]
+            lines += [f"setp {name}.{foreign} 0" for foreign, _ in _FOREIGN[:1] + _FOREIGN[2:]]
+            lines += [f"setp {name}.maxoutput {limit!r}", f"setp {name}.error-previous-target 0"]
+            lines += [f"setp {name}.enable 1"]
+        return [*lines, "start"]
+
+    def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
+        found: list[dict[str, float]] = [{} for _ in axes]
+        places = {axis.name.lower(): a for a, axis in enumerate(axes)} | {str(a): a for a in range(len(axes))}
+        known = {term[0].lower(): term[0] for term in (*_TERMS, *_FOREIGN)}
+        for owner, pin, value in by_name(rf"setp\s+(?:pid\.)?([\w-]+)\.([\w-]+)\s+({NUMBER})\s*(?:#.*)?", text):
+            a = places.get(owner.lower())
+            if a is not None and pin.lower() in known:
+                found[a][known[pin.lower()]] = float(value)
+        return found
+
+
+class LinuxCNCIni(LinuxCNC):
+    """P, I, D, FF1 and FF2 in the sections [JOINT_n] of a LinuxCNC INI file."""
+
+    name = "linuxcnc-ini"
+    suffix = ".ini"
+    keys = 1
+
+    def body(self, axes: Sequence[AxisServo]) -> list[str]:
+        lines = ["[EMCMOT]", f"SERVO_PERIOD = {round(1e9 * axes[0].period)}"]
+        for number, axis in enumerate(axes):
+            lines += ["", f"[JOINT_{number}]", f"# axis {axis.name} [{axis.unit}]"]
+            lines += [f"{word.name} = {word.value!r}" for word in self.words(axis)]
+            lines += ["FF0 = 0", "BIAS = 0", "DEADBAND = 0", f"FERROR = {axis.following_error_limit!r}"]
+            if axis.torque_limit < float("inf"):
+                lines.append(f"MAX_OUTPUT = {axis.torque_limit!r}")
+        return lines
+
+    def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
+        found: list[dict[str, float]] = [{} for _ in axes]
+        names = {axis.name.lower(): a for a, axis in enumerate(axes)}
+        known = {term[1] for term in (*_TERMS, *_FOREIGN)}
+        section: int | None = None
+        for line in text.splitlines():
+            head = re.match(r"\s*\[(?:JOINT_(\d+)|AXIS_(\w+)|\w+)\]", line, re.IGNORECASE)
+            if head:
+                section = int(head[1]) if head[1] else names.get((head[2] or "").lower())
+            given = re.match(rf"\s*(\w+)\s*=\s*({NUMBER})\s*(?:[#;].*)?$", line)
+            if given and given[1].upper() in known and section is not None and section < len(found):
+                found[section][given[1].upper()] = float(given[2])
+        return found

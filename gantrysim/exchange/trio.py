@@ -1,0 +1,81 @@
+"""The gains in the words of Trio's Motion BASIC."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word
+
+FULL_SCALE = 2048.0  # of the DAC at the torque limit
+
+_WORDS = ("P_GAIN", "I_GAIN", "D_GAIN", "VFF_GAIN", "OV_GAIN")
+_LINE = re.compile(rf"([A-Z_]+)(?:\s+AXIS\s*\(\s*(\d+)\s*\))?\s*=\s*({NUMBER})", re.IGNORECASE)
+_BASE = re.compile(r"BASE\s*\(\s*(\d+)\s*\)", re.IGNORECASE)
+
+
+class Trio(Dialect):
+    """P_GAIN, I_GAIN, D_GAIN, VFF_GAIN and OV_GAIN, per servo period, in encoder edges and DAC units.
+
+        DAC = P_GAIN E + I_GAIN sum(E) + D_GAIN dE + VFF_GAIN dDPOS + OV_GAIN dMPOS
+
+    The law has no acceleration term and no notch.
+    """
+
+    name = "trio"
+    suffix = ".bas"
+    comment = "'"
+    source = "Motion Coordinator technical reference (gains per edge and servo period, DAC_OUT -2048 to 2047)"
+    assumes = "the drive takes the DAC as its torque demand, full scale at torque_limit"
+    lacks = ("acceleration_ff",)
+
+    def words(self, axis: AxisServo) -> list[Word]:
+        values = (gain * factor for gain, factor in zip(self._known(axis), self._factors(axis), strict=True))
+        formulas = ("kp r c", "ki T r c", "kd r c / T", "vff r c / T", "o r c / T")
+        return [
+            Word(name, value, "DAC/edge", formula)
+            for name, value, formula in zip(_WORDS, values, formulas, strict=True)
+        ]
+
+    def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
+        factors = self._factors(axis)
+        found = [words.get(name, 0.0) / factor for name, factor in zip(_WORDS, factors, strict=True)]
+        return dict(zip(_gains(), found, strict=True)) | {"acceleration_ff": 0.0}
+
+    def body(self, axes: Sequence[AxisServo]) -> list[str]:
+        lines = [f"' SERVO_PERIOD={1e6 * axes[0].period:g} [us], set once and active after a restart"]
+        for number, axis in enumerate(axes):
+            lines += [f"BASE({number}) ' axis {axis.name} [{axis.unit}]", f"UNITS={1 / axis.resolution!r}"]
+            lines += [f"{word.name}={word.value!r}" for word in self.words(axis)]
+            lines.append(f"FE_LIMIT={axis.following_error_limit!r}")
+        return lines
+
+    def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
+        found: list[dict[str, float]] = [{} for _ in axes]
+        base = 0
+        for line in text.splitlines():
+            for statement in line.split("'")[0].split(":"):
+                chosen = _BASE.fullmatch(statement.strip())
+                base = int(chosen[1]) if chosen else base
+                given = _LINE.fullmatch(statement.strip())
+                if given and given[1].upper() in _WORDS:
+                    number = base if given[2] is None else int(given[2])
+                    if number < len(found):
+                        found[number][given[1].upper()] = float(given[3])
+        return found
+
+    @staticmethod
+    def _known(axis: AxisServo) -> list[float]:
+        return [axis.gains[name] for name in _gains()]
+
+    @staticmethod
+    def _factors(axis: AxisServo) -> list[float]:
+        edge = axis.has("resolution", axis.resolution, "as the gains count encoder edges")
+        limit = axis.has("torque_limit", axis.torque_limit, "the torque at full scale of the DAC")
+        c, period = edge * FULL_SCALE / limit, axis.period
+        return [c, period * c, c / period, c / period, c / period]
+
+
+def _gains() -> list[str]:
+    return [name for name in GAIN_NAMES if name != "acceleration_ff"]

@@ -1,0 +1,252 @@
+"""Gains in the words of controllers: each controller's own law gives the torque of the servo's, there and back."""
+
+import math
+from functools import cache, partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim import InputError, Machine, Servo
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.exchange.gains import DIALECTS, exported, imported
+from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
+
+PERIOD = 5e-4
+SERVO = {
+    "integral_time": 0.03,
+    "output_velocity": -1e-4,
+    "notch_frequency": 0.0,
+    "resolution": [5e-4, 2e-3],
+}
+AGAIN = 1e-12  # relative
+
+
+def history(seed=1, ticks=40):
+    """Commanded and measured positions of an axis, from rest."""
+    rng = np.random.default_rng(seed)
+    commanded = np.concatenate([np.zeros(2), np.cumsum(rng.normal(size=ticks))])
+    return commanded, commanded - np.concatenate([np.zeros(2), rng.normal(size=ticks)])
+
+
+def servo_torque(servo, a, commanded, measured, period=PERIOD):
+    """The law in the time domain, written once more."""
+    kp, ki, kd, vff, aff, ov = (getattr(servo, name)[a] for name in GAIN_NAMES)
+    e = commanded - measured
+    d, dd = np.diff(commanded), np.diff(commanded, 2)
+    return (
+        kp * e[2:]
+        + ki * period * np.cumsum(e)[2:]
+        + kd * np.diff(e)[1:] / period
+        + vff * d[1:] / period
+        + aff * dd / period**2
+        + ov * np.diff(measured)[1:] / period
+    )
+
+
+def words_of(name, servo, machine):
+    text, _ = exported(name, machine.axes, servo)
+    return [
+        {word: float(value) for word, value in one.items()} for one in DIALECTS[name].read(text, list(machine.axes))
+    ]
+
+
+@pytest.fixture(scope="module")
+def servo():
+    return Servo.derive(Machine("xy").axes, PERIOD, **SERVO)
+
+
+def test_trio_s_own_law_gives_the_servo_s_torque_in_dac_units(xy, servo):
+    plain = Servo.derive(xy.axes, PERIOD, **SERVO, acceleration_ff=0.0)
+    for a, words in enumerate(words_of("trio", plain, xy)):
+        commanded, measured = history(a)
+        edges = 1 / plain.resolution[a]
+        demand, actual = commanded * edges, measured * edges
+        e = demand - actual
+        dac = (
+            words["P_GAIN"] * e[2:]
+            + words["I_GAIN"] * np.cumsum(e)[2:]
+            + words["D_GAIN"] * np.diff(e)[1:]
+            + words["VFF_GAIN"] * np.diff(demand)[1:]
+            + words["OV_GAIN"] * np.diff(actual)[1:]
+        )
+        torque = dac / 2048 * plain.torque_limit[a]
+        assert torque == pytest.approx(servo_torque(plain, a, commanded, measured), rel=1e-10, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["linuxcnc", "linuxcnc-ini"])
+def test_linuxcnc_s_own_law_gives_the_servo_s_torque(xy, servo, name):
+    keys = ("Pgain", "Igain", "Dgain") if name == "linuxcnc" else ("P", "I", "D")
+    for a, words in enumerate(words_of(name, servo, xy)):
+        commanded, measured = history(a)
+        output, total, last_e, last_c, last_d = [], 0.0, 0.0, 0.0, 0.0
+        for c, m in zip(commanded, measured, strict=True):
+            e = c - m
+            total += e * PERIOD
+            d = (c - last_c) / PERIOD
+            p, i, kd = (words[key] for key in keys)
+            output.append(
+                p * e + i * total + kd * (e - last_e) / PERIOD + words["FF1"] * d + words["FF2"] * (d - last_d) / PERIOD
+            )
+            last_e, last_c, last_d = e, c, d
+        assert output[2:] == pytest.approx(servo_torque(servo, a, commanded, measured).tolist(), rel=1e-9, abs=1e-9)
+
+
+def test_the_cascade_of_softmc_gives_the_servo_s_torque(xy, servo):
+    for a, words in enumerate(words_of("softmc", servo, xy)):
+        axis = xy.axes[a]
+        commanded, measured = history(a)
+        e = commanded - measured
+        speed = (
+            words["KPP"] * e[2:]
+            + words["KPI"] * PERIOD * np.cumsum(e)[2:]
+            + words["KPVFR"] * np.diff(commanded)[1:] / PERIOD
+        )
+        rad = 1 / axis.scale  # of the motor per mm
+        current = words["KVP"] * rad * (speed - np.diff(measured)[1:] / PERIOD)
+        current += words["KPAFR"] * rad * np.diff(commanded, 2) / PERIOD**2
+        assert axis.motor_constant * current == pytest.approx(
+            servo_torque(servo, a, commanded, measured), rel=1e-9, abs=1e-9
+        )
+
+
+built = cache(partial(Machine, "xy"))
+gains = st.floats(-10, 10).map(lambda x: round(x, 6))
+
+
+@pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini", "softmc"])
+@given(values=st.lists(gains, min_size=10, max_size=10))
+@settings(max_examples=25)
+def test_exported_and_imported_gains_give_the_same_torque(name, values):
+    machine = built()
+    some = iter(values)
+    own = {gain: [next(some), next(some)] for gain in ("kp", "ki", "velocity_ff", "acceleration_ff", "output_velocity")}
+    if name == "trio":
+        own["acceleration_ff"] = [0.0, 0.0]
+    own["kd"] = [20.0, 30.0]
+    before = Servo.derive(machine.axes, PERIOD, frequency=10.0, **own)
+    text, lost = exported(name, machine.axes, before)
+    assert not any("_ff" in line for line in lost)
+    after = imported(name, text, machine.axes, before)
+    for a in range(2):
+        commanded, measured = history(a)
+        torque = [servo_torque(one, a, commanded, measured) for one in (before, after)]
+        assert np.abs(torque[1] - torque[0]).max() <= AGAIN * np.abs(torque[0]).max()
+    assert (after.period, after.torque_limit, after.resolution) == (
+        before.period,
+        before.torque_limit,
+        before.resolution,
+    )
+
+
+def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy, servo):
+    text, lost = exported("fanuc", xy.axes, servo)
+    assert any("ki" in line for line in lost)
+    after = imported("fanuc", text, xy.axes, servo)
+    for a in range(2):
+        kv = servo.kd[a] - servo.output_velocity[a]
+        assert abs(after.kp[a] - servo.kp[a]) / kv <= 0.005 * (1 + 1e-9)
+        assert f"A{a + 1}P{round(100 * servo.kp[a] / kv)}" in text
+    assert (after.kd, after.ki) == (servo.kd, servo.ki)
+    doubled = imported("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
+    assert doubled.kp[0] / (servo.kd[0] - servo.output_velocity[0]) == pytest.approx(40)
+
+
+def test_what_a_controller_has_no_word_for_is_told(xy, servo):
+    text, lost = exported("trio", xy.axes, servo)
+    assert [line.split(":")[0] for line in lost] == ["axis x", "axis y"]
+    assert all(line in text and "acceleration_ff" in line for line in lost)
+
+
+def test_gains_that_cannot_be_converted_are_refused(xy, servo):
+    exact = Servo.derive(xy.axes, PERIOD, resolution=0.0)
+    with pytest.raises(InputError, match="resolution of axis x = 0: must be finite and greater than 0"):
+        exported("trio", xy.axes, exact)
+    soft = Servo.derive(xy.axes, PERIOD, kd=0.0, notch_frequency=0.0)
+    with pytest.raises(InputError, match="kd - output_velocity of axis x = 0"):
+        exported("fanuc", xy.axes, soft)
+    with pytest.raises(InputError, match="did you mean trio"):
+        exported("trioo", xy.axes, servo)
+    with pytest.raises(InputError, match="for axis y, in the words of trio"):
+        imported("trio", "P_GAIN AXIS(0)=1", xy.axes, servo)
+    with pytest.raises(InputError, match=r"deadband of axis x = 0\.01: must be 0"):
+        imported("linuxcnc", "setp pid.x.Pgain 1\nsetp pid.x.deadband 0.01\nsetp pid.1.Pgain 2", xy.axes, servo)
+
+
+def test_trio_s_text_as_a_person_writes_it_is_read(xy, servo):
+    text = "BASE(1): P_GAIN = 2.5 ' stiff\np_gain AXIS(0)=1e0\nD_GAIN=0.5\nSPEED=100\n"
+    found = imported("trio", text, xy.axes, servo)
+    r, limit = servo.resolution, servo.torque_limit
+    assert found.kp == pytest.approx([1 / 2048 * limit[0] / r[0], 2.5 / 2048 * limit[1] / r[1]])
+    assert found.kd == pytest.approx([0, 0.5 * PERIOD / 2048 * limit[1] / r[1]])
+
+
+def left_swinging(amplitudes, times, frequency, damping):
+    """Amplitude of an oscillator after impulses, of that after one at the end of the last."""
+    w, root = 2 * math.pi * frequency, math.sqrt(1 - damping**2)
+    ages = times[-1] - times
+    sums = [(amplitudes * np.exp(-damping * w * ages) * trig(w * root * ages)).sum() for trig in (np.cos, np.sin)]
+    return math.hypot(*sums)
+
+
+@given(frequency=st.floats(5, 500), damping=st.floats(0, 0.3), kind=st.sampled_from(SHAPERS))
+def test_shapers_leave_the_mode_at_rest(frequency, damping, kind):
+    amplitudes, times = pulses(kind, frequency, damping)
+    assert amplitudes.sum() == pytest.approx(1, abs=1e-12)
+    rest = left_swinging(amplitudes, times, frequency, damping)
+    undamped = left_swinging(*pulses(kind, frequency, 0.0), frequency, 0.0)
+    assert undamped == pytest.approx(0.05 if kind == "ei" else 0.0, abs=1e-9)
+    assert rest <= (0.06 if kind == "ei" else 1e-9)
+
+
+def test_the_first_mode_is_that_of_the_mass_behind_the_held_motor(xy):
+    # x: 1 kg on 13.1 N/um with 250 N.s/m; y: 4.75 kg on 13.5 N/um with 480 N.s/m
+    for axis, mass, stiffness, damping in zip(xy.axes, (1.0, 4.75), (13.1e6, 13.5e6), (250.0, 480.0), strict=True):
+        mode = first_mode(axis)
+        assert mode.frequency == pytest.approx(math.sqrt(stiffness / mass) / (2 * math.pi), rel=1e-6)
+        assert mode.damping == pytest.approx(damping / (2 * math.sqrt(stiffness * mass)), rel=1e-5)
+
+
+def test_a_rigid_machine_needs_no_shaper(rigid):
+    with pytest.raises(InputError, match="axis x: no mode swings"):
+        klipper(rigid().axes)
+
+
+def test_klipper_gets_frequency_damping_and_pulses(xy):
+    text, notes = klipper(xy.axes)
+    assert not notes
+    mode = first_mode(xy.axes[1])
+    assert f"shaper_freq_y: {mode.frequency:.4f}" in text
+    sizes, times = pulses("zv", mode.frequency, mode.damping)
+    assert f"# y: zv {sizes[0]:.4f} at 0.000 ms, {sizes[1]:.4f} at {1e3 * times[1]:.3f} ms" in text
+
+
+@pytest.mark.parametrize("name", [*DIALECTS, "klipper"])
+def test_the_command_writes_what_it_reads(gantrysim_command, tmp_path, name):
+    file = tmp_path / "gains"
+    status, _, err = gantrysim_command("gains", "fanuc-spiral", "--export", name, "--out", file)
+    assert status == 0, err
+    if name == "klipper":
+        assert "shaper_type_x: mzv" in file.read_text()
+        return
+    tuned = tmp_path / "servo.toml"
+    status, _, err = gantrysim_command("gains", "fanuc-spiral", "--from", name, file, "--out", tuned)
+    assert status == 0
+    assert f"assumed of {name}: " in " ".join(err.split())
+    status, out, err = gantrysim_command("gains", "fanuc-spiral", "--servo", tuned, "--export", name)
+    assert status == 0, err
+    axes = built().axes
+    first, again = (DIALECTS[name].read(text, axes) for text in (file.read_text(), out))
+    assert len(first) == 2
+    assert all(one and other == pytest.approx(one, rel=AGAIN) for one, other in zip(first, again, strict=True))
+
+
+def test_the_command_shows_all_words_and_refuses_bad_ones(gantrysim_command):
+    status, out, _ = gantrysim_command("gains", "an225")
+    assert status == 0
+    assert all(word in out for word in ("P_GAIN", "Pgain", "KPP", "1825"))
+    status, _, err = gantrysim_command("gains", "an225", "--export", "siemens")
+    assert (status, "unknown controller 'siemens'" in err) == (2, True)
+    status, _, err = gantrysim_command("gains", "an225", "--from", "trio", "absent.bas")
+    assert (status, "cannot be read" in err) == (2, True)

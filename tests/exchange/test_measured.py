@@ -1,0 +1,215 @@
+"""A trace that was shifted, moved, turned, resampled and made noisy is found again, and its error is the noise's."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from gantrysim import Budget, InputError, Job, Machine
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.simulate import perfect_follower
+from gantrysim.exchange.alignment import aligned
+from gantrysim.exchange.comparison import Comparison
+from gantrysim.exchange.measured import Trace
+from gantrysim.exchange.traces import Assignment, read_log
+from gantrysim.study.circle.study import CircleStudy, circle_row
+
+from support.jobs import job_run
+
+FOUND_SHIFT = 0.1  # of a sample
+FOUND_PLACE = 1e-4  # [mm]
+MACHINE = Machine("xy")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return job_run("fanuc-spiral")
+
+
+def logged(run, link, rate, late=0.0, moved=0.0, turn=0.0, noise=0.0, seed=1):
+    """Positions of a run as another clock and frame have them, (time, positions)."""
+    at = np.arange(0.0123 / rate, run.time[-1], 1 / rate)
+    positions = CubicSpline(run.time, getattr(run, link))(at)
+    cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    x, y, *more = positions.T
+    positions = np.column_stack([cos * x - sin * y, sin * x + cos * y, *more])
+    return at + late, positions + moved + np.random.default_rng(seed).normal(scale=noise, size=positions.shape)
+
+
+@given(
+    late=st.floats(-5, 5),
+    x=st.floats(-300, 300),
+    rate=st.floats(400, 4000),
+    turn=st.one_of(st.just(0.0), st.floats(-179, 179)),
+    link=st.sampled_from(["commanded", "encoder", "nozzle"]),
+)
+@settings(max_examples=15)
+def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
+    turn = turn if link == "nozzle" else 0.0
+    time, positions = logged(run, link, rate, late, x, turn, noise=1e-3)
+    trace = Trace(time, {} if link == "nozzle" else {link: positions}, positions if link == "nozzle" else None)
+    found = aligned(trace, run, ("time", "offset", "rotation") if turn else ("time", "offset"))
+    assert abs(found.shift - late) * rate < FOUND_SHIFT
+    assert found.offsets["nozzle" if link == "nozzle" else "axes"] == pytest.approx(x, abs=FOUND_PLACE)
+    assert found.rotation == pytest.approx(turn, abs=1e-3)
+    assert found.residual == pytest.approx(1e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("turn", [0.0, 25.0])
+def test_noise_on_the_nozzle_is_all_that_the_model_does_not_explain(run, turn):
+    sigma = 2e-3
+    time, nozzle = logged(run, "nozzle", 1730.0, 3.21765, np.array([12.3, -4.5, 1.0]), turn, sigma)
+    what = ("time", "offset", "rotation") if turn else ("time", "offset")
+    found = Comparison.of(Trace(time, {}, nozzle), run, MACHINE, what)
+    assert found.alignment.shift == pytest.approx(3.21765, abs=FOUND_SHIFT / 1730)
+    assert found.alignment.offsets["nozzle"] == pytest.approx([12.3, -4.5, 1.0], abs=FOUND_PLACE)
+    for name in ("structure", "contour"):
+        assert found.unexplained[name].rms == pytest.approx(math.sqrt(2) * sigma, rel=0.02)  # two directions
+    mine, theirs = found.measured.values.contour.rms, found.simulated.values.contour.rms
+    assert mine**2 - theirs**2 == pytest.approx(2 * sigma**2, rel=0.15)
+    assert theirs == pytest.approx(Budget(run).values.contour.rms, rel=0.01)
+    frequency, density = found.spectrum
+    assert np.trapezoid(density, frequency) == pytest.approx(sigma**2, rel=0.1)  # white
+    assert not found.peaks
+
+
+def test_every_link_of_an_exact_trace_has_the_simulation_s_budget(run):
+    trace = Trace(run.time + 1.0, {"commanded": run.commanded + 5.0, "encoder": run.encoder + 5.0}, run.nozzle - 7.0)
+    found = Comparison.of(trace, run, MACHINE)
+    assert found.alignment.by == "commanded"
+    expected = Budget(run).values
+    for budget in (found.measured.values, found.simulated.values):
+        for name in ("generation", "tracking"):
+            assert budget.parts[name].rms == pytest.approx(expected.parts[name].rms, rel=1e-3, abs=1e-6)
+        assert budget.contour.rms == pytest.approx(expected.contour.rms, rel=1e-3)
+    assert max(size.max for size in found.unexplained.values()) < FOUND_PLACE
+    assert list(found.parts) == ["generation", "tracking", "structure"]
+    assert not found.peaks
+
+
+def test_a_vibration_that_the_model_lacks_is_named_by_its_frequency(run):
+    time, nozzle = logged(run, "nozzle", 1000.0, noise=2e-4)
+    nozzle = nozzle + 0.01 * np.sin(2 * np.pi * 87.0 * time)[:, None] * [1, 1, 0]
+    found = Comparison.of(Trace(time, {}, nozzle), run, MACHINE)
+    peak = found.peaks[0]
+    assert peak.frequency == pytest.approx(87, abs=2)
+    assert peak.rms == pytest.approx(0.01 / math.sqrt(2), rel=0.15)  # (n.(1, 1))^2 is 1 in the mean over directions
+
+
+def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
+    encoder = Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE)
+    assert list(encoder.parts) == ["generation", "tracking"]
+    assert encoder.notes == ("the command is not measured: it is the simulation's in both budgets",)
+    nozzle = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
+    assert nozzle.parts["structure"] == "commanded to nozzle"
+    for found, absent in ((encoder, ("measurement", "structure")), (nozzle, ("tracking", "measurement"))):
+        for budget in (found.measured, found.simulated):
+            assert all(budget.values.parts[name].max == 0 for name in absent)
+
+
+def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
+    run = job_run("stage-outline")
+    rng = np.random.default_rng(2)
+    encoder = run.encoder + np.array([3.0, -2.0, 1.0]) + rng.normal(scale=1e-3, size=run.encoder.shape)
+    found = Comparison.of(
+        Trace(run.time + 0.5, {"encoder": encoder}, None), run, Job.load("stage-outline").built_machine
+    )
+    assert found.alignment.shift == pytest.approx(0.5, abs=FOUND_SHIFT * run.period)
+    assert found.alignment.offsets["axes"] == pytest.approx([3.0, -2.0, 1.0], abs=FOUND_PLACE)
+    assert found.alignment.residual == pytest.approx(1e-3, rel=0.05)
+
+
+def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path, circle):
+    # another program: a first-order lag behind the command, stepped at 10 kHz, logged in metres and milliseconds
+    radius, omega, tau, step = 40.0, 2.5, 0.02, 1e-4
+    follower = perfect_follower(MACHINE, Setpoints.along(circle(radius, 3.0), radius * omega, 1e-3))
+    turn = follower.commanded
+    at = np.arange(0, follower.time[-1], step)
+    target = np.stack([np.interp(at, follower.time, turn[:, a]) for a in range(2)], axis=1)
+    position = [target[0]]
+    for aim in target[:-1]:
+        position.append(position[-1] + (aim - position[-1]) * (1 - math.exp(-step / tau)))
+    table = zip(at, position, target, strict=True)
+    rows = [f"{1e3 * (t + 0.7):.4f};" + ";".join(f"{v / 1e3:.9f}" for v in (*own, *aim)) for t, own, aim in table]
+    file = tmp_path / "plc.csv"
+    file.write_text("\n".join(["Zeit;Ist X;Ist Y;Soll X;Soll Y", *rows[::7]]))
+    columns = "time=Zeit[ms],encoder.x=Ist X[m],encoder.y=Ist Y[m]"
+    command = ",commanded.x=Soll X[m],commanded.y=Soll Y[m]"
+    alone, whole = (Trace.of(read_log(file), Assignment.parse(text), follower) for text in (columns, columns + command))
+    # without the command, the shift takes up the lag
+    assert aligned(alone, follower).shift == pytest.approx(0.7 + math.atan(omega * tau) / omega, abs=5e-4)
+    found = Comparison.of(whole, follower, MACHINE)
+    assert found.alignment.shift == pytest.approx(0.7, abs=FOUND_SHIFT * 7 * step)
+    tracking = found.measured.parts["tracking"].lateral
+    steady = slice(len(tracking) // 3, -len(tracking) // 20)
+    inward = radius * (1 - 1 / math.sqrt(1 + (omega * tau) ** 2))
+    assert tracking[steady] == pytest.approx(inward, rel=0.01)
+    assert found.simulated.values.contour.max < 1e-5
+
+
+@pytest.fixture(scope="module")
+def circle_test():
+    return CircleStudy(radius=30.0, speed=100.0)
+
+
+def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
+    run = circle_test.job.run()
+    trace = Trace(run.time + 2.0, {"commanded": run.commanded, "encoder": run.encoder}, run.nozzle)
+    found = Comparison.of(trace, run, MACHINE).circle(30.0, circle_test.centre)
+    expected = circle_row(run, circle_test.centre, 30.0, circle_test.lead, 15.0)
+    assert found["measured"]["circular_deviation_um"] == pytest.approx(expected["circular_deviation_um"], abs=0.01)
+    for values in found.values():
+        assert values == {key: pytest.approx(expected[key], abs=0.01) for key in values}
+    # a spoilt lead does not count, before or after the one circle
+    nozzle = run.nozzle.copy()
+    swept = 360 + 2 * circle_test.lead
+    angle = np.unwrap(np.arctan2(*(run.commanded_tip[:, :2] - circle_test.centre).T[::-1]))
+    passed = np.degrees(np.abs(angle - angle[0]))
+    nozzle[(passed < circle_test.lead - 5) | (passed > swept - circle_test.lead + 5)] *= 1.01
+    spoilt = Comparison.of(Trace(run.time, {"commanded": run.commanded}, nozzle), run, MACHINE, ())
+    assert spoilt.circle(30.0, circle_test.centre)["measured"] == pytest.approx(found["measured"], abs=0.01)
+    with pytest.raises(InputError, match="must be a full circle there"):
+        Comparison.of(trace, run, MACHINE).circle(20.0, circle_test.centre)
+
+
+def test_traces_that_cannot_be_compared_are_refused(run):
+    half = run.time > 0.5 * run.time[-1]
+    with pytest.raises(InputError, match="after the dispenser is on: must cover the start"):
+        Comparison.of(Trace(run.time[half], {"encoder": run.encoder[half]}, None), run, MACHINE)
+    with pytest.raises(InputError, match="covers 0 of its samples"):
+        Comparison.of(Trace(run.time + 1e3, {"encoder": run.encoder}, None), run, MACHINE, ())
+    with pytest.raises(InputError, match="unknown alignment 'place'"):
+        Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE, ("place",))
+    for factor, told in ((1e3, "lasts"), (1e-3, "is its time in another unit")):
+        with pytest.raises(InputError, match=told):
+            aligned(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
+    early = Comparison.of(Trace(run.time[~half], {"encoder": run.encoder[~half]}, None), run, MACHINE)
+    assert "% of the time for which the dispenser is on" in early.notes[-1]
+
+
+def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):
+    folder = tmp_path / "out"
+    assert gantrysim_command("run", "fanuc-spiral", "--out", folder, "--no-video", "--no-report")[0] == 0
+    record = Job.load("fanuc-spiral").run()
+    time, nozzle = logged(record, "nozzle", 800.0, 1.0, 2.0, 0.0, 1e-3)
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([time, nozzle[:, :2] * 1e3]), delimiter=",", header="t,px,py", comments="")
+    columns = "time=t,x=px*0.001,y=py[um]"
+    status, out, err = gantrysim_command("compare", folder, "--measured", log, "--columns", columns)
+    assert (status, err) == (0, "")
+    assert "nozzle in z is not measured" in " ".join(out.split())
+    found = json.loads((folder / "compare" / "compare.json").read_text())
+    assert found["alignment"]["shift"] == pytest.approx(1.0, abs=FOUND_SHIFT / 800)
+    assert {item.name for item in (folder / "compare").iterdir()} == {"compare.json", "overlay.png", "spectrum.png"}
+    for arguments, message in (
+        (("--columns", "time=t,x=nope,y=py"), "unknown column of"),
+        (("--columns", columns, "--align", "tim"), "did you mean time"),
+        (("--columns", columns, "--circle", "10,1"), "must be RADIUS or RADIUS,X,Y"),
+    ):
+        status, _, err = gantrysim_command("compare", folder, "--measured", log, *arguments)
+        assert status == 2
+        assert message in " ".join(err.split())
