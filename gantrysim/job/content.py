@@ -17,8 +17,8 @@ from gantrysim.errors import InputError, unknown
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
-from gantrysim.job.toml_files import validated
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.toml_files import validated
 
 
 class JobContent(BaseModel):

@@ -23,10 +23,11 @@ from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
 from gantrysim.job.overrides import absolute_machine, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
-from gantrysim.job.toml_files import validated
+from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
+from gantrysim.toml_files import validated
 
 _SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
 
@@ -152,8 +153,9 @@ class Job(JobContent):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the controller on its program, of the dispenser on its syringe, and on a servo of small margin."""
-        notes = (*self.controller.notes, *margin_notes(self.built_machine, self.margins))
+        """Notes of the controller, on the machine at rest, on a servo of small margin, and on the dispenser's syringe."""
+        machine = self.built_machine
+        notes = (*self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
         if self.dispenser.syringe is None:
             return notes
         return notes + self.dispenser.notes(self.follow().flow, self.setpoints.period)

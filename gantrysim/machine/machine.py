@@ -148,9 +148,19 @@ class Machine:
         mujoco.mj_saveModel(self.physics, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
 
-    @cached_property
+    @property
     def gap(self) -> float:
         """Height of the nozzle above the work piece with all axes at zero; perturbations leave it as it is [mm]."""
+        return _DEFAULT_GAP if self._height is None else self._height
+
+    @property
+    def over_work(self) -> bool:
+        """Whether a geom of the work lies below the nozzle with all axes at zero."""
+        return self._height is not None
+
+    @cached_property
+    def _height(self) -> float | None:
+        """Height of the nozzle above the work with all axes at zero, None if none of it lies below [mm]."""
         model = self._compiled
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -160,7 +170,7 @@ class Machine:
         above = data.xpos[self.work] + up * (up @ (data.site_xpos[self.nozzle] - data.xpos[self.work]))
         distance = mujoco.mj_ray(model, data, above, -up, None, 1, nozzle_body, geom, None)
         on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == self.work
-        return _MM * float(distance) if on_work else _DEFAULT_GAP
+        return _MM * float(distance) if on_work else None
 
     @property
     def needle(self) -> tuple[float, float] | None:
