@@ -37,7 +37,9 @@ class Job(JobContent):
 
     Attributes:
         name: letters, digits, spaces and any of _ . + -
-        machine: name of a built-in machine, or path of an MJCF file, relative to the folder of the job file.
+        machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
+            folder of the job file.
+        names: of a machine whose MJCF bears others, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
         program: name of the controller as `controller`, and its arguments.
         servo: arguments of `Servo.derive`.
         dispenser: arguments of `Dispenser`.
@@ -133,7 +135,7 @@ class Job(JobContent):
     def sharing(self, other: Job) -> Job:
         """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
         built: dict[str, Any] = {}
-        if self.machine == other.machine:
+        if (self.machine, self.names) == (other.machine, other.names):
             built["built_machine"] = other.built_machine
         if self.program == other.program:
             built["controller"] = other.controller
@@ -153,7 +155,7 @@ class Job(JobContent):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the controller, on the machine at rest, on a servo of small margin, and on the dispenser's syringe."""
+        """Notes on the program, on the machine at rest, on a servo of small margin, and on the dispenser's syringe."""
         machine = self.built_machine
         notes = (*self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
         if self.dispenser.syringe is None:
@@ -163,7 +165,7 @@ class Job(JobContent):
     @cached_property
     def built_machine(self) -> Machine:
         """The compiled machine."""
-        return Machine(self.machine)
+        return Machine(self.machine, self.names)
 
     @cached_property
     def built_servo(self) -> Servo:

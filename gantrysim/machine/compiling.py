@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -9,17 +10,28 @@ import numpy as np
 
 from gantrysim.design.build import mjcf_in
 from gantrysim.errors import InputError, between
+from gantrysim.machine.naming import rename
 from gantrysim.native.row import ROW_NUMBERS
 
 _TIMESTEPS = 1e-7, 1.0  # [s]
 
 
-def compile_mjcf(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset."""
+def compile_mjcf(
+    source: Path | mujoco.MjSpec, names: Mapping[str, str] | None = None
+) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset.
+
+    Args:
+        source: file or MJCF.
+        names: given to elements before the compilation, see `rename`.
+    """
     try:
         spec = _read(source) if isinstance(source, Path) else source
+        rename(spec, names or {})
         spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
         compiled = spec.compile()
+    except InputError:
+        raise
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(" ".join(str(error).split())) from None
     if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
@@ -65,7 +65,9 @@ class Machine:
     the geometry is free, and programs give axis positions.
 
     Args:
-        model: name of a built-in machine, or path of an MJCF file.
+        model: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML.
+        names: from a name that is needed to the one in the MJCF: "nozzle" of a site, "work" of a body, "needle" of a
+            geom, any other of an axis, as in {"nozzle": "tip", "x": "motor_x"}.
 
     Attributes:
         source: path of the MJCF.
@@ -82,7 +84,8 @@ class Machine:
         InputError: an unknown model, an MJCF that MuJoCo rejects, or one that does not meet these requirements.
     """
 
-    def __init__(self, model: str | Path) -> None:
+    def __init__(self, model: str | Path, names: Mapping[str, str] | None = None) -> None:
+        self._names = dict(names or {})
         self.source = _find(model)
         self.name = self.source.stem
         try:
@@ -94,7 +97,7 @@ class Machine:
             raise InputError(f"model {self.source}: MuJoCo warns: {said[0]}")
 
     def _build(self, source: Path | mujoco.MjSpec) -> None:
-        self.spec, self._compiled = compile_mjcf(source)
+        self.spec, self._compiled = compile_mjcf(source, self._names if isinstance(source, Path) else None)
         physics = without_visuals(self.spec, self._compiled)
         self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
         self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)

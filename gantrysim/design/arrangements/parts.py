@@ -11,7 +11,7 @@ from gantrysim.design.table import Drive, MachineTable, Slide
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 BEAM = 0.125, 0.13  # y and z of the beam behind and above the nozzle [m]
 _RAIL = -0.095  # z of the rails on the frame [m]
-_TABLE = 0.0085  # top of the frame's table below the nozzle [m]
+_GYRATION = 0.04  # radius of a nut, carriage or ram (assumption) [m]
 _SIDE = 0.1  # from the travel to the legs of the bridge [m]
 
 
@@ -58,9 +58,9 @@ def tube(parent: Element, kind: str, ends: Numbers, name: str = "") -> None:
     add(parent, "geom", class_=kind, fromto=ends, **names)
 
 
-def point_mass(body: Element, mass: float, pos: Numbers, inertia: Numbers = (1e-3, 1e-3, 1e-3)) -> None:
-    """Give a body its mass; a body that only translates feels nothing of its inertia [kg, m, kg·m²]."""
-    add(body, "inertial", pos=pos, mass=mass, diaginertia=inertia)
+def point_mass(body: Element, mass: float, pos: Numbers, inertia: Numbers | None = None) -> None:
+    """Give a body its mass [kg, m, kg·m²]; its inertia, by default of 40 mm, matters where it yaws or skews."""
+    add(body, "inertial", pos=pos, mass=mass, diaginertia=inertia or 3 * (mass * _GYRATION**2,))
 
 
 def frame(mjcf: Mjcf, room: Extent, rails: bool = True) -> None:
@@ -130,8 +130,8 @@ def carriage(mjcf: Mjcf, body: Element) -> None:
     """Fill the body of the carriage: without z it bears nozzle and syringe, else the z axis that does."""
     table = mjcf.table
     geom(body, "plate", (0, 0.067, 0.13), (0.045, 0.004, 0.052), "carriage")
-    for z in (0.106, 0.154):
-        geom(body, "block", (0, 0.082, z), (0.04, 0.011, 0.0125))
+    for height in (0.106, 0.154):
+        geom(body, "block", (0, 0.082, height), (0.04, 0.011, 0.0125))
     if table.z is None:
         point_mass(body, table.masses.carriage, (0, 0.055, 0.12))
         geom(body, "", (0, 0.035, 0.112), (0.009, 0.028, 0.011))
