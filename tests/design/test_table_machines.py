@@ -1,6 +1,8 @@
 """Machines from tables against closed forms: speed, force, inertia, energy, modes, maps, and a spiral on each."""
 
 import math
+import re
+import runpy
 import tomllib
 
 import mujoco
@@ -10,6 +12,7 @@ from scipy.linalg import eigh
 
 from gantrysim import InputError, Job, Machine
 from gantrysim.design.build import mjcf_in
+from gantrysim.design.library import motor_of
 from gantrysim.design.modes import modes
 from gantrysim.machine.ideal import without_compliance
 
@@ -203,6 +206,67 @@ def test_a_corexy_motor_carries_a_quarter_of_each_slide(machines):
     assert axis.inertia * axis.scale == pytest.approx(own + (0.8 + 1.7) / 4 * radius**2, rel=1e-5)
 
 
+def test_friction_lag_and_speed_of_a_drive(machines):
+    """The y axis of the belt gantry and the motors of CoreXY by hand; half of the no-load torque is dry friction."""
+    machine = machines["belt-gantry"]
+    axis, motor = machine.axes[1], LIBRARY["maxon-re40-48"]
+    gear = 4 * 2 * math.pi / 0.072
+    assert axis.coulomb == pytest.approx(0.5 * 0.0603 * 0.0686 + 0.006 + 3 / gear, rel=1e-9)
+    no_load = (48 - 1.13 * 0.0686) / 0.0603
+    assert axis.viscous * axis.scale == pytest.approx(0.5 * 0.0603 * 0.0686 / no_load + 12 / gear**2, rel=1e-9)
+    assert axis.lag == pytest.approx(1 / (2 * math.pi * 1000))  # L/R is 0.29 ms
+    assert motor["inductance"] / motor["resistance"] > axis.lag
+    assert axis.speed_limit == pytest.approx(0.8 * 1e3 * 48 / 0.0603 / gear, rel=1e-9)
+    flex = machine.physics.joint("y_flex")
+    load = 2.4 + LIBRARY["maxon-re30-48"]["mass"] + 0.15 + 0.9
+    assert flex.damping[0] == pytest.approx(2 * 0.03 * math.sqrt(1.2e6 * load), rel=1e-9)
+    # bristles: 80 Hz or a presliding of 5 um, whichever is softer
+    inertia = axis.inertia * axis.scale
+    stiffness, damping = machine.physics.actuator_dynprm[1, [5, 6]]
+    assert stiffness == pytest.approx(
+        min(1.2 * axis.coulomb / 5e-6 / gear, inertia * (2 * math.pi * 80) ** 2), rel=1e-6
+    )
+    assert damping == pytest.approx(0.6 * math.sqrt(stiffness * inertia), rel=1e-6)
+    belts = machines["corexy"]
+    assert [belts.physics.joint(name).frictionloss[0] for name in "xy"] == [1.5, 2.5]
+    assert belts.axes[0].speed_limit == pytest.approx(math.degrees(2 * 0.8 / (0.02 / math.pi)))
+    stepper = machines["stepper"].axes[0]
+    keli = motor_of("keli-bj42d41-14v19")
+    left = keli.torque_at(stepper.speed_limit / stepper.scale, 36, keli.current)
+    assert left >= 0.5 * 0.65 - 1e-6
+    assert machines["stepper"].physics.actuator_biasprm[0, :2] == pytest.approx([0.025, 200])  # detent
+    tandem = machines["tandem"]
+    bridge = 0.5 * 0.0302 * 0.137 + 0.012 + 2 / (2 * math.pi / 0.01)  # each side bears half of the guides
+    assert [axis.coulomb for axis in tandem.axes[1:]] == pytest.approx([bridge, bridge], rel=1e-9)
+
+
+def test_power_in_is_copper_loss_friction_and_kinetic_energy(machines):
+    """Of a motor that runs up on the belt gantry: K i w against inertia, both frictions, springs and their damping."""
+    machine = machines["belt-gantry"]
+    model = machine.stepping(1e-5)
+    data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    dof, current = int(model.joint("y").dofadr[0]), machine.addresses[1].current
+    gear, prm = float(model.actuator_gear[1, 0]), model.actuator_gainprm[1]
+    data.ctrl[machine.addresses[1].control] = 0.4
+    electric = copper = mechanical = viscous = 0.0
+    for _ in range(8000):
+        before, was = data.qvel.copy(), data.act[current]
+        mujoco.mj_step(model, data)
+        i, v = 0.5 * (was + data.act[current]), 0.5 * (before + data.qvel)
+        electric += (prm[0] * i + prm[1] * gear * v[dof]) * i * 1e-5
+        copper += prm[0] * i**2 * 1e-5
+        mechanical += prm[1] * i * gear * v[dof] * 1e-5
+        viscous += float(model.dof_damping @ v**2) * 1e-5
+    mujoco.mj_fullM(model, data, mass)
+    kinetic = 0.5 * data.qvel @ mass @ data.qvel
+    spring = 0.5 * float(model.jnt_stiffness @ data.qpos**2)
+    shaft = float(model.actuator_damping[1]) * gear**2 * (viscous / model.dof_damping[dof])
+    axis = machine.axes[1]
+    dry = axis.coulomb * gear * data.qpos[dof]
+    assert kinetic > 1
+    assert electric == pytest.approx(copper + kinetic + spring + viscous + shaft + dry, rel=5e-3)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_spiral_runs_on_each(name):
     job = Job.load("an225", ["turns=1"], machine=str(EXAMPLES / f"{name}.toml"))
@@ -266,3 +330,12 @@ def test_a_table_holds_every_key_of_the_page():
     """The table without friction is TOML by itself, so that the tests above change what they mean to."""
     assert tomllib.loads(ideal())["x"]["drive"]["transmission"]["lead"] == 20
     assert "TRANSMISSION" in IDEAL
+
+
+def test_the_page_of_keys_is_that_of_the_code_and_its_table_is_a_machine(tmp_path):
+    root = EXAMPLES.parent.parent
+    page = runpy.run_path(str(root / "scripts" / "machine_keys_page.py"))["page"]
+    assert page() == (root / "docs" / "machine-keys.md").read_text(encoding="utf-8")
+    text = (root / "docs" / "machine-tables.md").read_text(encoding="utf-8")
+    machine = built(tmp_path, re.search(r"```toml\n(.*?)```", text, re.S)[1])
+    assert machine.axis_names == ("x", "y")

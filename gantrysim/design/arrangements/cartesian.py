@@ -80,9 +80,15 @@ def moving_table(table: MachineTable) -> Mjcf:
     room = Extent.of(table)
     mjcf = Mjcf(table, "serial", 2 * room.wide)
     frame(mjcf, room, rails=False)
+    for side in (-1, 1):
+        at = room.x + side * 0.5 * room.wide, room.y, -0.1
+        geom(mjcf.frame, "", (*at[:2], -0.14), (0.02, room.long + 0.02, 0.035))
+        geom(mjcf.frame, "rail", at, (0.0075, room.long, 0.005))
     mass = table.masses.table or 0.0
     body = _y_axis(mjcf, mjcf.frame, "table", -1, mass)
     point_mass(body, mass, (room.x, room.y, -0.02))
+    for side in (-1, 1):
+        geom(body, "block", (room.x + side * 0.5 * room.wide, room.y, -0.055), (0.02, 0.06, 0.04))
     add(
         body,
         "geom",

@@ -129,7 +129,8 @@ def carried(table: MachineTable) -> float:
 def carriage(mjcf: Mjcf, body: Element) -> None:
     """Fill the body of the carriage: without z it bears nozzle and syringe, else the z axis that does."""
     table = mjcf.table
-    geom(body, "plate", (0, 0.067, 0.13), (0.045, 0.004, 0.052), "carriage")
+    half = 0.052 if table.z is None else 0.088
+    geom(body, "plate", (0, 0.067, 0.078 + half), (0.045, 0.004, half), "carriage")
     for height in (0.106, 0.154):
         geom(body, "block", (0, 0.082, height), (0.04, 0.011, 0.0125))
     if table.z is None:
@@ -141,6 +142,7 @@ def carriage(mjcf: Mjcf, body: Element) -> None:
     own, gear = table.masses.carriage + z.known_motor.mass, z.transmission.gear
     ram_mass = table.masses.ram or 0.0
     point_mass(body, own, (0, 0.06, 0.19))
+    geom(body, "plate", (0, 0.05, 0.271), (0.024, 0.024, 0.023))
     tube(body, "motor", (0, 0.05, 0.294, 0, 0.05, 0.365), "z_motor")
     nut = add(body, "body", name="ram_nut", gravcomp=1)
     point_mass(nut, z.nut_mass, (0, 0.045, 0.125))
