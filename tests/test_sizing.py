@@ -36,6 +36,16 @@ def test_a_built_in_machine_has_the_modes_and_forces_of_its_page():
     assert sizing.findings == ()
 
 
+def test_modes_of_a_closed_chain_are_those_of_its_constraints():
+    """models/README.md: delta, locked 44 (two) and 79 Hz, free 64 and 92 Hz; r 412 and 534 Hz."""
+    sizing = Sizing.of(Machine("delta"))
+    assert [round(one.frequency) for one in sizing.locked] == [44, 44, 79, 412]
+    free = [one.frequency for one in sizing.free]
+    assert [round(one) for one in free[2:]] == [92, 534]
+    # linearised from MuJoCo's accelerations, with soft rods, friction and back-EMF
+    np.testing.assert_allclose(free, Machine("delta").motion().resonances()[[0, 1, 2, 6]], rtol=2e-3)
+
+
 def test_values_of_a_table(tmp_path):
     """0.05 N·m/A, 0.5 ohm, 24 V, 20 A and 20 mm per turn, with an efficiency of 95 %."""
     one = Sizing.of(built(tmp_path, DAMPED)).axes[0]

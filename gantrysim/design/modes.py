@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
 
 from gantrysim.arrays import Floats
 
 _STEP = 1e-7  # of a joint for the stiffness [m or rad]
-_SWINGS = 1.0  # squared frequency below which a mode is free motion, relative to rounding [rad²/s²]
+_SWINGS = 1.0  # squared frequency below which a mode is free motion [rad²/s²]
 
 
 def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[int] = ()) -> tuple[Floats, Floats]:
     """Return frequencies of the modes that swing, rising, (n,) [Hz], and their shapes, (nv, n).
 
-    K v = w² M v, with the mass matrix M, and the stiffness K of springs and tendons by central differences.
+        K v = w² M v    for v = N a,    J N = 0
+
+    with the mass matrix M, the stiffness K of springs and tendons by central differences, and the Jacobian J of the
+    equality constraints.
 
     Args:
         model: the compiled model.
         qpos: position, by default that of the model.
         locked: degrees of freedom that are held.
     """
+    model = copy.copy(model)
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data, nv = mujoco.MjData(model), model.nv
     at = model.qpos0 if qpos is None else qpos
     mass, stiffness = np.zeros((nv, nv)), np.zeros((nv, nv))
@@ -38,11 +44,10 @@ def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[in
         stiffness[:, k] = (force(-step) - force(step)) / (2 * _STEP)
     force(np.zeros(nv))
     mujoco.mj_fullM(model, data, mass)
-    free = np.setdiff1d(np.arange(nv), locked)
+    equal = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    free = null_space(np.concatenate([data.efc_J.reshape(-1, nv)[equal], np.eye(nv)[list(locked)]]))
     if not free.size:
         return np.zeros(0), np.zeros((nv, 0))
-    square, shapes = eigh(0.5 * (stiffness + stiffness.T)[np.ix_(free, free)], mass[np.ix_(free, free)])
+    square, shapes = eigh(free.T @ (0.5 * (stiffness + stiffness.T)) @ free, free.T @ mass @ free)
     swings = square > max(_SWINGS, 1e-9 * square.max())
-    full = np.zeros((nv, int(swings.sum())))
-    full[free] = shapes[:, swings]
-    return np.sqrt(square[swings]) / (2 * np.pi), full
+    return np.sqrt(square[swings]) / (2 * np.pi), free @ shapes[:, swings]

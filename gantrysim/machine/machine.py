@@ -23,6 +23,7 @@ from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, with_dynamics
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
+from gantrysim.machine.height import height_above
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.motors import damp_bristles
@@ -164,16 +165,7 @@ class Machine:
     @cached_property
     def _height(self) -> float | None:
         """Height of the nozzle above the work with all axes at zero, None if none of it lies below [mm]."""
-        model = self._compiled
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        nozzle_body = int(model.site_bodyid[self.nozzle])
-        geom = np.full(1, -1, np.int32)
-        up = data.xmat[self.work].reshape(3, 3)[:, 2]
-        above = data.xpos[self.work] + up * (up @ (data.site_xpos[self.nozzle] - data.xpos[self.work]))
-        distance = mujoco.mj_ray(model, data, above, -up, None, 1, nozzle_body, geom, None)
-        on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == self.work
-        return _MM * float(distance) if on_work else None
+        return height_above(self._compiled, self.nozzle, self.work)
 
     @property
     def needle(self) -> tuple[float, float] | None:

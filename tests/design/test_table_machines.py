@@ -194,6 +194,11 @@ def test_motors_of_corexy_and_tandem_share_the_coordinates(machines):
     assert bridge.axis_names == ("x", "y1", "y2")
     np.testing.assert_allclose(belts.kinematics.inverse(at), np.degrees([[-40 / radius, 100 / radius]]), rtol=1e-9)
     np.testing.assert_allclose(bridge.kinematics.inverse(at), [[30, -70, -70]], rtol=1e-9)
+    skew = -1.0 / 520  # the left drive is ahead; the nozzle is 125 mm in front of the axis of skew
+    ahead = bridge.tip(np.array([[30.0, 0.5, -0.5]]))[0]
+    np.testing.assert_allclose(
+        ahead[:2], [30 * math.cos(skew) + 125 * math.sin(skew), 125 + 30 * math.sin(skew) - 125 * math.cos(skew)]
+    )
     for machine in machines.values():
         axes = machine.kinematics.inverse(np.array([[30.0, -70.0, 0.0][: len(machine.kinematics.names)]]))
         np.testing.assert_allclose(machine.tip(axes)[0], [30, -70, 0], atol=1e-9)
@@ -227,7 +232,12 @@ def test_friction_lag_and_speed_of_a_drive(machines):
         min(1.2 * axis.coulomb / 5e-6 / gear, inertia * (2 * math.pi * 80) ** 2), rel=1e-6
     )
     assert damping == pytest.approx(0.6 * math.sqrt(stiffness * inertia), rel=1e-6)
+    static, stribeck = machine.physics.actuator_biasprm[1, [4, 5]]
+    assert (static, stribeck) == pytest.approx((1.2 * axis.coulomb, 5e-3 * gear), rel=1e-9)
     belts = machines["corexy"]
+    one = belts.axes[0]
+    stiffness, damping = belts.physics.actuator_dynprm[0, [5, 6]]
+    assert damping == pytest.approx(0.6 * math.sqrt(stiffness * one.inertia * one.scale), rel=1e-3)
     assert [belts.physics.joint(name).frictionloss[0] for name in "xy"] == [1.5, 2.5]
     assert belts.axes[0].speed_limit == pytest.approx(math.degrees(2 * 0.8 / (0.02 / math.pi)))
     stepper = machines["stepper"].axes[0]
