@@ -13,6 +13,7 @@ from gantrysim.design.arrangements.coupled import corexy, tandem
 from gantrysim.design.mjcf import Mjcf
 from gantrysim.design.modes import modes
 from gantrysim.design.table import MachineTable, read_table
+from gantrysim.errors import InputError
 
 ARRANGEMENTS: dict[str, Callable[[MachineTable], Mjcf]] = {
     "bridge": bridge,
@@ -41,4 +42,11 @@ def mjcf_in(file: Path) -> str:
     Raises:
         InputError: a file that cannot be read, or a key that is unknown, missing or out of its bounds.
     """
-    return mjcf_of(read_table(file))
+    table = read_table(file)
+    try:
+        return mjcf_of(table)
+    except (ArithmeticError, ValueError, mujoco.FatalError) as error:  # of values far from any machine
+        text = " ".join(str(error).split())
+        raise InputError(
+            f"machine {file}: its values make no machine, one is far too large or too small: {text}"
+        ) from None

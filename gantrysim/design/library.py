@@ -6,10 +6,10 @@ import math
 import tomllib
 from functools import cache
 from importlib.resources import files
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from gantrysim.design.settings import NotNegative, Positive, Table, key
 from gantrysim.errors import InputError, unknown
@@ -53,7 +53,7 @@ class Motor(Table):
     peak_current: Positive | None = key("for seconds, of a stepper sqrt(2) times the rated current [A]", None)
     max_speed: Positive = key("mechanical limit [rpm]")
     mass: NotNegative = key("[kg]")
-    pole_pairs: int = key("0: brushed", 0)
+    pole_pairs: Annotated[int, Field(ge=0, le=1000)] = key("of a brushed motor 0", 0)
     detent_torque: NotNegative = key("amplitude of cogging without current [N·m]", 0.0)
     sources: dict[str, str] = key("origin of the numbers, by key or under `rest`", {})
 

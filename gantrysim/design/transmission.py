@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from gantrysim.design.settings import NotNegative, Positive, Table, key
+from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.errors import InputError
 
 _STEEL = 7850.0  # density [kg/m³]
@@ -113,7 +113,7 @@ class Belt(_Reduced):
     """A toothed belt on a pulley."""
 
     kind: Literal["belt"] = key("belt")
-    teeth: int = key("of the pulley")
+    teeth: Count = key("of the pulley")
     pitch: Positive = key("of the belt [mm]")
 
     @property
@@ -125,7 +125,7 @@ class Rack(_Reduced):
     """A rack; the pinion's travel per turn is pi times module times teeth, over the cosine of the helix angle."""
 
     kind: Literal["rack"] = key("rack")
-    teeth: int = key("of the pinion")
+    teeth: Count = key("of the pinion")
     module: Positive = key("normal module [mm]")
     helix: Annotated[float, Field(ge=0, lt=60)] = key("helix angle [deg]", 0.0)
 

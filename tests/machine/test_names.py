@@ -59,7 +59,9 @@ def test_a_machine_with_names_of_its_own_runs(file):
     run = simulate(machine, plain(machine), ramp(100.0))
     assert run.fault is None
     assert np.abs(run.nozzle - run.commanded_tip)[700:].max() < 0.02  # the ramp starts with a jerk
-    with pytest.raises(InputError, match="has no site named 'nozzle'; it has: tip"):
+    with pytest.raises(InputError, match=r"""has no joint named 'motor_x'; .*: names = \{ x = "motor_x" \}$"""):
+        Machine(file, {"nozzle": "tip", "work": "bed"})
+    with pytest.raises(InputError, match=r'has no site .* map its name in the job: names = \{ nozzle = "..." \}$'):
         Machine(file)
 
 
