@@ -80,7 +80,7 @@ def section(title: str, lines: Iterable[tuple[str, str, str]]) -> str:
 
 def page() -> str:
     """Return the page."""
-    defaults = {"name": "required", "machine": '"xy"', "program": "required", "faults": "none"}
+    defaults = {"name": "required", "machine": '"xy"', "program": "required", "faults": "none", "names": "none"}
     job = [(name, defaults.get(name, "table"), described(Job)[name]) for name in Job.model_fields]
     sections = [
         section("The job", job),

@@ -51,7 +51,7 @@ def gains(
     from gantrysim.exchange.shaper import klipper
     from gantrysim.files import replaced
     from gantrysim.job.job import Job
-    from gantrysim.job.toml_files import read_text
+    from gantrysim.toml_files import read_text
     from gantrysim.tuning.servo import servo_toml
 
     if export is not None and source is not None:

@@ -16,13 +16,14 @@ from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
+from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
 from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
-from gantrysim.errors import GantryError
+from gantrysim.errors import GantryError, InputError
 
 
 class _Commands(TyperGroup):
@@ -53,6 +54,7 @@ app = typer.Typer(
     help="Simulate a glue-dispensing gantry; locate the bead's error from program to nozzle, and find its causes.",
 )
 app.add_typer(study_app, name="study")
+app.add_typer(machine_app, name="machine")
 app.command()(run)
 app.command()(check)
 app.command()(tune)
@@ -75,8 +77,24 @@ def _main(
 
 
 @app.command()
-def info() -> None:
-    """List the built-in machines and jobs, all settings, and the default gains with their stability margins."""
+def info(
+    model: Annotated[
+        str | None,
+        typer.Option("--machine", "--model", help="Describe this machine alone: built-in, MJCF file or table."),
+    ] = None,
+    job: ForJob = None,
+) -> None:
+    """List the built-in machines and jobs, all settings, and the default gains with their stability margins.
+
+    With --model, say what the drives of one machine can do.
+    """
+    if model is not None:
+        from gantrysim.machine.machine import Machine
+
+        describe(Machine(model), job)
+        return
+    if job is not None:
+        raise InputError("--job: needs --model")
     from gantrysim.cli import info
 
     for table in (

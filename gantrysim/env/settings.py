@@ -20,8 +20,8 @@ from pydantic import (
 from gantrysim.errors import InputError, finite, positive, unknown, whole
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
-from gantrysim.job.toml_files import one_line
 from gantrysim.machine.tolerances import Tolerances
+from gantrysim.toml_files import one_line
 
 Bounds = float | tuple[float, float]  # a fixed value, or the lowest and the highest value drawn
 

@@ -14,7 +14,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.exchange.dialect import NUMBER
-from gantrysim.job.toml_files import read_text, read_toml
+from gantrysim.toml_files import read_text, read_toml
 
 # factors to s, mm and deg
 UNITS = {

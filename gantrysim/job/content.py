@@ -17,8 +17,8 @@ from gantrysim.errors import InputError, unknown
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
-from gantrysim.job.toml_files import validated
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.toml_files import validated
 
 
 class JobContent(BaseModel):
@@ -28,6 +28,7 @@ class JobContent(BaseModel):
 
     name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
     machine: str = "xy"
+    names: dict[str, str] = {}
     program: dict[str, Any]
     servo: ServoSettings = ServoSettings()
     dispenser: Dispenser = Dispenser()
@@ -96,10 +97,11 @@ class JobContent(BaseModel):
         return content_digest(tomllib.loads(self.toml()))
 
     def toml(self) -> str:
-        """Return the job as TOML, with every default; a job without faults on purpose has no table of them."""
+        """Return the job as TOML, with every default; a job without names or faults on purpose has no table of them."""
         content = self.model_dump(exclude_none=True)
-        if not self.faults:
-            del content["faults"]
+        for key in ("faults", "names"):
+            if not content[key]:
+                del content[key]
         return tomli_w.dumps(content, multiline_strings=True)
 
 

@@ -23,10 +23,11 @@ from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
 from gantrysim.job.overrides import absolute_machine, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
-from gantrysim.job.toml_files import validated
+from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
+from gantrysim.toml_files import validated
 
 _SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
 
@@ -36,7 +37,9 @@ class Job(JobContent):
 
     Attributes:
         name: letters, digits, spaces and any of _ . + -
-        machine: name of a built-in machine, or path of an MJCF file, relative to the folder of the job file.
+        machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
+            folder of the job file.
+        names: of a machine whose MJCF bears others, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
         program: name of the controller as `controller`, and its arguments.
         servo: arguments of `Servo.derive`.
         dispenser: arguments of `Dispenser`.
@@ -132,7 +135,7 @@ class Job(JobContent):
     def sharing(self, other: Job) -> Job:
         """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
         built: dict[str, Any] = {}
-        if self.machine == other.machine:
+        if (self.machine, self.names) == (other.machine, other.names):
             built["built_machine"] = other.built_machine
         if self.program == other.program:
             built["controller"] = other.controller
@@ -152,8 +155,9 @@ class Job(JobContent):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the controller on its program, of the dispenser on its syringe, and on a servo of small margin."""
-        notes = (*self.controller.notes, *margin_notes(self.built_machine, self.margins))
+        """Notes on the program, on the machine at rest, on a servo of small margin, and on the dispenser's syringe."""
+        machine = self.built_machine
+        notes = (*self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
         if self.dispenser.syringe is None:
             return notes
         return notes + self.dispenser.notes(self.follow().flow, self.setpoints.period)
@@ -161,7 +165,7 @@ class Job(JobContent):
     @cached_property
     def built_machine(self) -> Machine:
         """The compiled machine."""
-        return Machine(self.machine)
+        return Machine(self.machine, self.names)
 
     @cached_property
     def built_servo(self) -> Servo:

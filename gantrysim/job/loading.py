@@ -12,7 +12,7 @@ from typing import Any
 from gantrysim.controllers.programs import PROGRAMS, reader, suffixes
 from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.job.settings import ServoSettings
-from gantrysim.job.toml_files import read_text, read_toml, validated
+from gantrysim.toml_files import read_text, read_toml, validated
 
 
 def builtin_jobs() -> list[str]:

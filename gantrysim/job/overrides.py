@@ -114,7 +114,7 @@ def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
 
 def known_keys(content: Content) -> list[str]:
     """Return the full dotted keys of a job with this content; those of a fault hold its number, from 0."""
-    known = ["name", "machine", "program.controller", "faults"]
+    known = ["name", "machine", "names", "program.controller", "faults"]
     for section, kind in TABLES.items():
         known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted(kind)]
     faults = content.get("faults", [])

@@ -93,7 +93,11 @@ def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
             mujoco.mjtObj.mjOBJ_JOINT: ("joint", model.njnt),
         }[kind]
         present = filter(None, (mujoco.mj_id2name(model, kind, i) for i in range(count)))
-        raise InputError(f"has no {label} named {name!r}; it has: {', '.join(present) or 'none'}")
+        given = f'x = "{name}"' if label == "joint" else f'{name} = "..."'
+        raise InputError(
+            f"has no {label} named {name!r}; it has: {', '.join(present) or 'none'}; rename one, or map its name in "
+            f"the job: names = {{ {given} }}"
+        )
     return int(index)
 
 

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from gantrysim.design.build import mjcf_in
 from gantrysim.errors import InputError, between
+from gantrysim.machine.naming import rename
 from gantrysim.native.row import ROW_NUMBERS
 
 _TIMESTEPS = 1e-7, 1.0  # [s]
 
 
-def compile_mjcf(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset."""
+def compile_mjcf(
+    source: Path | mujoco.MjSpec, names: Mapping[str, str] | None = None
+) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Return an MJCF and its compiled model, with room for the servo's row and without MuJoCo's automatic reset.
+
+    Args:
+        source: file or MJCF.
+        names: given to elements before the compilation, see `rename`.
+    """
     try:
-        spec = mujoco.MjSpec.from_file(str(source)) if isinstance(source, Path) else source
+        spec = _read(source) if isinstance(source, Path) else source
+        rename(spec, names or {})
         spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
         compiled = spec.compile()
+    except InputError:
+        raise
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(" ".join(str(error).split())) from None
     if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:
@@ -29,6 +42,13 @@ def compile_mjcf(source: Path | mujoco.MjSpec) -> tuple[mujoco.MjSpec, mujoco.Mj
     compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     _no_force_early(compiled)
     return spec, compiled
+
+
+def _read(source: Path) -> mujoco.MjSpec:
+    """Return the MJCF in a file, or that of the machine whose table a TOML file holds."""
+    if source.suffix.lower() == ".toml":
+        return mujoco.MjSpec.from_string(mjcf_in(source))
+    return mujoco.MjSpec.from_file(str(source))
 
 
 def _no_force_early(compiled: mujoco.MjModel) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
@@ -24,6 +24,7 @@ from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, with_dynamics
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
+from gantrysim.machine.height import height_above
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.motors import damp_bristles
@@ -66,7 +67,9 @@ class Machine:
     the geometry is free, and programs give axis positions.
 
     Args:
-        model: name of a built-in machine, or path of an MJCF file.
+        model: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML.
+        names: from a name that is needed to the one in the MJCF: "nozzle" of a site, "work" of a body, "needle" of a
+            geom, any other of an axis, as in {"nozzle": "tip", "x": "motor_x"}.
 
     Attributes:
         source: path of the MJCF.
@@ -83,7 +86,8 @@ class Machine:
         InputError: an unknown model, an MJCF that MuJoCo rejects, or one that does not meet these requirements.
     """
 
-    def __init__(self, model: str | Path) -> None:
+    def __init__(self, model: str | Path, names: Mapping[str, str] | None = None) -> None:
+        self._names = dict(names or {})
         self.source = _find(model)
         self.name = self.source.stem
         try:
@@ -95,7 +99,7 @@ class Machine:
             raise InputError(f"model {self.source}: MuJoCo warns: {said[0]}")
 
     def _build(self, source: Path | mujoco.MjSpec) -> None:
-        self.spec, self._compiled = compile_mjcf(source)
+        self.spec, self._compiled = compile_mjcf(source, self._names if isinstance(source, Path) else None)
         physics = without_visuals(self.spec, self._compiled)
         self.nozzle = element_index(physics, mujoco.mjtObj.mjOBJ_SITE, NOZZLE)
         self.work = element_index(physics, mujoco.mjtObj.mjOBJ_BODY, WORK)
@@ -164,19 +168,20 @@ class Machine:
         mujoco.mj_saveModel(self.physics, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
 
-    @cached_property
+    @property
     def gap(self) -> float:
         """Height of the nozzle above the work piece with all axes at zero; perturbations leave it as it is [mm]."""
-        model = self._compiled
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        nozzle_body = int(model.site_bodyid[self.nozzle])
-        geom = np.full(1, -1, np.int32)
-        up = data.xmat[self.work].reshape(3, 3)[:, 2]
-        above = data.xpos[self.work] + up * (up @ (data.site_xpos[self.nozzle] - data.xpos[self.work]))
-        distance = mujoco.mj_ray(model, data, above, -up, None, 1, nozzle_body, geom, None)
-        on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == self.work
-        return _MM * float(distance) if on_work else _DEFAULT_GAP
+        return _DEFAULT_GAP if self._height is None else self._height
+
+    @property
+    def over_work(self) -> bool:
+        """Whether a geom of the work lies below the nozzle with all axes at zero."""
+        return self._height is not None
+
+    @cached_property
+    def _height(self) -> float | None:
+        """Height of the nozzle above the work with all axes at zero, None if none of it lies below [mm]."""
+        return height_above(self._compiled, self.nozzle, self.work)
 
     @property
     def needle(self) -> tuple[float, float] | None:

@@ -11,10 +11,10 @@ from gantrysim.errors import InputError, expanded
 from gantrysim.files import settle
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
-from gantrysim.job.toml_files import read_toml
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.folder import JOB, RUN, SUMMARY
 from gantrysim.run import Run
+from gantrysim.toml_files import read_toml
 
 
 @dataclass(frozen=True, eq=False)

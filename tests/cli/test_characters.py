@@ -77,6 +77,6 @@ def test_a_machine_file_whose_name_is_no_text(gantrysim_command, tmp_path):
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is none")
 def test_a_job_without_an_end(gantrysim_command, monkeypatch):
-    monkeypatch.setattr("gantrysim.job.toml_files._MOST", 1 << 16)
+    monkeypatch.setattr("gantrysim.toml_files._MOST", 1 << 16)
     status, _, errors = gantrysim_command("check", "/dev/zero")
     assert (status, errors) == (2, "error: /dev/zero: is longer than 6.55e+04 bytes\n")

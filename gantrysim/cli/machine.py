@@ -1,0 +1,80 @@
+"""The command `gantrysim machine`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.cli.terminal import interruptible, say, share_bar, show
+
+if TYPE_CHECKING:
+    from gantrysim.machine.machine import Machine
+
+machine_app = typer.Typer(help="Machines from tables.", no_args_is_help=True)
+ForJob = Annotated[str | None, typer.Option("--job", help="Job whose torques are held against the motors.")]
+
+
+@machine_app.callback()
+def _machine() -> None:
+    """Keep `new` a subcommand."""
+
+
+@machine_app.command()
+def new(
+    file: Annotated[Path, typer.Argument(help="TOML file of the machine.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option(help="MJCF file, or folder; by default beside the table, with the suffix .xml.")
+    ] = None,
+    job: ForJob = None,
+) -> None:
+    """Write the MJCF of a machine that a TOML table describes, and say what its drives can do.
+
+    Jobs take the table itself too, as in `machine = "belt.toml"` or --model belt.toml.
+    """
+    from gantrysim.design.build import mjcf_in
+    from gantrysim.errors import InputError, expanded
+    from gantrysim.files import replaced
+    from gantrysim.machine.machine import Machine
+
+    source = expanded(file)
+    if source.suffix.lower() != ".toml":
+        raise InputError(f"machine {file}: must be a TOML file")
+    text = mjcf_in(source)
+    machine = Machine(source)  # refused here rather than written
+    target = source.with_suffix(".xml") if out is None else expanded(out)
+    if out is not None and target.suffix.lower() != ".xml":
+        target.mkdir(parents=True, exist_ok=True)
+        target = target / f"{source.stem}.xml"
+    with replaced(target) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+    describe(machine, job)
+    say(f"written to {target}")
+
+
+def describe(machine: Machine, job: str | None) -> None:
+    """Print what a machine's drives can do, and what does not suit."""
+    from gantrysim.cli.sizing import sizing_table
+    from gantrysim.job.job import Job
+    from gantrysim.machine.checks import notes
+    from gantrysim.sizing import Sizing
+
+    period, run = 1e-3, None
+    if job is not None:
+        loaded = Job.load(job, machine=str(machine.source))
+        loaded.check_fit()
+        period = loaded.servo.period
+        with interruptible() as go_on, share_bar("simulate", go_on) as advance:
+            run = loaded.run(advance)
+    sizing = Sizing.of(machine, period, run)
+    show(sizing_table(machine, sizing, period))
+    if run is not None and run.fault is not None:
+        say(f"fault: {run.fault}", wrap=True)
+    for text in notes(machine):
+        say(f"note: {text}", wrap=True)
+    verdict = sizing.findings
+    suits = f"the drives suit the machine{' and the job' if run is not None else ''}"
+    say(f"verdict: {'to be changed:' if verdict else suits}")
+    for text in verdict:
+        say(f"- {text}", wrap=True)

@@ -1,0 +1,1 @@
+"""A machine from a table: motors, transmissions, guides and masses in a TOML file become a complete MJCF."""

@@ -1,0 +1,125 @@
+"""Axes in series: moving bridge, cantilever, moving table."""
+
+from __future__ import annotations
+
+import math
+from xml.etree.ElementTree import Element
+
+from gantrysim.design.arrangements.parts import (
+    BEAM,
+    Extent,
+    Y,
+    Z,
+    beam,
+    bench,
+    carried,
+    drive_of,
+    frame,
+    geom,
+    motor_of_x,
+    on_bridge,
+    point_mass,
+    tube,
+    work,
+    x_axis,
+)
+from gantrysim.design.mjcf import Mjcf, add
+from gantrysim.design.table import MachineTable
+
+_DAMPING_RATIO = 0.03  # of the arm of a cantilever in yaw (assumption)
+
+
+def bridge(table: MachineTable) -> Mjcf:
+    """Return a machine whose bridge moves along y and bears the carriage."""
+    room = Extent.of(table)
+    mjcf = Mjcf(table, "serial", 2 * room.wide)
+    frame(mjcf, room)
+    bench(mjcf, room)
+    work(mjcf.frame, table, room)
+    body = _y_axis(mjcf, mjcf.frame, "bridge", 1, on_bridge(table))
+    _bridge_mass(body, table, room)
+    beam(body, room)
+    motor_of_x(body, room)
+    x_axis(mjcf, body)
+    return mjcf
+
+
+def cantilever(table: MachineTable) -> Mjcf:
+    """Return a machine whose arm is guided at its left end and yaws there on its stiffness."""
+    room = Extent.of(table)
+    mjcf = Mjcf(table, "serial", 2 * room.wide)
+    frame(mjcf, room)
+    bench(mjcf, room)
+    work(mjcf.frame, table, room)
+    load = on_bridge(table)
+    root = _y_axis(mjcf, mjcf.frame, "guide", 1, load)
+    point_mass(root, 1e-3, (room.x - room.wide, *BEAM))  # the arm's mass is behind its hinge
+    arm = add(root, "body", name="bridge")
+    stiffness, mass = table.arm_stiffness or 0.0, table.masses.bridge or 0.0
+    inertia = mass * (2 * room.wide) ** 2 / 3 + carried(table) * (room.x - room.wide) ** 2
+    add(
+        arm,
+        "joint",
+        name="yaw",
+        class_="flex",
+        type="hinge",
+        axis=Z,
+        pos=(room.x - room.wide, BEAM[0], BEAM[1]),
+        stiffness=stiffness,
+        damping=2 * _DAMPING_RATIO * math.sqrt(stiffness * inertia),
+    )
+    _bridge_mass(arm, table, room)
+    beam(arm, room, legs=(-1,))
+    motor_of_x(arm, room)
+    x_axis(mjcf, arm)
+    return mjcf
+
+
+def moving_table(table: MachineTable) -> Mjcf:
+    """Return a machine whose work moves along y under a beam that stands still."""
+    room = Extent.of(table)
+    mjcf = Mjcf(table, "serial", 2 * room.wide)
+    frame(mjcf, room, rails=False)
+    for side in (-1, 1):
+        at = room.x + side * 0.5 * room.wide, room.y, -0.1
+        geom(mjcf.frame, "", (*at[:2], -0.14), (0.02, room.long + 0.02, 0.035))
+        geom(mjcf.frame, "rail", at, (0.0075, room.long, 0.005))
+    mass = table.masses.table or 0.0
+    body = _y_axis(mjcf, mjcf.frame, "table", -1, mass)
+    point_mass(body, mass, (room.x, room.y, -0.02))
+    for side in (-1, 1):
+        geom(body, "block", (room.x + side * 0.5 * room.wide, room.y, -0.055), (0.02, 0.06, 0.04))
+    add(
+        body,
+        "geom",
+        material="table",
+        pos=(room.x, room.y, -1e-3 * table.gap - 0.0141),
+        size=(room.wide - 0.06, 0.5e-3 * (table.y.travel[1] - table.y.travel[0]) + 0.02, 0.006),
+    )
+    work(body, table, room)
+    beam(mjcf.frame, room)
+    motor_of_x(mjcf.frame, room)
+    x_axis(mjcf, mjcf.frame)
+    return mjcf
+
+
+def _y_axis(mjcf: Mjcf, parent: Element, name: str, sign: int, load: float) -> Element:
+    """Append the nut of y and the body behind its stiffness, which is returned."""
+    table, drive = mjcf.table, drive_of(mjcf.table.y)
+    gear, along = drive.transmission.gear, (0, sign * Y[1], 0)
+    nut = add(parent, "body", name=f"{name}_nut")
+    point_mass(nut, drive.nut_mass, (0, BEAM[0], -0.1))
+    mjcf.slide(nut, "y", along, table.y)
+    tube(nut, "nut", (0, BEAM[0] - 0.025, -0.115, 0, BEAM[0] + 0.025, -0.115))
+    geom(nut, "block", (0, BEAM[0], -0.094), (0.02, 0.012, 0.014))
+    body = add(nut, "body", name=name)
+    mjcf.spring(body, "y_flex", along, drive, load)
+    mjcf.motor("y", drive, gear, gear, drive.nut_mass + load, table.y.guides)
+    return body
+
+
+def _bridge_mass(body: Element, table: MachineTable, room: Extent) -> None:
+    """Give the bridge its mass and that of the motor of x, as a slender beam as long as the legs are apart."""
+    mass = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
+    about = mass * (2 * room.wide) ** 2 / 12
+    point_mass(body, mass, (room.x, *BEAM), (0.5 * about, about, about))

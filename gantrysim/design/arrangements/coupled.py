@@ -1,0 +1,146 @@
+"""Motors that share axes: CoreXY and a bridge with a motor on either side."""
+
+from __future__ import annotations
+
+import math
+from xml.etree.ElementTree import Element
+
+from gantrysim.design.arrangements.parts import (
+    BEAM,
+    Extent,
+    X,
+    Y,
+    Z,
+    beam,
+    bench,
+    carriage,
+    carried,
+    drive_of,
+    frame,
+    motor_of_x,
+    on_bridge,
+    point_mass,
+    tube,
+    work,
+    x_axis,
+)
+from gantrysim.design.mjcf import M, Mjcf, add
+from gantrysim.design.table import Drive, Guides, MachineTable, Slide
+
+_DAMPING_RATIO = 0.03  # of a bridge in skew (assumption)
+_PULLEY_TURNS = 1.05  # travel of the motors over that which the corners need
+
+
+def corexy(table: MachineTable) -> Mjcf:
+    """Return a machine whose motors a and b stand on the frame and pull the carriage: r a = x + y, r b = x - y."""
+    room, belts = Extent.of(table), table.belts
+    assert belts is not None  # the table is checked
+    mjcf = Mjcf(table, "coupled", 2 * room.wide)
+    frame(mjcf, room)
+    bench(mjcf, room)
+    work(mjcf.frame, table, room)
+    on_x, k = carried(table) + belts.nut_mass, 1e6 * belts.transmission.stiffness
+    on_y = on_x + (table.masses.bridge or 0.0)
+    radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)
+    far = max(abs(one) for slide in (table.x, table.y) for one in slide.travel)
+    for side, name in ((-1, "a"), (1, "b")):
+        body = add(
+            mjcf.frame, "body", name=f"pulley_{name}", pos=(room.x + side * room.wide, BEAM[0] + room.y + room.long, 0)
+        )
+        point_mass(body, 0.01, (0, 0, 0), (1e-9, 1e-9, 1e-9))  # its inertia is in the armature
+        speed = _slow(belts, (table.x, table.y)) / _ratio(belts)
+        add(
+            body,
+            "joint",
+            name=name,
+            class_="axis",
+            type="hinge",
+            axis=Z,
+            range=(-_PULLEY_TURNS * 2 * M * far / radius, _PULLEY_TURNS * 2 * M * far / radius),
+            user=speed,
+        )
+        tube(body, "motor", (0, 0, -0.1, 0, 0, -0.03), f"{name}_motor")
+        # with the other motor at rest, x and y move by half the belt
+        load = (on_x + on_y) / 4
+        mjcf.motor(name, belts, _ratio(belts), _ratio(belts) / radius, load, Guides())
+    bridge = add(mjcf.frame, "body", name="bridge")
+    mjcf.slide(bridge, "y", Y, table.y)
+    _rub(bridge[-1], table.y)
+    point_mass(bridge, table.masses.bridge or 0.0, (room.x, *BEAM))
+    beam(bridge, room)
+    clamp = add(bridge, "body", name="carriage_clamp")
+    mjcf.slide(clamp, "x", X, table.x)
+    _rub(clamp[-1], table.x)
+    point_mass(clamp, belts.nut_mass, (0, 0.085, 0.13))
+    carriage(mjcf, add(clamp, "body", name="carriage"))
+    damping = belts.transmission.damping_ratio * math.sqrt(2 * k * on_x)  # of 2 k against the carriage
+    for name, sign in (("a", -1), ("b", 1)):
+        belt = _spring(mjcf, f"belt_{name}", k, damping)
+        for joint, coefficient in ((name, radius), ("x", -1), ("y", sign)):
+            add(belt, "joint", joint=joint, coef=coefficient)
+    return mjcf
+
+
+def tandem(table: MachineTable) -> Mjcf:
+    """Return a machine whose bridge is driven by y1 on its left and y2 on its right, and can skew."""
+    room, drive, span = Extent.of(table), drive_of(table.y), M * (table.span or 0.0)
+    mjcf = Mjcf(table, "coupled", 2 * room.wide)
+    frame(mjcf, room)
+    bench(mjcf, room)
+    work(mjcf.frame, table, room)
+    load, k = on_bridge(table), 1e6 * drive.transmission.stiffness
+    gear = drive.transmission.gear
+    for side, name in ((-1, "y1"), (1, "y2")):
+        x = room.x + 0.5 * side * span
+        nut = add(mjcf.frame, "body", name=f"nut_{name}")
+        mjcf.slide(nut, name, Y, table.y.model_copy(update={"guides": Guides(viscous=0.5 * table.y.guides.viscous)}))
+        point_mass(nut, drive.nut_mass, (x, BEAM[0], -0.1))
+        tube(nut, "nut", (x, BEAM[0] - 0.025, -0.115, x, BEAM[0] + 0.025, -0.115))
+        mjcf.motor(name, drive, gear, gear, drive.nut_mass + 0.5 * load, table.y.guides, share=0.5)
+    bridge = add(mjcf.frame, "body", name="bridge")
+    mjcf.slide(bridge, "y", Y, Slide(travel=table.y.travel))
+    own = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
+    about = own * (2 * room.wide) ** 2 / 12
+    mounts, guides = 2 * k * (0.5 * span) ** 2, table.skew_stiffness
+    ratio = drive.transmission.damping_ratio
+    add(
+        bridge,
+        "joint",
+        name="skew",
+        type="hinge",
+        axis=Z,
+        pos=(room.x, *BEAM),
+        **({"stiffness": guides} if guides else {}),
+        damping=2 * _DAMPING_RATIO * math.sqrt((guides or mounts) * about) if guides else 0.0,
+    )
+    point_mass(bridge, own, (room.x, *BEAM), (0.5 * about, about, about))
+    beam(bridge, room)
+    motor_of_x(bridge, room)
+    x_axis(mjcf, bridge)
+    for name, sign in (("y1", 1), ("y2", -1)):
+        mount = _spring(mjcf, f"mount_{name}", k, ratio * math.sqrt(2 * k * load))
+        for joint, coefficient in ((name, 1), ("y", -1), ("skew", 0.5 * sign * span)):
+            add(mount, "joint", joint=joint, coef=coefficient)
+    return mjcf
+
+
+def _ratio(belts: Drive) -> float:
+    return getattr(belts.transmission, "ratio", 1.0)
+
+
+def _slow(belts: Drive, slides: tuple[Slide, ...]) -> float:
+    """Return the speed limit of a motor: of both slides at theirs, at most what motor and bus leave [rad/s]."""
+    given = [slide.speed for slide in slides if slide.speed is not None]
+    wanted = sum(given) * M * belts.transmission.gear if len(given) == len(slides) else math.inf
+    return min(belts.highest_speed, wanted)
+
+
+def _rub(joint: Element, slide: Slide) -> None:
+    """Give a slide that no motor drives its dry friction."""
+    if slide.guides.friction:
+        joint.set("frictionloss", repr(slide.guides.friction))
+
+
+def _spring(mjcf: Mjcf, name: str, stiffness: float, damping: float) -> Element:
+    assert mjcf.tendon is not None
+    return add(mjcf.tendon, "fixed", name=name, stiffness=stiffness, damping=damping, springlength=0)

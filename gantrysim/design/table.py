@@ -1,0 +1,175 @@
+"""The table of a machine: every key of its TOML file."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import field_validator, model_validator
+
+from gantrysim.design.library import RPM, Motor, counts_of, motor_of
+from gantrysim.design.settings import NotNegative, Positive, Table, key
+from gantrysim.design.transmission import Transmission
+from gantrysim.errors import InputError
+from gantrysim.toml_files import read_toml, validated
+
+Arrangement = Literal["bridge", "table", "cantilever", "tandem", "corexy"]
+_HALF = 0.5  # share of its torque at rest that a motor keeps at the default speed
+_SHARE = 0.8  # of the no-load speed that the default speed uses
+
+
+class Guides(Table):
+    """Guides of a slide."""
+
+    friction: NotNegative = key("dry friction of all blocks [N]", 0.0)
+    viscous: NotNegative = key("viscous friction of all blocks [N·s/m]", 0.0)
+
+
+class Drive(Table):
+    """Motor, encoder, supply and transmission of an axis."""
+
+    motor: str | dict[str, Any] = key("name in the library, or a table of the motor's data")
+    encoder: str | Positive = key("name in the library, or counts per revolution")
+    voltage: Positive = key("of the bus, at the motor's terminals [V]")
+    current: Positive | None = key("peak current of the drive, by default the motor's [A]", None)
+    current_loop: Positive = key("bandwidth of the current loop, which hides a slower winding [Hz]", 1000.0)
+    nut_mass: Positive = key("of nut or belt clamp with its bracket [kg]", 0.15)
+    transmission: Transmission = key("screw, belt or rack")
+
+    @field_validator("motor", "encoder")
+    @classmethod
+    def _check_known(cls, value: Any, info: Any) -> Any:
+        if info.field_name == "motor":
+            motor_of(value)
+        else:
+            counts_of(value)
+        return value
+
+    @cached_property
+    def known_motor(self) -> Motor:
+        """The motor's data."""
+        return motor_of(self.motor)
+
+    @property
+    def counts(self) -> float:
+        """Of the encoder per revolution."""
+        return counts_of(self.encoder)
+
+    @property
+    def peak_current(self) -> float:
+        """The lower of the drive's peak current, if given, and the motor's [A]."""
+        return min(self.current or self.known_motor.current, self.known_motor.current)
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the torque: the shorter of L/R and that of the current loop [s]."""
+        motor = self.known_motor
+        return min(motor.inductance / motor.resistance, 1 / (2 * math.pi * self.current_loop))
+
+    @property
+    def armature(self) -> float:
+        """Inertia at the motor's shaft: rotor, transmission, coupling [kg·m²]."""
+        return self.known_motor.rotor_inertia + self.transmission.turning
+
+    @property
+    def highest_speed(self) -> float:
+        """Default speed limit of the motor [rad/s].
+
+        The lowest of its mechanical limit, 80 % of its no-load speed, and the speed at which the bus leaves half of its
+        peak torque, if that is a stepper.
+        """
+        motor = self.known_motor
+        fastest = min(motor.max_speed * RPM, _SHARE * self.voltage / motor.K)
+        if not motor.steps:
+            return fastest
+        low, high = 0.0, fastest
+        peak = motor.K * self.peak_current
+        if motor.torque_at(high, self.voltage, self.peak_current) >= _HALF * peak:
+            return high
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            enough = motor.torque_at(middle, self.voltage, self.peak_current) >= _HALF * peak
+            low, high = (middle, high) if enough else (low, middle)
+        return low
+
+
+class Slide(Table):
+    """An axis of the machine."""
+
+    travel: tuple[float, float] = key("lowest and highest position, with 0 within [mm]")
+    speed: Positive | None = key("speed limit, by default what motor and bus leave [mm/s]", None)
+    guides: Guides = key("friction of the guides", Guides())
+    drive: Drive | None = key("motor and transmission; of CoreXY both are in [belts]", None)
+
+    @field_validator("travel")
+    @classmethod
+    def _check_travel(cls, value: tuple[float, float]) -> tuple[float, float]:
+        low, high = value
+        if not low <= 0 <= high or not 1 <= high - low <= 1e5:
+            raise InputError(f"travel = [{low:g}, {high:g}] mm: must hold 0 and be 1 mm to 100 m long")
+        return value
+
+
+class Masses(Table):
+    """Moving masses, without motors: those of the library are added to what carries them."""
+
+    bridge: Positive | None = key("of the bridge or arm that x moves on, its nut apart [kg]", None)
+    table: Positive | None = key("of the table of a moving-table machine with its work [kg]", None)
+    carriage: Positive = key("of the carriage, without a z axis with syringe [kg]")
+    ram: Positive | None = key("of the z axis' ram with syringe [kg]", None)
+
+
+class MachineTable(Table):
+    """A machine: arrangement, axes, masses."""
+
+    name: str = key("shown in the MJCF", "machine")
+    arrangement: Arrangement = key("bridge, table, cantilever, tandem or corexy")
+    gap: Positive = key("from the nozzle to the work piece with all axes at zero [mm]", 0.5)
+    x: Slide = key("axis along the bridge")
+    y: Slide = key("axis of the bridge, or of the table")
+    z: Slide | None = key("vertical axis, upwards", None)
+    belts: Drive | None = key("of CoreXY: each of the two motors with its belt", None)
+    masses: Masses = key("moving masses")
+    span: Positive | None = key("of tandem: distance of the two y drives [mm]", None)
+    skew_stiffness: NotNegative = key("of tandem: of the guides against skew of the bridge [N·m/rad]", 0.0)
+    arm_stiffness: Positive | None = key("of cantilever: of arm and guide against yaw [N·m/rad]", None)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        kind = self.arrangement
+        moving = "table" if kind == "table" else "bridge"
+        needed = {
+            "belts": (self.belts, kind == "corexy"),
+            "x.drive": (self.x.drive, kind != "corexy"),
+            "y.drive": (self.y.drive, kind != "corexy"),
+            "span": (self.span, kind == "tandem"),
+            "arm_stiffness": (self.arm_stiffness, kind == "cantilever"),
+            "masses.table": (self.masses.table, moving == "table"),
+            "masses.bridge": (self.masses.bridge, moving == "bridge"),
+            "masses.ram": (self.masses.ram, self.z is not None),
+        }
+        for name, (value, wanted) in needed.items():
+            if wanted and value is None:
+                raise InputError(f"{name} is missing, arrangement = {kind!r} needs it")
+            if not wanted and value is not None:
+                what = "a machine without z" if name == "masses.ram" else f"arrangement = {kind!r}"
+                raise InputError(f"{name}: {what} has none, leave it out")
+        if self.skew_stiffness and kind != "tandem":
+            raise InputError(f"skew_stiffness: arrangement = {kind!r} has none, leave it out")
+        if self.belts is not None and self.belts.transmission.kind != "belt":
+            raise InputError(f"belts.transmission.kind = {self.belts.transmission.kind!r}: must be 'belt'")
+        if self.z is not None and self.z.drive is None:
+            raise InputError("z.drive is missing")
+        return self
+
+
+def read_table(file: Path) -> MachineTable:
+    """Return the table of a machine in a TOML file.
+
+    Raises:
+        InputError: a file that cannot be read, or a key that is unknown, missing or out of its bounds.
+    """
+    label = f"machine {file}"
+    return validated(MachineTable, read_toml(file, label), label)

@@ -1,0 +1,137 @@
+"""Transmissions: from the motor's turn to the slide's travel, with inertia, stiffness, friction and accuracy."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
+from gantrysim.errors import InputError
+
+_STEEL = 7850.0  # density [kg/m³]
+# permissible variation over 300 mm of travel, ISO 3408-3 [µm]; C classes: JIS B 1192
+ACCURACY = {
+    "C3": 8.0,
+    "C5": 18.0,
+    "C7": 50.0,
+    "C10": 210.0,
+    "P1": 6.0,
+    "P3": 12.0,
+    "P5": 23.0,
+    "P7": 52.0,
+    "T10": 210.0,
+}
+
+
+class _Transmission(Table):
+    stiffness: Positive = key("of the drive train at the slide, motor locked; of CoreXY that of one belt [N/µm]")
+    damping_ratio: NotNegative = key("of the load on this stiffness, motor locked", 0.03)
+    efficiency: Annotated[float, Field(gt=0, le=1)] = key(
+        "share of the torque that arrives; in the verdict, not in the simulation", 0.95
+    )
+    friction: NotNegative = key("of bearings, seals and preload, at the motor [N·m]", 0.0)
+    coupling_inertia: NotNegative = key("of coupling and encoder disc, at the motor [kg·m²]", 0.0)
+
+    @property
+    def travel_per_turn(self) -> float:
+        """Of the motor [mm]."""
+        raise NotImplementedError
+
+    @property
+    def gear(self) -> float:
+        """Motor angle per travel, 2 pi / travel per turn [rad/m]."""
+        return 2e3 * math.pi / self.travel_per_turn
+
+    @property
+    def turning(self) -> float:
+        """Inertia that turns with the rotor [kg·m²]."""
+        raise NotImplementedError
+
+    def error(self, travel: float) -> float:
+        """Return the error of the travel by the accuracy class, plus or minus [µm]; travel in mm."""
+        return 0.0
+
+
+class Screw(_Transmission):
+    """A ball screw. Its inertia is given, or pi rho l d^4 / 32 of a steel cylinder as thick as the thread."""
+
+    kind: Literal["screw"] = key("screw")
+    lead: Positive = key("[mm]")
+    inertia: NotNegative | None = key("of the screw [kg·m²]", None)
+    diameter: Positive | None = key("outer, for the inertia [mm]", None)
+    length: Positive | None = key("for the inertia [mm]", None)
+    accuracy: str | None = key(f"class by ISO 3408-3 or JIS B 1192: {', '.join(ACCURACY)}", None)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.inertia is None and (self.diameter is None or self.length is None):
+            raise InputError("a screw needs its inertia, or diameter and length")
+        if self.accuracy is not None and self.accuracy not in ACCURACY:
+            raise InputError(f"accuracy = {self.accuracy!r}: must be one of {', '.join(ACCURACY)}")
+        return self
+
+    @property
+    def travel_per_turn(self) -> float:
+        return self.lead
+
+    @property
+    def turning(self) -> float:
+        own = self.inertia
+        if own is None:
+            own = math.pi * _STEEL * 1e-3 * (self.length or 0) * (1e-3 * (self.diameter or 0)) ** 4 / 32
+        return own + self.coupling_inertia
+
+    def error(self, travel: float) -> float:
+        return ACCURACY[self.accuracy] * travel / 300 if self.accuracy else 0.0
+
+
+class _Reduced(_Transmission):
+    ratio: Positive = key("turns of the motor per turn of the pulley or pinion", 1.0)
+    inertia: NotNegative = key("of pulley or pinion, and of what turns with it [kg·m²]")
+    accuracy: NotNegative = key("error of the travel, plus or minus [µm per 300 mm]", 0.0)
+
+    @property
+    def circumference(self) -> float:
+        """Travel per turn of pulley or pinion [mm]."""
+        raise NotImplementedError
+
+    @property
+    def travel_per_turn(self) -> float:
+        return self.circumference / self.ratio
+
+    @property
+    def turning(self) -> float:
+        return self.inertia / self.ratio**2 + self.coupling_inertia
+
+    def error(self, travel: float) -> float:
+        return self.accuracy * travel / 300
+
+
+class Belt(_Reduced):
+    """A toothed belt on a pulley."""
+
+    kind: Literal["belt"] = key("belt")
+    teeth: Count = key("of the pulley")
+    pitch: Positive = key("of the belt [mm]")
+
+    @property
+    def circumference(self) -> float:
+        return self.teeth * self.pitch
+
+
+class Rack(_Reduced):
+    """A rack; the pinion's travel per turn is pi times module times teeth, over the cosine of the helix angle."""
+
+    kind: Literal["rack"] = key("rack")
+    teeth: Count = key("of the pinion")
+    module: Positive = key("normal module [mm]")
+    helix: Annotated[float, Field(ge=0, lt=60)] = key("helix angle [deg]", 0.0)
+
+    @property
+    def circumference(self) -> float:
+        return math.pi * self.module * self.teeth / math.cos(math.radians(self.helix))
+
+
+Transmission = Annotated[Screw | Belt | Rack, Field(discriminator="kind")]

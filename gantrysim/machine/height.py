@@ -1,0 +1,26 @@
+"""Height of a nozzle above its work."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+_MM = 1e3
+
+
+def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
+    """Return the height of the nozzle above the work at the model's reference, None if none of it lies below [mm].
+
+    Args:
+        model: the compiled model, with its visual elements.
+        nozzle: index of the site.
+        work: index of the body.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    geom = np.full(1, -1, np.int32)
+    up = data.xmat[work].reshape(3, 3)[:, 2]
+    above = data.xpos[work] + up * (up @ (data.site_xpos[nozzle] - data.xpos[work]))
+    distance = mujoco.mj_ray(model, data, above, -up, None, 1, int(model.site_bodyid[nozzle]), geom, None)
+    on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == work
+    return _MM * float(distance) if on_work else None

@@ -1,0 +1,214 @@
+"""What a machine's drives can do, and whether they suit it: speed, force, inertia, modes, gains, heat of a job."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gantrysim.controllers.servo import Servo
+from gantrysim.design.library import largest_torque
+from gantrysim.design.modes import modes
+from gantrysim.machine.axis import PER_SI, Axis
+from gantrysim.machine.machine import Machine
+from gantrysim.run import Run
+from gantrysim.stability.margins import margins_of
+
+INERTIA_RATIO = 10.0  # above which a finding says so
+_COARSE = 10.0  # encoder count [µm or mdeg]
+_NEAR = 0.9  # share of the peak torque
+
+
+class Mode(NamedTuple):
+    """A mode of the machine.
+
+    Attributes:
+        frequency: [Hz].
+        joint: that takes the largest part of its energy.
+    """
+
+    frequency: float
+    joint: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisSizing:
+    """What the drive of an axis can do; nan where the MJCF does not say, as of a continuous torque.
+
+    u is the axis' unit of travel, forces are in N, of a hinge torques in N·m.
+
+    Attributes:
+        axis: the axis.
+        peak_force: at rest, with the transmission's efficiency.
+        continuous_force: that the motor bears by temperature, with the same efficiency.
+        torque_at_speed: largest torque that bus, winding and current leave at the speed limit [N·m].
+        friction_at_speed: torque that friction takes there [N·m].
+        inertia_ratio: all that the rotor moves against the rotor itself, as felt at its shaft; where the MJCF states no
+            rotor inertia, the load against rotor, transmission and coupling together.
+        acceleration: from rest with the peak torque [u/s²].
+        frequency: natural frequency of the derived loop [Hz].
+        gain_margin: of the derived loop, with all others closed.
+        travel_error: of the transmission over the whole travel, plus or minus [µm].
+        rms: root mean square of the torque of a job, nan without one [N·m].
+        peak: largest torque of a job, nan without one [N·m].
+        continuous_torque: of the motor [N·m].
+    """
+
+    axis: Axis
+    peak_force: float
+    continuous_force: float
+    torque_at_speed: float
+    friction_at_speed: float
+    inertia_ratio: float
+    acceleration: float
+    frequency: float
+    gain_margin: float
+    travel_error: float
+    rms: float
+    peak: float
+    continuous_torque: float
+
+    @property
+    def load(self) -> float:
+        """Thermal load: rms torque of the job per continuous torque."""
+        return self.rms / self.continuous_torque
+
+    def findings(self) -> tuple[str, ...]:
+        """Return what does not suit, and what to change."""
+        axis, name, found = self.axis, self.axis.name, []
+        if self.torque_at_speed < self.friction_at_speed:
+            found.append(
+                f"{name}: at {axis.speed_limit:.4g} {axis.unit}/s the bus leaves {self.torque_at_speed:.3g} N·m, "
+                f"friction takes {self.friction_at_speed:.3g} N·m: lower the speed limit or raise the voltage"
+            )
+        if self.inertia_ratio > INERTIA_RATIO:
+            found.append(
+                f"{name}: inertia ratio {self.inertia_ratio:.3g}, above {INERTIA_RATIO:g} the load leads the motor: "
+                "more reduction, or a motor with more rotor inertia"
+            )
+        if axis.resolution * 1e3 > _COARSE:
+            found.append(
+                f"{name}: an encoder count is {1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}: an "
+                "encoder with more counts, or more reduction"
+            )
+        if self.gain_margin < 1.99:
+            found.append(
+                f"{name}: gain margin {self.gain_margin:.3g}, below 2: a shorter servo period or stiffer drive"
+            )
+        if self.load > 1:
+            found.append(
+                f"{name}: rms torque {self.rms:.3g} N·m is {self.load:.2f} times the continuous torque: the motor "
+                "overheats; a larger motor, lower accelerations, or pauses"
+            )
+        if self.peak > _NEAR * axis.peak_torque:
+            found.append(
+                f"{name}: the job takes {self.peak:.3g} N·m of {axis.peak_torque:.3g} N·m: lower accelerations, or a "
+                "drive with more current"
+            )
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Sizing:
+    """A machine's axes and modes.
+
+    Attributes:
+        axes: a value per axis.
+        locked: modes with all motors held.
+        free: modes with all motors free.
+    """
+
+    axes: tuple[AxisSizing, ...]
+    locked: tuple[Mode, ...]
+    free: tuple[Mode, ...]
+
+    @classmethod
+    def of(cls, machine: Machine, period: float = 1e-3, run: Run | None = None) -> Sizing:
+        """Return the sizing of a machine.
+
+        Args:
+            machine: the machine.
+            period: servo period of the derived gains [s].
+            run: of the job whose torques count.
+        """
+        servo = Servo.derive(machine.axes, period)
+        margins = margins_of(machine, servo)
+        model = machine.physics
+        held = [int(model.jnt_dofadr[joint]) for joint in model.actuator_trnid[:, 0]]
+        at = machine.to_qpos(np.zeros(len(machine.axes)))
+        axes = tuple(
+            _axis_sizing(
+                machine,
+                a,
+                math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi),
+                min(margins[a].gain, margins[a].together) if margins else math.nan,
+                None if run is None else run.torque[:, a],
+            )
+            for a, axis in enumerate(machine.axes)
+        )
+        found = [_named(model, *modes(model, at, locked)) for locked in (held, ())]
+        return cls(axes, *found)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What does not suit, and what to change, of all axes."""
+        return tuple(text for axis in self.axes for text in axis.findings())
+
+
+def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torque: np.ndarray | None) -> AxisSizing:
+    axis, model = machine.axes[a], machine.physics
+    per_motor = axis.scale / PER_SI[axis.unit]  # travel per motor angle [m/rad or 1]
+    efficiency = _fact(model, "efficiency", a, 1.0)
+    continuous = _fact(model, "continuous_torque", a)
+    inertia = axis.inertia * axis.scale
+    own = _fact(model, "rotor_inertia", a, float(model.actuator_armature[a]))
+    speed = axis.speed_limit / axis.scale
+    ideal = math.isnan(axis.motor_constant)
+    at_speed = axis.peak_torque
+    if not ideal and math.isfinite(speed):
+        inductance = _fact(model, "inductance", a, axis.lag * axis.resistance)
+        poles = _fact(model, "pole_pairs", a, 0.0)
+        current = axis.peak_torque / axis.motor_constant
+        constants = axis.motor_constant, axis.resistance, inductance, poles
+        at_speed = largest_torque(*constants, speed, axis.bus_voltage, current)
+    length = axis.travel[1] - axis.travel[0]
+    return AxisSizing(
+        axis=axis,
+        peak_force=efficiency * axis.peak_torque / per_motor,
+        continuous_force=efficiency * continuous / per_motor,
+        torque_at_speed=at_speed,
+        friction_at_speed=axis.coulomb + (axis.viscous * axis.speed_limit if math.isfinite(speed) else 0.0),
+        inertia_ratio=(inertia - own) / own if own > 0 else math.inf,
+        acceleration=(axis.peak_torque - axis.coulomb) / axis.inertia,
+        frequency=frequency,
+        gain_margin=margin,
+        travel_error=_fact(model, "travel_error", a) * length / 300 if axis.unit == "mm" else math.nan,
+        rms=math.nan if torque is None else float(np.sqrt(np.mean(torque**2))),
+        peak=math.nan if torque is None else float(np.abs(torque).max()),
+        continuous_torque=continuous,
+    )
+
+
+def _fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
+    """Return a value of a custom numeric of the MJCF that has one per actuator."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    if index < 0 or model.numeric_size[index] != model.nactuator:
+        return default
+    return float(model.numeric_data[model.numeric_adr[index] + actuator])
+
+
+def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -> tuple[Mode, ...]:
+    """Return modes with the joint that holds the most of their kinetic energy."""
+    mass = np.zeros((model.nv, model.nv))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    found = []
+    for frequency, shape in zip(frequencies.tolist(), shapes.T, strict=True):
+        dof = int(np.abs(shape * (mass @ shape)).argmax())
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(model.dof_jntid[dof]))
+        found.append(Mode(frequency, name or f"degree of freedom {dof}"))
+    return tuple(found)

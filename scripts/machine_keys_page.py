@@ -1,0 +1,76 @@
+"""Write docs/machine-keys.md: every key of a machine's table and the motors of the library, from the code."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from gantrysim.design.library import Motor, motor_names, motor_of
+from gantrysim.design.table import Drive, Guides, MachineTable, Masses, Slide
+from gantrysim.design.transmission import ACCURACY, Belt, Rack, Screw
+
+PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"
+
+HEAD = """# Keys of a machine's table
+
+[Machines from a table](machine-tables.md) says what becomes of them; `python scripts/machine_keys_page.py` writes this
+page from the code.
+"""
+TABLES: tuple[tuple[str, type[BaseModel]], ...] = (
+    ("The machine", MachineTable),
+    ("`[masses]`", Masses),
+    ("`[x]`, `[y]`, `[z]`", Slide),
+    ("`[x.guides]`", Guides),
+    ("`[x.drive]`, `[belts]`", Drive),
+    ('`[x.drive.transmission]`, `kind = "screw"`', Screw),
+    ('`[x.drive.transmission]`, `kind = "belt"`', Belt),
+    ('`[x.drive.transmission]`, `kind = "rack"`', Rack),
+    ("`[x.drive.motor]`, a motor that is not in the library", Motor),
+)
+
+
+def default(value: Any) -> str:
+    """Return a default as a table states it."""
+    if value is None or value == {}:
+        return "none"
+    if isinstance(value, BaseModel):
+        return "table"
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}"
+
+
+def rows(model: type[BaseModel]) -> Iterator[str]:
+    """Yield a row per key."""
+    for name, field in model.model_fields.items():
+        shown = "required" if field.is_required() else default(field.default)
+        yield f"| `{name}` | {shown} | {field.description} |"
+
+
+def motors() -> Iterator[str]:
+    """Yield a row per motor of the library."""
+    for name in motor_names():
+        motor = motor_of(name)
+        speed, stall = motor.computed["no_load_speed"], motor.computed["stall_torque"]
+        yield (
+            f"| `{name}` | {motor.kind} | {motor.voltage:g} | {motor.K:.3g} | {motor.resistance:g} | {speed:.0f} | "
+            f"{stall:.3g} | {motor.continuous:.3g} | {motor.K * motor.current:.3g} | {1e6 * motor.rotor_inertia:.3g} |"
+        )
+
+
+def page() -> str:
+    """Return the page."""
+    text = HEAD
+    for title, model in TABLES:
+        text += f"\n## {title}\n\n| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(rows(model)) + "\n"
+    text += (
+        "\n## Motors of the library\n\nNo-load speed and stall torque follow from the rest at the nominal voltage. "
+        "Sources of every number: `gantrysim/design/library.toml`.\n\n"
+        "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
+        "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
+    )
+    classes = ", ".join(f"{name} {error:g}" for name, error in ACCURACY.items())
+    return text + f"\nAccuracy classes of screws, error over 300 mm of travel in µm, plus or minus: {classes}.\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

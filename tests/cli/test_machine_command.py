@@ -1,0 +1,78 @@
+"""The commands `gantrysim machine new` and `gantrysim info --model`, and jobs on tables."""
+
+import re
+
+from gantrysim import Job, Machine
+
+from support.tables import EXAMPLES
+
+TABLE = EXAMPLES / "belt-gantry.toml"
+JOB = """
+name = "short"
+machine = "belt.toml"
+
+[program]
+controller = "trio.MoveSpiral"
+diameter = 60.0
+thickness = 10.0
+turns = 1
+speed = 100.0
+"""
+
+
+def test_machine_new_writes_the_mjcf_and_says_what_it_can_do(gantrysim_command, tmp_path):
+    status, out, _ = gantrysim_command("machine", "new", TABLE, "--out", tmp_path)
+    assert status == 0
+    assert Machine(tmp_path / "belt-gantry.xml").digest == Machine(TABLE).digest
+    assert "peak force at rest [N]" in out
+    assert "verdict: the drives suit the machine\n" in out
+    row = next(line for line in out.splitlines() if "no-load speed" in line)
+    # 48 V / 0.0538 N·m/A and 40 mm / 3 per turn; 48 V / 0.0603 N·m/A and 72 mm / 4
+    assert [cell.strip() for cell in row.split("│")[2:4]] == ["1893", "2280"]
+    assert "91 Hz (y_flex)" in " ".join(out.split())
+    status, out, _ = gantrysim_command("machine", "new", TABLE, "--out", tmp_path / "own.xml")
+    assert (status, (tmp_path / "own.xml").read_text()) == (0, (tmp_path / "belt-gantry.xml").read_text())
+
+
+def test_a_wrong_table_leaves_the_earlier_mjcf(gantrysim_command, tmp_path):
+    (tmp_path / "a.xml").write_text("earlier")
+    (tmp_path / "a.toml").write_text(TABLE.read_text().replace("bridge = 2.4\n", "bridge = 0\n"))
+    status, _, errors = gantrysim_command("machine", "new", tmp_path / "a.toml")
+    assert status == 2
+    assert "masses.bridge = 0: input should be greater than 0" in errors
+    assert (tmp_path / "a.xml").read_text() == "earlier"
+    status, _, errors = gantrysim_command("machine", "new", tmp_path / "a.xml")
+    assert (status, "must be a TOML file" in errors) == (2, True)
+    status, _, errors = gantrysim_command("machine", "new", tmp_path / "none.toml")
+    assert (status, "no such file" in errors) == (2, True)
+
+
+def test_info_on_a_machine_prints_the_same_facts_of_any_mjcf(gantrysim_command):
+    status, out, _ = gantrysim_command("info", "--model", "xy")
+    assert status == 0
+    row = next(line for line in out.splitlines() if "peak force" in line)
+    assert [cell.strip() for cell in row.split("│")[2:4]] == ["569.3", "569.3"]
+    assert "268 Hz (y_flex), 576 Hz (x_flex)" in " ".join(out.split())
+    status, _, errors = gantrysim_command("info", "--job", "an225")
+    assert (status, "--job: needs --model" in errors) == (2, True)
+
+
+def test_a_job_is_held_against_the_motors(gantrysim_command, tmp_path):
+    """Without a limit of the acceleration the program starts with a jerk, which is too much."""
+    for more, verdict in (
+        ("acceleration = 1000.0", "verdict: the drives suit the machine and the job"),
+        ("", r"y: the job takes 0\.90\d N·m of 0\.904 N·m: lower accelerations"),
+    ):
+        (tmp_path / "job.toml").write_text(JOB + more)
+        status, out, _ = gantrysim_command("info", "--model", TABLE, "--job", tmp_path / "job.toml")
+        assert status == 0
+        assert "thermal load, rms to continuous [%]" in out
+        assert re.search(verdict, out)
+
+
+def test_a_job_names_the_table_of_its_machine(tmp_path):
+    (tmp_path / "belt.toml").write_text(TABLE.read_text())
+    (tmp_path / "job.toml").write_text(JOB)
+    job = Job.load(tmp_path / "job.toml")
+    assert job.built_machine.digest == Machine(TABLE).digest
+    assert job.built_machine.name == "belt"
