@@ -59,8 +59,10 @@ def _grid(system: LinearSystem) -> Floats:
     for a in range(len(system.axes)):  # high gain takes the poles of an axis to its zeros
         through = np.outer(G[:, a], system.H[a])
         strength = np.abs(system.H[a] @ G[:, a])
-        if strength > 0:
-            roots.append(np.linalg.eigvals(system.F - _HIGH_GAIN / strength * through))
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            drawn = system.F - _HIGH_GAIN / strength * through
+        if np.isfinite(drawn).all():  # not where the axis does not move at once
+            roots.append(np.linalg.eigvals(drawn))
     z = np.concatenate(roots)
     z = z[np.abs(z) > 0]
     angle, width = np.angle(z), np.abs(np.log(np.abs(z)))
