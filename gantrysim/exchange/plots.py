@@ -49,7 +49,9 @@ def draw_spectrum(on: Figure | SubFigure | Axes, comparison: Comparison) -> Axes
     """Draw the spectrum of the lateral error that the model does not explain, its peaks marked; return the axes."""
     axes = axes_on(on)
     frequency, density = comparison.spectrum
-    axes.loglog(frequency[1:], UM * np.sqrt(density[1:]), lw=1.0, color=COLOURS["structure"])
+    # nothing left over has no logarithm
+    draw = axes.loglog if density[1:].any() else axes.semilogx
+    draw(frequency[1:], UM * np.sqrt(density[1:]), lw=1.0, color=COLOURS["structure"])
     for peak in comparison.peaks:
         axes.axvline(peak.frequency, color=COLOURS["fault"], lw=0.8, ls=":")
         place = (peak.frequency, 0.98)
