@@ -19,6 +19,7 @@ from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.job.toml_files import validated
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.geometry import Geometry
 
 
 class JobContent(BaseModel):
@@ -33,6 +34,7 @@ class JobContent(BaseModel):
     dispenser: Dispenser = Dispenser()
     bead: BeadSettings = BeadSettings()
     simulation: SimulationSettings = SimulationSettings()
+    geometry: Geometry | None = None
     faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
 
