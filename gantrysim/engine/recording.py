@@ -138,23 +138,21 @@ class LogBook:
         return Run(**kept, **cast(dict[str, Any], stored), fault=fault, injected=self._faults)
 
     def _displace(self, content: dict[str, Any], table: FileTable | None) -> None:
-        """Displace the nozzle by the errors of the machine's geometry, if it has any; in the table where there is one."""
+        """Displace the nozzle by the errors of the machine's geometry, if any; in the table where there is one."""
         errors = self._machine.kinematic_errors
         if errors is None:
             return
         motor, rigid = array_of(content["motor"]), array_of(content["motor_tip"])
         ideal = array_of(content["nozzle" if table is None else _IDEAL])
-        every = list(blocks(len(motor)))
-        tips = np.empty((len(motor), 3)) if table is None else None
-        nozzle = np.empty((len(motor), 3)) if table is None else None
+        every, parts = list(blocks(len(motor))), []
         for block, tip in zip(every, errors.tips(motor[block] for block in every), strict=True):
-            moved = ideal[block] + (tip - rigid[block])
+            columns = {"geometric_tip": tip, "nozzle": ideal[block] + (tip - rigid[block])}
             if table is None:
-                tips[block], nozzle[block] = tip, moved
+                parts.append(columns)
             else:
-                table.write(block.start, {"geometric_tip": tip, "nozzle": moved})
-        if table is None:
-            content |= {"geometric_tip": tips, "nozzle": nozzle}
+                table.write(block.start, columns)
+        if parts:
+            content |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _measured(self, log: Log, first: int) -> dict[str, Floats]:
         return _measured(self._machine, log, first, self._setpoints.period, self._faults)
@@ -245,6 +243,8 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
     tip, none = content["commanded_tip"], np.zeros_like(position)
     content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(_TIPS, tip)
     content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
+    if machine.geometry is not None:
+        content["geometric_tip"] = tip
     return Run(**_constants(machine, setpoints, dispenser), **_protected(content))
 
 

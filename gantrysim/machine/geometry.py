@@ -50,7 +50,7 @@ _MACHINES = {
 
 @dataclass(frozen=True)
 class Geometry:
-    """Errors of a machine's geometry, in the table [geometry] of a job; an error that is not given is that of the class.
+    """Errors of a machine's geometry, in the table [geometry] of a job; what is not given is as the class has it.
 
     They displace the nozzle; encoders, which are on the motors, do not see them. An error per axis is one number for
     all axes in mm, or one per axis of the machine in their order. u is the unit of the axis, mm or deg. The formulas
@@ -61,7 +61,7 @@ class Geometry:
             without one, an error that is not given is 0.
         travel_error: error of a screw's travel over 300 mm [mm].
         periodic_error: amplitude of the error within a turn of the screw [mm].
-        play: lost motion between motor and load at a reversal [u].
+        play: lost motion between motor and load at a reversal; the class gives z none, whose weight takes it up [u].
         straightness: horizontal deviation of a guide from the line between its ends [mm].
         straightness_vertical: the same vertically, of z along y [mm].
         yaw: rotation of x or y about the vertical at the ends of the travel, from its middle [mm/m].

@@ -4,8 +4,8 @@ At the motor's position x of an axis in mm, with lead l, a temperature rise T an
 
     x + E x / 300 mm + e sin(2 pi x / l) + alpha T (x - f) + d        travel, periodic error, growth, play
 
-The play b acts between motor and load: the load rests, as the friction of its guide makes it, until the motor has
-crossed the play. The axis' zero is found moving upwards, and a run begins so:
+The play b acts between motor and load: friction of its guide lets the load rest until the motor has crossed the play.
+The axis' zero is found moving upwards, and a run begins so:
 
     d_0 = 0,    d_k = clip(d_(k-1) - (x_k - x_(k-1)), 0, b)
 
@@ -18,10 +18,10 @@ With u from -1 to 1 over the travel, u0 where the axis is zero, and the nozzle t
 A is the Abbe offset, from the line of the screw to the nozzle: `abbe`, and the other horizontal coordinate unless that
 axis carries this one. Racking adds r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its
 guides. The sag is that of a beam on two supports at the ends of the travel with the load at a of its length L,
-a^2 (L - a)^2 / (3 E I L). All of it is 0 with the axes at zero, but the growth of a screw fixed elsewhere.
+a^2 (L - a)^2 / (3 E I L). All is 0 with the axes at zero, but the growth of a screw fixed elsewhere.
 
-First order: errors act at the motors' positions and add up. Lost motion is quasi-static: no coasting of the load through
-the play, no limit cycle of a loop closed on the load.
+First order: errors act at the motors' positions and add up. Lost motion is quasi-static: no coasting of the load
+through the play, no limit cycle of a loop closed on the load.
 """
 
 from __future__ import annotations
@@ -114,6 +114,8 @@ class KinematicErrors:
             return
         for axis, one in zip(machine.axes, np.broadcast_to(np.asarray(value, float), len(machine.axes)), strict=True):
             listed = isinstance(value, tuple)
+            if name == "play" and not own and axis.name == "z":
+                continue
             fits = axis.unit == "mm" or (name == "play" and listed)
             if name in OF_GUIDES:
                 fits = axis.name in self._at and (name != "yaw" or axis.name != "z")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.metrics.budget import LINKS
 from gantrysim.plots.style import COLOURS, INK, UM
 
 if TYPE_CHECKING:
@@ -24,7 +23,8 @@ def draw_causes(figure: Figure, worth: Mapping[str, Mapping[str, float]]) -> Non
         figure: figure to draw on.
         worth: rms with the cause minus rms without it, by cause and by link or "contour"; nan where unknown [mm].
     """
-    errors = ("contour", *LINKS)
+    links = dict.fromkeys(link for one in worth.values() for link in one if link != "contour")
+    errors = ("contour", *links)
     at = np.arange(len(worth))
     panels = figure.subplots(1, len(errors), sharey=True, squeeze=False)[0]
     for axes, error in zip(panels, errors, strict=True):

@@ -118,6 +118,10 @@ def _variation_table(study: MachineStudy) -> Table:
         for name, spread in asdict(study.spread).items()
         if spread
     ]
+    errors = study.job.built_machine.kinematic_errors
+    for name, size in {} if errors is None else errors.values.items():
+        one_sided = name.startswith(("play", "racking"))
+        rows.append([in_words(name), f"{0 if one_sided else -1} to 1 times {abs(size):.3g}"])
     caption = f"Variation, per axis: payload, and factors of the nominal values; Latin hypercube, seed {study.seed}."
     return Table(["quantity", "range"], rows, caption=caption)
 
