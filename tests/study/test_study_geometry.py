@@ -1,0 +1,127 @@
+"""Errors of a machine's geometry in the studies: positioning, circles, machines of a design, causes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gantrysim import Job
+from gantrysim.job.causes import causes_of
+from gantrysim.machine.geometry import Geometry
+from gantrysim.machine.ideal import without_friction
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.study.circle.study import CircleStudy
+from gantrysim.study.machine.study import MachineStudy
+from gantrysim.study.repeat import RepeatStudy
+from gantrysim.study.repeat import positioning as positioning_module
+from gantrysim.study.repeat.positioning import positioning, targets_of
+from gantrysim.study.repeat.report import report
+
+SETTLED = 2e-4  # of a position without friction, and of its play [mm]
+SECOND_ORDER = 2e-5  # errors act at the motor's position, not at the target [mm]
+STEP = 2e-4  # of a step of the circle [mm]
+
+LEAD = 10.0  # of the screws of xy [mm]
+SHORT = ["turns=1", "diameter=40"]
+
+
+def frictionless(geometry):
+    job = Job.load("an225", [*SHORT, "servo.resolution=0"])
+    machine = without_friction(job.built_machine).with_geometry(geometry)
+    return job.model_copy(update={"built_machine": machine})
+
+
+def test_an_axis_positions_as_its_geometry_says(monkeypatch):
+    monkeypatch.setattr(positioning_module, "_SPEED", 25.0)  # no overshoot, which the play would keep
+    monkeypatch.setattr(positioning_module, "_SHORTEST", 0.6)
+    geometry = Geometry(travel_error=0.05, periodic_error=0.006, play=0.016, warming=4)
+    found = positioning(frictionless(geometry), "x", [Perturbation()] * 2)
+    t = targets_of((-150.0, 150.0))
+    up = 0.05 * t / 300 + 0.006 * np.sin(2 * np.pi * t / LEAD) + 11.5e-6 * 4 * t
+    assert found.targets == pytest.approx(t)
+    assert found.up == pytest.approx(np.array([up, up]), abs=SETTLED)
+    assert found.down == pytest.approx(np.array([up, up]) + 0.016, abs=SETTLED)
+    assert found.reversal == pytest.approx(0.016, abs=SETTLED)
+    assert found.unidirectional_repeatability < SETTLED
+    assert found.repeatability == pytest.approx(0.016, abs=SETTLED)
+    assert found.accuracy == pytest.approx(np.ptp(up) + 0.016, abs=2 * SETTLED)
+
+
+def test_an_axis_of_ideal_geometry_positions_exactly():
+    found = positioning(frictionless(Geometry()), "y", [Perturbation()] * 2)
+    assert max(found.reversal, found.accuracy) < SETTLED
+
+
+def test_a_benchtop_machine_repeats_as_its_class_is_sold():
+    study = RepeatStudy(Job.load("an225", [*SHORT, "accuracy=C7"]), repeats=3, places=50)
+    ideal = RepeatStudy(Job.load("an225", [*SHORT, "play=0"]), repeats=3, places=50)
+    assert list(study.positioning) == ["x", "y"]
+    for name, one in study.positioning.items():
+        # the encoders see the same motion: what differs is the geometry, with a play of 16 um at most
+        t, other = one.targets, ideal.positioning[name]
+        exact = 0.05 * t / 300 + 0.006 * np.sin(2 * np.pi * t / LEAD)
+        lost = np.array([one.up - other.up, one.down - other.down]) - exact
+        assert lost.min() > -SECOND_ORDER
+        assert lost.max() < 0.016 + SECOND_ORDER
+        assert 0.004 < one.repeatability / 2 < 0.010  # sold as 8 to 10 um
+        assert one.accuracy > np.ptp(exact)
+    assert not RepeatStudy(Job.load("an225", SHORT)).positioning
+
+
+def test_the_positioning_is_reported():
+    study = RepeatStudy(Job.load("an225", [*SHORT, "accuracy=C5"]), repeats=2, places=20, friction=0.0)
+    rows = measured(study)
+    found = report(study, rows)
+    table = next(table for table in found.tables if table.columns[0] == "axis")
+    for name, *cells in table.rows:
+        one = study.positioning[name]
+        sizes = (one.reversal, one.unidirectional_repeatability, one.repeatability, one.systematic, one.accuracy)
+        assert cells == pytest.approx([1e3 * size for size in sizes])
+        note = next(note for note in found.notes if note.startswith(f"Axis {name}"))
+        assert f"± {500 * one.repeatability:.1f} µm from both directions" in note
+
+
+def measured(study):
+    """The rows of a study's first round."""
+    return [{**dict(case.tags), **study.measure(case)} for case in next(iter(study.rounds()))]
+
+
+def circle(*overrides):
+    study = CircleStudy(radius=40, speed=60, overrides=overrides)
+    rows = measured(study)
+    return study.traces(rows, "radial")
+
+
+def test_the_circle_steps_by_the_play_and_is_an_ellipse_by_the_squareness():
+    ideal, real = circle(), circle("geometry.play=0.02", "geometry.squareness_xy=0.2")
+    for direction, trace in real.items():
+        for one, other in zip(trace.reversals(), ideal[direction].reversals(), strict=True):
+            assert one.step - other.step == pytest.approx(0.02, abs=STEP)
+    square = circle("geometry.squareness_xy=0.2")
+    for direction, trace in square.items():
+        moved = trace.deviation - ideal[direction].deviation
+        assert moved == pytest.approx(0.5 * 40 * 2e-4 * np.sin(np.radians(2 * trace.angle)), abs=STEP)
+
+
+def test_machines_of_a_class_are_drawn_and_shown():
+    job = Job.load("an225", [*SHORT, "accuracy=C7"])
+    study = MachineStudy(job, tolerance=50.0, samples=40)
+    assert {"travel_error_x", "play_y", "squareness_xy", "sag"} <= set(study.machines)
+    case = next(iter(study.rounds()))[7]
+    assert ("play_y", study.machines["play_y"][6]) in case.tags
+    assert dict(case.perturbation.geometry)["play_y"] == study.machines["play_y"][6]
+    plain = MachineStudy(replace(study, job=Job.load("an225", SHORT)).job, tolerance=50.0, samples=40)
+    assert not {"play_y", "sag"} & set(plain.machines)
+
+
+def test_the_cause_is_worth_what_it_adds():
+    job = Job.load("an225", [*SHORT, "geometry.squareness_xy=2"])
+    causes = causes_of(job)
+    effect = causes.effects[-1]
+    assert effect.cause.name == "geometry"
+    assert causes.heads[4:] == ("generation", "tracking", "measurement", "geometry", "structure")
+    assert effect.without["geometry"].max == 0
+    assert effect.before["geometry"].rms > 0.005
+    assert effect.worth["contour"].rms == pytest.approx(
+        effect.before["contour"].rms - effect.without["contour"].rms, abs=1e-12
+    )
