@@ -1,6 +1,7 @@
 """Errors of a machine's geometry against closed forms, and the link of the budget that they have."""
 
 import math
+import tomllib
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -191,6 +192,20 @@ def test_errors_of_size_zero_change_no_bit_and_half_of_them_is_half(motor, error
     linear = replace(error, play=0.0, racking=0.0)
     half = shift(xy, motor, linear, factors=[(name, 0.5) for name in names])
     assert half == pytest.approx(0.5 * shift(xy, motor, linear), abs=1e-9)
+
+
+def test_a_job_keeps_its_table_and_shares_no_machine_of_another_geometry():
+    plain_job = Job.load("an225")
+    job = Job.load("an225", ["accuracy=C7", "geometry.play=[0.01, 0.02]"])
+    again = Job(**tomllib.loads(job.toml()))
+    assert again.geometry == job.geometry == Geometry(accuracy="C7", play=(0.01, 0.02))
+    assert again.digest == job.digest != plain_job.digest
+    assert "geometry" not in plain_job.toml()
+    assert plain_job.built_machine.geometry is None
+    assert job.sharing(plain_job).built_machine.kinematic_errors.values["play_y"] == 0.02
+    assert plain_job.sharing(job).built_machine.geometry is None
+    same = job.changed({"program.speed": 50.0}).sharing(job)
+    assert same.built_machine is job.built_machine
 
 
 @pytest.fixture(scope="module")

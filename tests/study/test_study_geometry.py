@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from gantrysim import Job
+from gantrysim.cli.tables import causes_table
 from gantrysim.job.causes import causes_of
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_friction
@@ -135,6 +137,11 @@ def test_the_cause_is_worth_what_it_adds():
     assert effect.cause.name == "geometry"
     assert causes.heads[4:] == ("generation", "tracking", "measurement", "geometry", "structure")
     assert effect.without["geometry"].max == 0
+    console = Console(width=76)
+    with console.capture() as shown:
+        console.print(causes_table(causes))
+    assert f"{1e3 * effect.without['contour'].rms:.2f}" in shown.get()  # numbers are whole on a narrow terminal
+    assert "…" not in shown.get()
     assert effect.before["geometry"].rms > 0.005
     assert effect.worth["contour"].rms == pytest.approx(
         effect.before["contour"].rms - effect.without["contour"].rms, abs=1e-12
