@@ -15,6 +15,7 @@ from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_friction
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.study.circle.study import CircleStudy
+from gantrysim.study.machine.report import _variation_table
 from gantrysim.study.machine.study import MachineStudy
 from gantrysim.study.repeat import RepeatStudy
 from gantrysim.study.repeat import positioning as positioning_module
@@ -146,3 +147,13 @@ def test_the_cause_is_worth_what_it_adds():
     assert effect.worth["contour"].rms == pytest.approx(
         effect.before["contour"].rms - effect.without["contour"].rms, abs=1e-12
     )
+
+
+def test_the_range_of_every_error_is_shown():
+    study = MachineStudy(Job.load("an225", [*SHORT, "accuracy=C7"]), tolerance=50.0, samples=40)
+    ranges = dict(_variation_table(study).rows)
+    assert ranges["play of x"] == "0 to 0.016 mm"
+    assert ranges["travel error of y"] == "-0.05 to 0.05 mm"
+    assert ranges["squareness xy"] == "-0.1 to 0.1 mm/m"
+    assert ranges["straightness vertical of x"] == "-0.01 to 0.01 mm"
+    assert len(ranges) == 5 + 15
