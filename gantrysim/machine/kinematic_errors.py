@@ -30,7 +30,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
@@ -90,14 +90,14 @@ class KinematicErrors:
         self._fixed = np.broadcast_to(np.asarray(geometry.fixed_end, float), len(names))
         self._abbe = np.broadcast_to(np.asarray(geometry.abbe, float), len(names))
         low, high = np.array([axis.travel for axis in machine.axes]).T
-        self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
-        on_guides = (*OF_GUIDES, "sag")
-        if any(self.values.get(one) for one in self.columns if one.startswith(on_guides)):
-            self._check_travel(machine)
+        limited = np.isfinite(low) & np.isfinite(high)
+        self._middle = 0.5 * np.where(limited, low + np.where(limited, high, 0.0), 0.0)
+        self._half = np.where(limited, high - self._middle, 1.0)
         above = {} if carried is None else carried
         # the axis that carries the bridge, and the one on it
         self._bridge = "x" if "y" in above.get("x", ()) else "y"
         self._beam = "y" if self._bridge == "x" else "x"
+        self._check_travel(machine, limited)
         self._arms = {a: b for a, b in (("x", "y"), ("y", "x")) if a not in above.get(b, ())}
 
     def _take(self, machine: RigidMachine, geometry: Geometry, name: str, factors: Mapping[str, float]) -> None:
@@ -127,9 +127,10 @@ class KinematicErrors:
         if own and np.any(value) and not any(column.startswith(f"{name}_") for column in self.values):
             raise InputError(_refusal(machine, name))
 
-    def _check_travel(self, machine: RigidMachine) -> None:
+    def _check_travel(self, machine: RigidMachine, limited: NDArray[np.bool_]) -> None:
         for name, a in self._at.items():
-            if not np.isfinite(self._half[a]):
+            own = [f"{error}_{name}" for error in OF_GUIDES] + ["sag"] * (name == self._beam)
+            if not limited[a] and any(error in self.values for error in own):
                 raise InputError(
                     f"geometry: axis {name} of machine {machine.name} has no limited travel, over which its "
                     "straightness, yaw and sag could be: give its joint a range"

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -160,6 +161,21 @@ def test_the_bridge_sags_as_a_beam_on_two_supports(xy):
     beam = a**2 * (length - a) ** 2 / (length / 2) ** 4  # deflection under a load at a, 1 at the middle
     assert found == pytest.approx(-0.012 * (beam - beam[150]), abs=EXACT)
     assert found[0] == pytest.approx(0.012, abs=EXACT)
+
+
+def test_an_axis_without_a_limited_travel_has_no_bow_but_all_else(xy):
+    def unlimit(spec):
+        spec.joint("y").limited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+    endless = xy.edited(unlimit)
+    geometry = Geometry(travel_error=0.03, squareness_xy=0.1, straightness=(0.01, 0.0), sag=0.01, yaw=(0.1, 0.0))
+    motor = [[50.0, 700.0], [-150.0, -700.0]]
+    found = shift(endless, motor, geometry)
+    assert found[:, 1] == pytest.approx([0.07 + 0.01 / 9, -0.07 + 0.01], abs=EXACT)
+    assert found[:, 0] == pytest.approx([0.005 + 0.07, -0.015 - 0.07], abs=EXACT)
+    for error in ({"straightness": 0.01}, {"yaw": 0.1}):
+        with pytest.raises(InputError, match="axis y of machine xy has no limited travel"):
+            endless.with_geometry(Geometry(**error))
 
 
 def test_a_class_gives_what_is_not_given():
