@@ -75,6 +75,15 @@ class Column(Generic[_Array]):
         table.__dict__[self._name] = value
 
 
+class OptionalColumn(Column[_Array]):
+    """A column that may be missing, None, as it is by default."""
+
+    def __get__(self, table: object | None, owner: type) -> _Array | None:  # type: ignore[override]
+        if table is None or table.__dict__[self._name] is None:
+            return None
+        return super().__get__(table, owner)
+
+
 class FileTable:
     """Columns that are written block by block to one temporary file, which goes with the last user of a column.
 

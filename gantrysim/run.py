@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.arrays import Floats, read_only
-from gantrysim.columns import Column, Stored, array_of, blocks
+from gantrysim.columns import Column, OptionalColumn, Stored, array_of, blocks
 from gantrysim.controllers.paths.path import Path
 from gantrysim.display import Shown
 from gantrysim.errors import InputError
@@ -39,6 +39,7 @@ _COLUMNS = {
     **dict.fromkeys(("commanded_tip", "encoder_tip", "motor_tip", "nozzle"), 3),
     **dict.fromkeys(("commanded", "encoder", "motor", "demand", "torque", "current", "voltage"), None),
 }
+_OPTIONAL = {"geometric_tip": 3}  # columns that a record may lack
 _NAN = ("current", "voltage")
 _LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
 _LONGEST_REASON = 300  # characters of a damaged text
@@ -92,6 +93,8 @@ class Run(Shown):
         motor: exact positions of the motors, (n, axes) [u].
         commanded_tip, encoder_tip, motor_tip: nozzle positions of a rigid machine at `commanded`, `encoder` and
             `motor`, in the work frame, (n, 3) [mm].
+        geometric_tip: nozzle positions of a rigid machine at `motor`, with the errors of its geometry, (n, 3) [mm];
+            None for an ideal geometry.
         nozzle: the nozzle's tip in the work frame, (n, 3) [mm].
         demand: torque demand of the servo, after its limit, (n, axes) [N·m].
         torque: electromagnetic torque of the motor, (n, axes) [N·m].
@@ -130,6 +133,7 @@ class Run(Shown):
     flow: Column[Floats] = Column()
     flow_demand: Column[Floats] = Column()
     dispense: Column[NDArray[np.bool_]] = Column()
+    geometric_tip: OptionalColumn[Floats] = OptionalColumn()
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None
@@ -151,6 +155,7 @@ class Run(Shown):
             InputError: the file cannot be written.
         """
         arrays: dict[str, Any] = {f.name: vars(self)[f.name] for f in fields(self)}
+        arrays = {name: value for name, value in arrays.items() if name not in _OPTIONAL or value is not None}
         path = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in self.requested.parameters().items()}
         arrays["requested"] = json.dumps({"kind": type(self.requested).__name__, "parameters": path})
         arrays["fault"] = json.dumps(asdict(self.fault) if self.fault else None)
@@ -244,7 +249,7 @@ def _check_members(members: Mapping[str, Member], written: int) -> None:
     expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ())}
     for names, kind, shape in ((_NUMBERS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
         expected |= dict.fromkeys(names, (kind, shape))
-    for name, width in _COLUMNS.items():
+    for name, width in (_COLUMNS | {name: width for name, width in _OPTIONAL.items() if name in members}).items():
         columns = axes if width is None else (width,) if width else ()
         expected[new.get(name, name)] = ("b" if name == "dispense" else "f", rows + columns)
     if written > _LAST_WITHOUT_CHECKSUM:

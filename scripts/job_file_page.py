@@ -11,6 +11,7 @@ from gantrysim.faults import KINDS
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.geometry import Geometry
 
 PAGE = Path(__file__).parent.parent / "docs" / "job-file.md"
 
@@ -80,7 +81,8 @@ def section(title: str, lines: Iterable[tuple[str, str, str]]) -> str:
 
 def page() -> str:
     """Return the page."""
-    defaults = {"name": "required", "machine": '"xy"', "program": "required", "faults": "none", "names": "none"}
+    defaults = {"name": "required", "machine": '"xy"', "program": "required"}
+    defaults |= dict.fromkeys(("faults", "geometry", "names"), "none")
     job = [(name, defaults.get(name, "table"), described(Job)[name]) for name in Job.model_fields]
     sections = [
         section("The job", job),
@@ -88,6 +90,7 @@ def page() -> str:
         section("`[dispenser]`", rows(Dispenser, "dispenser.")),
         section("`[bead]`", rows(BeadSettings, "bead.")),
         section("`[simulation]`", settings(SimulationSettings, "simulation.")),
+        section("`[geometry]`", rows(Geometry, "geometry.")),
         section("`[[faults]]`", faults()),
     ]
     sections += [

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.bead import BeadValues
-from gantrysim.job.causes import HEADS, TITLE, Causes, cell_text
+from gantrysim.job.causes import TITLE, Causes, cell_text
 from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
@@ -55,10 +56,14 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
 def causes_table(causes: Causes) -> Table:
     """Return what each cause of the error is worth, a row per cause."""
     table = Table(title=escape(TITLE), title_justify="left", box=None, padding=(0, 1, 0, 0))  # wide: without lines
-    for head in HEADS:
-        table.add_column(head, justify="left" if head == HEADS[0] else "right", no_wrap=True)
-    for name, cells in causes.rows:
-        table.add_row(name, *map(cell_text, cells))
+    rows = [(name, *map(cell_text, cells)) for name, cells in causes.rows]
+    for head, column in zip(causes.heads, zip(*rows, strict=True), strict=True):
+        side: Literal["left", "right"] = "left" if head == causes.heads[0] else "right"
+        table.add_column(
+            head, justify=side, overflow="fold", min_width=max(map(len, column))
+        )  # heads fold, not numbers
+    for row in rows:
+        table.add_row(*row)
     table.caption = "worth: rms with the cause minus rms without it, negative where it offsets others; gains stay, "
     table.caption += "\n".join(["worths do not add up", *map(escape, causes.notes)])
     table.caption_justify = "left"

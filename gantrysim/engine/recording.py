@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gantrysim import memory
 from gantrysim.arrays import Floats, read_only
-from gantrysim.columns import FileTable, blocks
+from gantrysim.columns import FileTable, array_of, blocks
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
@@ -51,7 +51,8 @@ class LogBook:
         self.first = 0
         self._most = setpoints.most_ticks
         if count > memory.LONG:
-            self._table = FileTable(self._most, _columns(axes, waiting=setpoints.gates.size > 0))
+            columns = _columns(axes, waiting=setpoints.gates.size > 0, geometry=machine.geometry is not None)
+            self._table = FileTable(self._most, columns)
             self.log = Log.of(0, axes)
         else:
             self.log = Log.of(min(self._most, 2 * count), axes)
@@ -99,7 +100,10 @@ class LogBook:
         log = self.log.until(begun - self.first)
         for block in blocks(len(log.tick)):
             part = Log(log.tick[block], log.axis[block])
-            self._table.write(self.first + block.start, self._measured(part, self.first + block.start))
+            columns = self._measured(part, self.first + block.start)
+            if self._machine.geometry is not None:
+                columns[_IDEAL] = columns.pop("nozzle")
+            self._table.write(self.first + block.start, columns)
             if self._setpoints.gates.size:
                 self._table.write(self.first + block.start, {"setpoint": part.tick["setpoint"]})
 
@@ -122,30 +126,52 @@ class LogBook:
             log = self.log.until(ticks)
             _send(machine, setpoints, self._position, log.tick["setpoint"], self._dispenser, content, self._faults)
             content |= self._measured(log, 0)
+            self._displace(content, None)
             return Run(**kept, **_protected(content), fault=fault, injected=self._faults)
         self._write(ticks)
         sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
         _send(machine, setpoints, self._position, sent, self._dispenser, content, self._faults, table)
+        self._displace(cast(dict[str, Any], table.stored(ticks)), table)
         stored = table.stored(ticks)
-        stored.pop("setpoint", None)
+        for name in ("setpoint", _IDEAL):
+            stored.pop(name, None)
         return Run(**kept, **cast(dict[str, Any], stored), fault=fault, injected=self._faults)
+
+    def _displace(self, content: dict[str, Any], table: FileTable | None) -> None:
+        """Displace the nozzle by the errors of the machine's geometry, if any; in the table where there is one."""
+        errors = self._machine.kinematic_errors
+        if errors is None:
+            return
+        motor, rigid = array_of(content["motor"]), array_of(content["motor_tip"])
+        ideal = array_of(content["nozzle" if table is None else _IDEAL])
+        every, parts = list(blocks(len(motor))), []
+        for block, tip in zip(every, errors.tips(motor[block] for block in every), strict=True):
+            columns = {"geometric_tip": tip, "nozzle": ideal[block] + (tip - rigid[block])}
+            if table is None:
+                parts.append(columns)
+            else:
+                table.write(block.start, columns)
+        if parts:
+            content |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _measured(self, log: Log, first: int) -> dict[str, Floats]:
         return _measured(self._machine, log, first, self._setpoints.period, self._faults)
 
 
-def _columns(axes: int, *, waiting: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
+def _columns(axes: int, *, waiting: bool, geometry: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
     """Return the columns of a record in a file."""
     number = np.dtype(np.float64)
     names = {"": ("time", "flow", "flow_demand"), "axes": ("commanded", *_OF_AXES), "tip": (*_TIPS, "commanded_tip")}
     tails = {"": (), "axes": (axes,), "tip": (3,)}
     columns = {name: (number, tails[kind]) for kind, group in names.items() for name in group}
+    columns |= {name: (number, (3,)) for name in ("geometric_tip", _IDEAL) if geometry}
     whole = {"setpoint": (np.dtype(np.int64), ())} if waiting else {}
     return {**columns, "dispense": (np.dtype(np.bool_), ()), **whole}
 
 
 _OF_AXES = ("encoder", "motor", "demand", "torque", "current", "voltage")
 _TIPS = ("encoder_tip", "motor_tip", "nozzle")
+_IDEAL = "ideal_nozzle"  # the nozzle of the same machine with an ideal geometry
 
 
 def _measured(
@@ -217,6 +243,8 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
     tip, none = content["commanded_tip"], np.zeros_like(position)
     content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(_TIPS, tip)
     content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
+    if machine.geometry is not None:
+        content["geometric_tip"] = tip
     return Run(**_constants(machine, setpoints, dispenser), **_protected(content))
 
 

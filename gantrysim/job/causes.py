@@ -24,17 +24,18 @@ from gantrysim.engine.simulate import simulate
 from gantrysim.errors import InputError
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
+from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import substeps_of
 from gantrysim.metrics.analysis import ErrorSize
-from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 
 Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
-HEADS = ("switched off", "rms", "max", "worth", *LINKS)
+HEADS = ("switched off", "rms", "max", "worth")  # and the links
 
 _UM = 1e3
 _SAME_STEP = 1e-9  # relative
@@ -124,6 +125,12 @@ CAUSES = (
     Cause("winding", "the motors' current follows the demand at once", _on(without_winding)),
     Cause("compliance", "the springs between motors and nozzle are rigid", _on(without_compliance)),
 )
+# of a machine with errors of its geometry
+GEOMETRY = Cause(
+    "geometry",
+    "the axes are straight and square, their travel is exact and without play",
+    _on(lambda machine: machine.with_geometry(Geometry())),
+)
 
 
 @dataclass(frozen=True)
@@ -157,17 +164,27 @@ class Causes:
 
     Attributes:
         errors: errors of the job as it is.
-        effects: the effect of switching off each cause, in the order of `CAUSES`.
+        effects: the effect of switching off each cause, in the order of `CAUSES`, and of `GEOMETRY` where there is any.
     """
 
     errors: Errors
     effects: tuple[Effect, ...]
 
     @property
+    def heads(self) -> tuple[str, ...]:
+        """Heads of the table: `HEADS`, and the links."""
+        return (*HEADS, *self._links)
+
+    @property
+    def _links(self) -> list[str]:
+        return [name for name in self.errors if name != "contour"]
+
+    @property
     def rows(self) -> list[tuple[str, list[float | None]]]:
-        """The table, by `HEADS`: what is switched off, and numbers of the run without it, None where it failed [µm]."""
-        effects = [(effect.cause.name, _cells(effect.without, effect.worth)) for effect in self.effects]
-        return [("nothing", _cells(self.errors, None)), *effects]
+        """The table, by `heads`: what is switched off, and numbers of the run without it, None where it failed [µm]."""
+        links = self._links
+        effects = [(effect.cause.name, _cells(effect.without, effect.worth, links)) for effect in self.effects]
+        return [("nothing", _cells(self.errors, None, links)), *effects]
 
     @property
     def notes(self) -> list[str]:
@@ -182,8 +199,8 @@ class Causes:
         return notes
 
     def __str__(self) -> str:
-        texts = [HEADS, *((name, *map(cell_text, cells)) for name, cells in self.rows)]
-        widths = [max(7, len(head)) for head in HEADS[1:]]
+        texts = [self.heads, *((name, *map(cell_text, cells)) for name, cells in self.rows)]
+        widths = [max(7, len(head)) for head in self.heads[1:]]
         table = [
             f"{name:12}" + "".join(f" {cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
             for name, *cells in texts
@@ -211,15 +228,17 @@ def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None
     check_causes(job)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
 
+    causes = CAUSES if setup.machine.geometry is None else (*CAUSES, GEOMETRY)
+
     def part(k: int) -> Callable[[float], None] | None:
         """Return the progress of one of the runs, the job's own first."""
-        return None if progress is None else lambda share: progress((k + share) / (1 + len(CAUSES)))
+        return None if progress is None else lambda share: progress((k + share) / (1 + len(causes)))
 
     record = setup.run(part(0)) if run is None else run
     if record.fault is not None:
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
     errors = _errors(record)
-    effects = [_effect(cause, setup, errors, part(k)) for k, cause in enumerate(CAUSES, 1)]
+    effects = [_effect(cause, setup, errors, part(k)) for k, cause in enumerate(causes, 1)]
     return Causes(errors, tuple(effects))
 
 
@@ -246,12 +265,12 @@ def _errors(run: Run) -> Errors:
     return {name: ErrorSize.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}
 
 
-def _cells(errors: Errors, worth: Errors | None) -> list[float | None]:
+def _cells(errors: Errors, worth: Errors | None, links: list[str]) -> list[float | None]:
     if not errors:
-        return [None] * (len(HEADS) - 1)
+        return [None] * (len(HEADS) - 1 + len(links))
     contour = errors["contour"]
     change = None if worth is None else _UM * worth["contour"].rms
-    return [_UM * contour.rms, _UM * contour.max, change, *(_UM * errors[link].rms for link in LINKS)]
+    return [_UM * contour.rms, _UM * contour.max, change, *(_UM * errors[link].rms for link in links)]
 
 
 def cell_text(value: float | None) -> str:

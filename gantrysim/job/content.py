@@ -18,6 +18,7 @@ from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.geometry import Geometry
 from gantrysim.toml_files import validated
 
 
@@ -34,6 +35,7 @@ class JobContent(BaseModel):
     dispenser: Dispenser = Dispenser()
     bead: BeadSettings = BeadSettings()
     simulation: SimulationSettings = SimulationSettings()
+    geometry: Geometry | None = None
     faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
 

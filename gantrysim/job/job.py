@@ -45,6 +45,8 @@ class Job(JobContent):
         dispenser: arguments of `Dispenser`.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
+        geometry: errors of the machine's geometry, by its accuracy class or one by one, see `Geometry`; none by
+            default.
         faults: faults on purpose, tables [[faults]] with a `kind` and its values, see `gantrysim.faults`.
         source: file of the program's text, which messages name; None for a program of the job's own.
     """
@@ -77,7 +79,7 @@ class Job(JobContent):
             InputError: an unknown job, or an invalid key or value.
         """
         content, folder, label = read_job(str(job), controller)
-        for section in ("program", "servo", "dispenser", "bead", "simulation"):
+        for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
             if not isinstance(content.get(section, {}), dict):
                 raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
         if servo is not None:
@@ -135,7 +137,7 @@ class Job(JobContent):
     def sharing(self, other: Job) -> Job:
         """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
         built: dict[str, Any] = {}
-        if (self.machine, self.names) == (other.machine, other.names):
+        if (self.machine, self.names, self.geometry) == (other.machine, other.names, other.geometry):
             built["built_machine"] = other.built_machine
         if self.program == other.program:
             built["controller"] = other.controller
@@ -165,7 +167,8 @@ class Job(JobContent):
     @cached_property
     def built_machine(self) -> Machine:
         """The compiled machine."""
-        return Machine(self.machine, self.names)
+        machine = Machine(self.machine, self.names)
+        return machine if self.geometry is None else machine.with_geometry(self.geometry)
 
     @cached_property
     def built_servo(self) -> Servo:

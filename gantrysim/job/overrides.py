@@ -13,6 +13,7 @@ from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.faults import KINDS
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.machine import builtin_models
 
 Content = dict[str, Any]  # of a job file
@@ -23,6 +24,7 @@ TABLES: dict[str, Any] = {
     "simulation": SimulationSettings,
     "dispenser": Dispenser,
     "bead": BeadSettings,
+    "geometry": Geometry,
 }
 
 

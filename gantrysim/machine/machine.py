@@ -24,9 +24,12 @@ from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, with_dynamics
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
+from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.height import height_above
+from gantrysim.machine.kinematic_errors import KinematicErrors
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
+from gantrysim.machine.kinematics.serial import Serial
 from gantrysim.machine.motors import damp_bristles
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
 from gantrysim.native.quiet import quiet
@@ -81,6 +84,7 @@ class Machine:
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and of the body.
         kinematics: from a program's coordinates to the positions of the axes, and back.
+        geometry: errors of its geometry, None for an ideal one.
 
     Raises:
         InputError: an unknown model, an MJCF that MuJoCo rejects, or one that does not meet these requirements.
@@ -90,6 +94,7 @@ class Machine:
         self._names = dict(names or {})
         self.source = _find(model)
         self.name = self.source.stem
+        self.geometry: Geometry | None = None
         try:
             with quiet() as said:
                 self._build(self.source)
@@ -225,6 +230,42 @@ class Machine:
             machine._use(self._perturbed_model(self.physics, perturbation))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
+
+    def with_geometry(self, geometry: Geometry | None) -> Machine:
+        """Return a copy with errors of its geometry, or with an ideal one; dynamics, name and source stay the same.
+
+        Raises:
+            InputError: an error that the machine cannot have, or a list with another number of axes.
+        """
+        machine = copy.copy(self)
+        machine.geometry = geometry
+        _ = machine.kinematic_errors
+        return machine
+
+    @property
+    def kinematic_errors(self) -> KinematicErrors | None:
+        """The errors of its geometry with the factors of its perturbations, None for an ideal one."""
+        if self.geometry is None:
+            return None
+        factors: dict[str, float] = {}
+        for perturbation in self._perturbations:
+            for name, factor in perturbation.geometry:
+                factors[name] = factors.get(name, 1.0) * factor
+        carried = self._carried if isinstance(self.kinematics, Serial) and not self.turns_work else None
+        return KinematicErrors(self, self.geometry, carried, factors)
+
+    @property
+    def _carried(self) -> dict[str, list[str]]:
+        """Names of the axes that each axis carries, being above them in the tree of bodies."""
+        parents, bodies = self.physics.body_parentid, self.physics.jnt_bodyid[self._joints].tolist()
+        names: dict[str, list[str]] = {name: [] for name in self.axis_names}
+        for name, body in zip(self.axis_names, bodies, strict=True):
+            above = int(parents[body])
+            while above:
+                if above in bodies:
+                    names[self.axis_names[bodies.index(above)]].append(name)
+                above = int(parents[above])
+        return names
 
     def edited(self, edit: Callable[[mujoco.MjSpec], None]) -> Machine:
         """Return a copy whose MJCF is edited before compilation; perturbations, name and source stay the same.

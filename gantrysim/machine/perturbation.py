@@ -39,6 +39,8 @@ class Perturbation:
             that of the next axis above it, a tendon that of the axis that pulls it.
         motor_constant: factor on K of the motors. The drive converts torque demand to current by the nominal K, so the
             torque is the demand times the factor. Current and voltage limits stay, so the peak torque scales too.
+        geometry: factors on errors of the machine's geometry, as (column, factor) with the names of
+            `KinematicErrors.columns` and "warming"; nothing on a machine with an ideal geometry.
         home_offset: true axis position minus the position according to the encoder [mm or deg].
     """
 
@@ -48,12 +50,15 @@ class Perturbation:
     stiffness: PerAxis = 1.0
     motor_constant: PerAxis = 1.0
     home_offset: PerAxis = 0.0
+    geometry: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "payload", finite("payload", self.payload, "kg"))
         for name in FACTORS:
             self._check(name, f"factor of {name}", positive)
         self._check("home_offset", "home_offset", finite)
+        pairs = tuple((name, finite(f"factor of {name}", factor)) for name, factor in self.geometry)
+        object.__setattr__(self, "geometry", pairs)
 
     def _check(self, name: str, label: str, check: Callable[[str, float], float]) -> None:
         value = getattr(self, name)

@@ -10,6 +10,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, at_least, unknown, whole
+from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import FACTORS, Perturbation
 
@@ -20,7 +21,9 @@ class Tolerances:
 
     The payload is uniform from 0 to its tolerance. A factor with the tolerance t is log-uniform from 1 / (1 + t) to
     1 + t, so its median is the nominal 1; every axis has its own. The defaults are assumptions: friction varies most,
-    with preload, seals and grease; the motor constants have a catalogue's tolerance.
+    with preload, seals and grease; the motor constants have a catalogue's tolerance. Errors of the machine's geometry,
+    if it has any, vary too: each uniformly from minus to plus its size on the nominal machine, which is at the limit of
+    its class; play and racking from 0.
 
     Attributes:
         payload: added mass [kg].
@@ -66,7 +69,7 @@ class Tolerances:
         """Return a random machine's perturbation.
 
         The generator always yields 1 + 4 axes numbers, so a seed gives a factor the same value whichever other
-        tolerances are 0.
+        tolerances are 0; after them those of the geometry.
 
         Args:
             random: random number generator.
@@ -77,6 +80,8 @@ class Tolerances:
         unit = dict(zip(names, random.random(len(names)), strict=True))
         unit |= {name: unit[f"{name}_{axes[0]}"] for name in FACTORS}  # factors common to all axes
         columns = self.columns(machine)
+        geometry = [name for name in columns if name not in unit]
+        unit |= dict(zip(geometry, random.random(len(geometry)), strict=True))
         values = {name: float(_scaled(name, tolerance, unit[name])) for name, tolerance in columns.items()}
         return self.perturbation(values, machine)
 
@@ -114,7 +119,8 @@ class Tolerances:
                 each = name != "stiffness" or machine.springs_have_axes
                 names = [f"{name}_{axis}" for axis in machine.axis_names] if each else [name]
                 columns |= dict.fromkeys(names, tolerance)
-        return columns
+        errors = machine.kinematic_errors
+        return columns if errors is None else columns | dict.fromkeys(errors.columns, 1.0)
 
     @staticmethod
     def perturbation(values: Mapping[str, float], machine: Machine) -> Perturbation:
@@ -126,17 +132,20 @@ class Tolerances:
                 given[name] = values[name]
             elif f"{name}_{axes[0]}" in values:
                 given[name] = tuple(values[f"{name}_{axis}"] for axis in axes)
-        return Perturbation(payload=values.get("payload_kg", 0.0), **given)
+        errors = tuple((name, factor) for name, factor in values.items() if name.startswith(ERRORS))
+        return Perturbation(payload=values.get("payload_kg", 0.0), geometry=errors, **given)
 
 
 def _scaled(name: str, tolerance: float, unit: Floats) -> Floats:
     """Map numbers from 0 to 1 to payloads or factors."""
+    if name.startswith(ERRORS):
+        return unit if name.startswith(("play", "racking")) else 2 * unit - 1
     return tolerance * unit if name == "payload_kg" else (1 + tolerance) ** (2 * unit - 1)
 
 
 def in_words(factor: str) -> str:
     """Return the label of a tolerance or of a column, such as "friction of x"."""
-    for name in ("payload", *FACTORS):
+    for name in ("payload", *FACTORS, *sorted(ERRORS, key=len, reverse=True)):
         label = "viscous friction" if name == "viscous" else name.replace("_", " ")
         if factor in (name, f"{name}_kg"):
             return label

@@ -1,8 +1,8 @@
 """Metrics of a run: errors by link of the chain, spacing of the turns, circular deviation, repeatability.
 
-Circular tests follow ISO 230-4 and repeated paths ISO 9283, as both are publicly described. Departures: the machine is
-simulated and the nozzle's path is exact, without an instrument; loads, speeds and the shape of the path are the job's,
-not the standards'; orientation is left out.
+Positioning follows ISO 230-2, circular tests ISO 230-4 and repeated paths ISO 9283, as publicly described. Departures:
+the machine is simulated and the nozzle's path is exact, without an instrument; loads, speeds and the shape of the path
+are the job's, not the standards'; orientation is left out.
 """
 
 from gantrysim.metrics.analysis import (
@@ -18,8 +18,9 @@ from gantrysim.metrics.analysis import (
     tracking_error,
     values,
 )
-from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget, BudgetValues, Part, PartValues, TurnValues
+from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace
+from gantrysim.metrics.positioning import Positioning
 from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.spacing import Spacing, spacing
 from gantrysim.metrics.zone import MinimumZone, least_squares_circle, minimum_zone

@@ -113,9 +113,17 @@ class Analysis(Shown):
         return self._followed(self.run.motor_tip, like=(self.run.encoder_tip, "encoder"))
 
     @cached_property
+    def geometric(self) -> Projection:
+        """Projection of the nozzle that a rigid machine with the errors of its geometry would have at the motors'."""
+        tip = self.run.geometric_tip
+        return self.motor if tip is None else self._followed(tip, like=(self.run.motor_tip, "motor"))
+
+    @cached_property
     def nozzle(self) -> Projection:
         """Projection of the nozzle; its distance is the contour error."""
-        return self._followed(self.run.nozzle, like=(self.run.motor_tip, "motor"))
+        tip = self.run.geometric_tip
+        before = (self.run.motor_tip, "motor") if tip is None else (tip, "geometric")
+        return self._followed(self.run.nozzle, like=before)
 
     def _followed(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
         """Follow a trace, unless an ideal link made it equal to that of the link before."""

@@ -5,9 +5,12 @@ With e(q) the offset of a point q from its foot on the requested path, in the pa
     e(nozzle) = e(commanded)                         generation
               + e(encoder) - e(commanded)            tracking
               + e(motor) - e(encoder)                measurement
-              + e(nozzle) - e(motor)                 structure
+              + e(geometric) - e(motor)              geometry
+              + e(nozzle) - e(geometric)             structure
 
-where encoder and motor positions are those of the nozzle of a rigid machine. The parts add up exactly at every tick.
+where encoder and motor positions are those of the nozzle of a rigid machine, and geometric ones those of a rigid
+machine with errors of its geometry at the motors' positions; a run without these has no such link, and its structure
+begins at the motor. The parts add up exactly at every tick.
 Each is the difference of two traces and says where the error lies, not what caused it: structure is the motion of the
 nozzle relative to the motor, and may be shaken by encoder counts that pass through the servo's kd. Causes are found by
 switching them off, see `gantrysim.job.causes`.
@@ -41,10 +44,12 @@ from gantrysim.run import Run
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
 LINKS = ("generation", "tracking", "measurement", "structure")
+GEOMETRY = "geometry"  # between measurement and structure, on a machine with errors of its geometry
 DESCRIPTIONS = {
     "generation": "requested path to commanded",
     "tracking": "commanded to encoder",
     "measurement": "encoder to motor",
+    GEOMETRY: "motor to true axes",
     "structure": "motor to nozzle",
     "contour": "requested path to nozzle",
 }
@@ -53,6 +58,11 @@ _PERCENTILE = 95.0
 _REST = 0.01  # of a turn
 _NO_ERROR = 1e-9  # largest rms of mere rounding [mm]
 _UM = 1e3
+
+
+def links_of(run: Run) -> tuple[str, ...]:
+    """Return the links of a run's chain in their order: `LINKS`, and where it has errors of geometry that link."""
+    return LINKS if run.geometric_tip is None else (*LINKS[:-1], GEOMETRY, LINKS[-1])
 
 
 class RigidMachine(Protocol):
@@ -200,11 +210,14 @@ class Budget:
 
     @cached_property
     def parts(self) -> dict[str, Part]:
-        """The part of every link of `LINKS`; they add up to `contour`."""
-        chain = (self.analysis.commanded, self.analysis.encoder, self.analysis.motor)
+        """The part of every link of `links_of`; they add up to `contour`."""
+        names = links_of(self.analysis.run)
+        chain = [self.analysis.commanded, self.analysis.encoder, self.analysis.motor]
+        if GEOMETRY in names:
+            chain.append(self.analysis.geometric)
         errors = [*(_normal(foot) for foot in chain), self.contour]
         links = [errors[0], *(_difference(after, before) for before, after in pairwise(errors))]
-        return dict(zip(LINKS, links, strict=True))
+        return dict(zip(names, links, strict=True))
 
     @property
     def lag(self) -> Floats:

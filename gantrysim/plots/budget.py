@@ -38,7 +38,7 @@ def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
     whole.set(yticks=[], xlabel="share of the contour error's mean square [%]")
     whole.grid(visible=False, axis="y")
     whole.spines["left"].set_visible(False)
-    whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+    whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4 if len(shares) < 5 else 5)
     for axes in below:
         number = np.array([turn.turn for turn in turns])
         rms = np.array([turn.parts["contour"].rms for turn in turns])
@@ -80,7 +80,8 @@ def draw_budget_along(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes,
     whole.set_ylabel("all links")
     figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
     panels[-1].set_xlabel("distance along the requested path [mm]")
-    whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if _turn_starts(budget).size else 1.0), ncols=6)
+    columns = 6 if len(shown) < 5 else 3  # as wide as the panels
+    whole.legend(loc="lower left", bbox_to_anchor=(0, 1.06 if _turn_starts(budget).size else 1.0), ncols=columns)
     return tuple(panels)
 
 

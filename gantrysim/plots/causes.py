@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.metrics.budget import LINKS
 from gantrysim.plots.style import COLOURS, INK, UM
 
 if TYPE_CHECKING:
@@ -28,7 +27,8 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
     Returns:
         The axes.
     """
-    errors = ("contour", *LINKS)
+    links = dict.fromkeys(link for one in worth.values() for link in one if link != "contour")
+    errors = ("contour", *links)
     at = np.arange(len(worth))
     panels = figure.subplots(1, len(errors), sharey=True, squeeze=False)[0]
     for axes, error in zip(panels, errors, strict=True):

@@ -27,6 +27,7 @@ COLOURS = {
     "generation": "#e69f00",
     "tracking": "#0072b2",
     "measurement": "#cc79a7",
+    "geometry": "#56b4e9",
     "structure": "#009e73",
     "contour": INK,
     "fault": "#d1203f",

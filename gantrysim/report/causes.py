@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gantrysim.job.causes import HEADS, Causes, Errors
+from gantrysim.job.causes import Causes, Errors
 from gantrysim.plots.causes import draw_causes
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.sections import drawn
@@ -21,7 +21,11 @@ def causes_section(causes: Causes) -> Section:
         effect.cause.name: {name: size.rms for name, size in effect.worth.items()} or unknown
         for effect in causes.effects
     }
-    columns: list[str | Column] = [HEADS[0], *(Column(f"{head} [µm]", ".2f") for head in HEADS[1:]), "without it"]
+    columns: list[str | Column] = [
+        causes.heads[0],
+        *(Column(f"{head} [µm]", ".2f") for head in causes.heads[1:]),
+        "without it",
+    ]
     without = ["the job as it is", *(effect.cause.off for effect in causes.effects)]
     rows = [[name, *cells, off] for (name, cells), off in zip(causes.rows, without, strict=True)]
     return Section(

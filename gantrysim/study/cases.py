@@ -160,11 +160,12 @@ def simulated(case: Case) -> Run:
 def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
     """Return the values of a run as one flat row; keys end in the unit, rms, max and p95 are of magnitudes.
 
-    generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement and structure are
-    the parts of the error normal to the path, of `gantrysim.Budget`; lag is along it, and tracking_along the encoder's
-    share of that. steady_tracking_normal and _along are the following error, `tracking_error` at the nozzle, in the
-    middle 90 % of the dispensing time, without the transients of start and end. A value that the run does not have, as
-    the spacing of a single turn, is None; so are the bead's values where no glue is demanded during motion.
+    generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement, structure, and
+    geometry where there is any, are the parts of the error normal to the path, of `gantrysim.Budget`; lag is along it,
+    and tracking_along the encoder's share of that. steady_tracking_normal and _along are the following error,
+    `tracking_error` at the nozzle, in the middle 90 % of the dispensing time, without the transients of start and end.
+    A value that the run does not have, as the spacing of a single turn, is None; so are the bead's values where no
+    glue is demanded during motion.
 
     Args:
         run: the run.
@@ -177,7 +178,7 @@ def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
     values, budget = analysis.values, Budget(analysis)
     row: Row = {}
     errors = {"generation": analysis.commanded.distance, "contour": analysis.nozzle.distance}
-    errors |= {link: budget.parts[link].size for link in ("tracking", "measurement", "structure")}
+    errors |= {link: part.size for link, part in budget.parts.items() if link != "generation"}
     for name, error in errors.items():
         row |= _sizes(name, error)
     row |= _sizes("lag", np.abs(budget.lag))

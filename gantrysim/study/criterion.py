@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gantrysim.errors import positive, unknown
+from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Study
 
 _UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a value's name
 _NO_METRICS = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
-_ERRORS = ("generation", "tracking", "measurement", "structure", "contour")
+_ERRORS = tuple(DESCRIPTIONS)  # links, and their sum
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.metrics.budget import LINKS, Budget, BudgetValues
+from gantrysim.metrics.budget import Budget, BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.search import RANKS, History, Phase
@@ -43,7 +43,7 @@ def draw_links(values: Mapping[Phase, BudgetValues]) -> Figure:
         values: of the budget, by phase; a phase that ended in a fault is missing.
     """
     parts = [{**own.parts, "contour": own.contour} for own in values.values()]
-    sizes = {name: [UM * own[name].rms for own in parts] for name in (*LINKS, "contour")}
+    sizes = {name: [UM * own[name].rms for own in parts] for name in parts[0]}
     drawn = [size for own in sizes.values() for size in own if size > NO_ERROR]
     with sheet(9.0, 3.4) as figure:
         axes = figure.add_subplot()

@@ -9,7 +9,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, UM
 from gantrysim.report import Column, Table
 from gantrysim.study.cases import OK, Row
@@ -224,7 +224,7 @@ def _links_table(budgets: dict[Phase, Budget]) -> Table:
     for head, form in (("rms [µm]", ".4g"), ("95 % [µm]", ".4g"), ("max [µm]", ".4g"), ("share [%]", ".1f")):
         columns += [Column(f"{head}, {phase}", form) for phase in budgets]
     rows: list[list[Any]] = []
-    for link in (*LINKS, "contour"):
+    for link in by_phase[0]:
         parts = [own[link] for own in by_phase]
         sizes = [UM * getattr(part, name) for name in ("rms", "p95", "max") for part in parts]
         cells = [*sizes, *(100 * part.share for part in parts)]

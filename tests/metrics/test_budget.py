@@ -18,7 +18,7 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
+from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
 from gantrysim.run import Fault, Run
 
 from support.jobs import job_run
@@ -275,7 +275,7 @@ def test_a_budget_prints_as_the_table_of_its_links():
         ["contour", "200.0", "200.0", "200.0", "100.0", "%", "requested path to nozzle"],
     ]
     assert max(map(len, rows)) < 80
-    assert list(DESCRIPTIONS) == [*LINKS, "contour"]
+    assert list(DESCRIPTIONS) == [*LINKS[:-1], GEOMETRY, LINKS[-1], "contour"]
     faulted = replace(run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm"))
     assert str(Budget(faulted)).startswith("error normal to the requested path [µm], until the fault\n")
 

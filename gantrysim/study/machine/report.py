@@ -118,6 +118,11 @@ def _variation_table(study: MachineStudy) -> Table:
         for name, spread in asdict(study.spread).items()
         if spread
     ]
+    errors = study.job.built_machine.kinematic_errors
+    for name, size in {} if errors is None else errors.values.items():
+        one_sided = name.startswith(("play", "racking"))
+        unit = "mm/m" if name.startswith(("yaw", "squareness", "racking")) else "mm"
+        rows.append([in_words(name), f"{0 if one_sided else -abs(size):.3g} to {abs(size):.3g} {unit}"])
     caption = f"Variation, per axis: payload, and factors of the nominal values; Latin hypercube, seed {study.seed}."
     return Table(["quantity", "range"], rows, caption=caption)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,7 +46,7 @@ class MachineStudy(ToleranceStudy):
     def __post_init__(self) -> None:
         whole("seed", self.seed, 0)
         _ = self.criterion
-        if not any(asdict(self.spread).values()):
+        if not self.spread.columns(self.job.built_machine):
             raise InputError("spread: must be above 0 for at least one factor")
         count = len(self.spread.columns(self.job.built_machine))
         if whole("samples", self.samples, 1) < count + 3:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.metrics import RepeatedPath
+from gantrysim.metrics import Positioning, RepeatedPath
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.report.document import Column, Table
@@ -50,7 +50,41 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
         ),
         Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(path)),
     ]
-    return Report(headline, [_table(paths), _variation_table(study)], notes, plots)
+    tables = [_table(paths), _variation_table(study)]
+    if axes := study.positioning:
+        tables.insert(1, _positioning_table(axes))
+        notes += [
+            f"Axis {name} positions to A = {UM * one.accuracy:.1f} µm and repeats within "
+            f"± {UM * one.repeatability / 2:.1f} µm from both directions, "
+            f"± {UM * one.unidirectional_repeatability / 2:.1f} µm from one."
+            for name, one in axes.items()
+        ]
+    return Report(headline, tables, notes, plots)
+
+
+def _positioning_table(axes: dict[str, Positioning]) -> Table:
+    heads = ("reversal B [µm]", "R, one direction [µm]", "R, both [µm]", "systematic E [µm]", "accuracy A [µm]")
+    rows = [
+        [
+            name,
+            *(
+                UM * value
+                for value in (
+                    one.reversal,
+                    one.unidirectional_repeatability,
+                    one.repeatability,
+                    one.systematic,
+                    one.accuracy,
+                )
+            ),
+        ]
+        for name, one in axes.items()
+    ]
+    caption = (
+        "Positioning of the axes after public descriptions of ISO 230-2: servo, drive and geometry together, each axis "
+        "alone. A repeatability of ± r in a data sheet is R / 2."
+    )
+    return Table(["axis", *(Column(head, ".2f") for head in heads)], rows, caption=caption)
 
 
 def _table(paths: dict[str, RepeatedPath]) -> Table:

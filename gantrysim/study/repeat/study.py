@@ -10,9 +10,10 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, at_least, whole
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.metrics import RepeatedPath
+from gantrysim.metrics import Positioning, RepeatedPath
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.repeat.positioning import CYCLES, linear_axes, positioning
 from gantrysim.study.repeat.repeats import ALL, PHASES, RepeatCase, has_phase, measure_repeat, places_along
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
@@ -98,6 +99,18 @@ class RepeatStudy(Study):
                     case = replace(case, phase=int(phase[k]))
                 cases.append(case)
         yield cases
+
+    @cached_property
+    def positioning(self) -> dict[str, Positioning]:
+        """The positioning of each linear axis over some cycles, on a machine with errors of its geometry, by name.
+
+        Friction and home offset vary from cycle to cycle as they do from repeat to repeat.
+        """
+        if self.job.geometry is None:
+            return {}
+        cases = [case for case in next(iter(self.rounds())) if ("varied", ALL) in case.tags]
+        varied = [case.perturbation or Perturbation() for case in cases[:CYCLES]]
+        return {name: positioning(self.job, name, varied) for name in linear_axes(self.job)}
 
     def paths(self, rows: list[Row]) -> dict[str, RepeatedPath]:
         """Return the repeated paths by varied source, if at least two repeats have values."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.metrics.budget import LINKS
+from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
@@ -83,7 +83,11 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
         if row["status"] != OK:
             cells.append([name, speed, None, row["status"], None, None, None])
             continue
-        sizes = {link: size for link in LINKS if isinstance(size := row[f"{link}_rms_um"], float)}
+        sizes = {
+            link: size
+            for link in DESCRIPTIONS
+            if link != "contour" and isinstance(size := row.get(f"{link}_rms_um"), float)
+        }
         most = max(sizes, key=lambda link: sizes[link])
         values = (criterion.value(row), most, sizes[most], row["speed_mean_mm_s"], row["duration_s"])
         cells.append([name, speed, *values])
@@ -137,7 +141,7 @@ def _draw_links(good: list[Row]) -> Figure:
     with sheet(9.0, 4.8) as figure:
         axes = figure.add_subplot()
         drawn: list[float] = []
-        for link in (*LINKS, "contour"):
+        for link in (name for name in DESCRIPTIONS if f"{name}_rms_um" in good[0]):
             values = np.array([row[f"{link}_rms_um"] for row in good], float)
             if values.max() < 1e-3:  # nothing to show on a logarithmic scale
                 continue

@@ -1,0 +1,155 @@
+"""The geometry of a real machine: what its accuracy class allows, and single errors that replace it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from gantrysim.errors import InputError, at_least, between, unknown
+
+_UM = 1e-3
+PerAxis = float | tuple[float, ...]
+OF_SCREWS = ("travel_error", "periodic_error", "play")  # also of axes that are not x, y or z
+OF_GUIDES = ("straightness", "straightness_vertical", "yaw")  # of each of x, y and z
+SQUARENESS = ("squareness_xy", "squareness_xz", "squareness_yz")
+OF_FRAME = (*SQUARENESS, "racking", "sag")
+ERRORS = (*OF_SCREWS, *OF_GUIDES, *OF_FRAME)
+_BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0, "sag": 5.0}  # of a magnitude; others 10
+_LEAST = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
+
+# band of the travel within 300 mm and within a turn [um]: C* of JIS B 1192, P* and T* of ISO 3408-3, as catalogues
+# print them; grades 7 and 10 have no band within a turn: 12 and 30 are assumptions
+SCREWS = {
+    "C0": (3.5, 3.0),
+    "C1": (5.0, 4.0),
+    "C2": (7.0, 5.0),
+    "C3": (8.0, 6.0),
+    "C5": (18.0, 8.0),
+    "C7": (50.0, 12.0),
+    "C10": (210.0, 30.0),
+    "P0": (3.5, 3.0),
+    "P1": (6.0, 4.0),
+    "P3": (12.0, 6.0),
+    "P5": (23.0, 8.0),
+    "T3": (12.0, 6.0),
+    "T5": (23.0, 8.0),
+    "T7": (52.0, 12.0),
+    "T10": (210.0, 30.0),
+}
+# assumption: what a gantry with screws of a grade is built to. Play and straightness [um], vertical straightness [um],
+# yaw, squareness and racking [um/m], sag [um]
+_MACHINES = {
+    0: (0.0, 1.0, 1.0, 5.0, 5.0, 0.0, 0.5),
+    1: (0.0, 2.0, 2.0, 10.0, 10.0, 2.0, 1.0),
+    2: (1.0, 2.0, 2.0, 15.0, 15.0, 3.0, 1.5),
+    3: (1.0, 3.0, 3.0, 20.0, 20.0, 5.0, 2.0),
+    5: (6.0, 6.0, 6.0, 50.0, 50.0, 20.0, 5.0),
+    7: (16.0, 10.0, 10.0, 100.0, 100.0, 40.0, 10.0),
+    10: (50.0, 30.0, 30.0, 300.0, 300.0, 100.0, 30.0),
+}
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Errors of a machine's geometry, in the table [geometry] of a job; what is not given is as the class has it.
+
+    They displace the nozzle; encoders, which are on the motors, do not see them. An error per axis is one number for
+    all axes in mm, or one per axis of the machine in their order. u is the unit of the axis, mm or deg. The formulas
+    are in `gantrysim.machine.kinematic_errors`.
+
+    Attributes:
+        accuracy: class: C0, C1, C2, C3, C5, C7 or C10 of JIS B 1192, P0, P1, P3, P5, T3, T5, T7 or T10 of ISO 3408-3;
+            without one, an error that is not given is 0.
+        travel_error: error of a screw's travel over 300 mm [mm].
+        periodic_error: amplitude of the error within a turn of the screw [mm].
+        play: lost motion between motor and load at a reversal; the class gives z none, whose weight takes it up [u].
+        straightness: horizontal deviation of a guide from the line between its ends [mm].
+        straightness_vertical: the same vertically, of z along y [mm].
+        yaw: rotation of x or y about the vertical at the ends of the travel, from its middle [mm/m].
+        squareness_xy: lean of y towards x; the angle between them is smaller by it [mm/m].
+        squareness_xz: lean of z towards x [mm/m].
+        squareness_yz: lean of z towards y [mm/m].
+        racking: rotation of the bridge about the vertical at a reversal [mm/m].
+        sag: drop of the nozzle at the middle of the bridge, against its ends [mm].
+        abbe: from the line of the screw to the nozzle, along the other horizontal axis, all axes at zero [mm].
+        warming: rise of the screws' temperature over that of the frame [K].
+        expansion: thermal expansion of the screws; 11.5e-6 is that of steel [1/K].
+        fixed_end: position of the axis at its screw's fixed bearing [mm].
+
+    Raises:
+        InputError: an unknown class, or an error that no machine has.
+    """
+
+    accuracy: str | None = None
+    travel_error: PerAxis | None = None
+    periodic_error: PerAxis | None = None
+    play: PerAxis | None = None
+    straightness: PerAxis | None = None
+    straightness_vertical: PerAxis | None = None
+    yaw: PerAxis | None = None
+    squareness_xy: float | None = None
+    squareness_xz: float | None = None
+    squareness_yz: float | None = None
+    racking: float | None = None
+    sag: float | None = None
+    abbe: PerAxis = 0.0
+    warming: float = 0.0
+    expansion: float = 11.5e-6
+    fixed_end: PerAxis = 0.0
+
+    def __post_init__(self) -> None:
+        if self.accuracy is not None and self.accuracy not in SCREWS:
+            raise unknown("accuracy class", str(self.accuracy), SCREWS)
+        for name in ERRORS:
+            self._check(name, _LEAST.get(name, -_BOUNDS.get(name, 10.0)), _BOUNDS.get(name, 10.0))
+        for name in ("abbe", "fixed_end"):
+            self._check(name, -1e4, 1e4)
+        between("warming", self.warming, -100, 100, "K")
+        at_least("expansion", self.expansion, 0, "1/K", 1e-3)
+
+    def _check(self, name: str, low: float, high: float) -> None:
+        value = getattr(self, name)
+        if value is None:
+            return
+        if isinstance(value, list | tuple):
+            object.__setattr__(self, name, tuple(between(name, one, low, high) for one in value))
+        else:
+            object.__setattr__(self, name, between(name, value, low, high))
+
+    def given(self, name: str) -> bool:
+        """Return whether an error is given by itself, not by the class."""
+        return getattr(self, name) is not None
+
+    def of(self, name: str) -> PerAxis:
+        """Return an error: as given, else that of the class, else 0."""
+        value: PerAxis | None = getattr(self, name)
+        if value is not None:
+            return value
+        return 0.0 if self.accuracy is None else typical(self.accuracy)[name]
+
+
+def typical(accuracy: str) -> dict[str, float]:
+    """Return the errors that a class allows, by name, in the units of `Geometry`."""
+    travel, turn = SCREWS[accuracy]
+    play, straight, vertical, yaw, square, racking, sag = (_UM * one for one in _MACHINES[int(accuracy[1:])])
+    return {
+        "travel_error": _UM * travel,
+        "periodic_error": 0.5 * _UM * turn,
+        "play": play,
+        "straightness": straight,
+        "straightness_vertical": vertical,
+        "yaw": yaw,
+        **dict.fromkeys(SQUARENESS, square),
+        "racking": racking,
+        "sag": sag,
+    }
+
+
+def check_lengths(geometry: Geometry, axes: tuple[str, ...]) -> None:
+    """Raise InputError for a list that has not one value per axis."""
+    for field in fields(geometry):
+        value = getattr(geometry, field.name)
+        if isinstance(value, tuple) and len(value) != len(axes):
+            raise InputError(
+                f"geometry.{field.name} has {len(value)} values: must be one or {len(axes)}, of the axes "
+                f"{', '.join(axes)}"
+            )

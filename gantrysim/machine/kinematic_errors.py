@@ -1,0 +1,218 @@
+"""From motor positions to the nozzle of a rigid machine that is not straight, square, or free of lost motion.
+
+At the motor's position x of an axis in mm, with lead l, a temperature rise T and the lost motion d, its load stands at
+
+    x + E x / 300 mm + e sin(2 pi x / l) + alpha T (x - f) + d        travel, periodic error, growth, play
+
+The play b acts between motor and load: friction of its guide lets the load rest until the motor has crossed the play.
+The axis' zero is found moving upwards, and a run begins so:
+
+    d_0 = 0,    d_k = clip(d_(k-1) - (x_k - x_(k-1)), 0, b)
+
+With u from -1 to 1 over the travel, u0 where the axis is zero, and the nozzle then displaced by, in the work frame,
+
+    x:  s_xy y + s_xz z + h_y(y) + h_z(z) - theta_x A_x               h = s (u^2 - u0^2), a guide's bow
+    y:  s_yz z + h_x(x) + v_z(z) + theta_y A_y                        theta = yaw (u - u0)
+    z:  v_x(x) + v_y(y) - sag ((1 - u^2)^2 - (1 - u0^2)^2)            v: vertical bow; sag of the axis on the bridge
+
+A is the Abbe offset, from the line of the screw to the nozzle: `abbe`, and the other horizontal coordinate unless that
+axis carries this one. Racking adds r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its
+guides. The sag is that of a beam on two supports at the ends of the travel with the load at a of its length L,
+a^2 (L - a)^2 / (3 E I L). All is 0 with the axes at zero, but the growth of a screw fixed elsewhere.
+
+First order: errors act at the motors' positions and add up. Lost motion is quasi-static: no coasting of the load
+through the play, no limit cycle of a loop closed on the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
+from gantrysim.jit import jit
+from gantrysim.machine.axis import Axis
+from gantrysim.machine.geometry import ERRORS, OF_FRAME, OF_GUIDES, SQUARENESS, Geometry, check_lengths
+
+PRESLIDING = 0.02  # motion over which a bridge racks at a reversal; an assumption [mm]
+_INTERVAL = 300.0  # of the travel error [mm]
+_PER_MM = 1e-3  # of an angle in mm/m
+
+
+class RigidMachine(Protocol):
+    """A machine whose geometry is ideal."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def axes(self) -> tuple[Axis, ...]: ...
+    def tip(self, position: ArrayLike) -> Floats:
+        """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
+        ...
+
+
+class KinematicErrors:
+    """The errors of a machine's geometry.
+
+    Args:
+        machine: the rigid machine.
+        geometry: its errors.
+        carried: names of the axes that each axis carries; None where the axes do not place the nozzle by x, y and z.
+        factors: on single errors, by their column name, see `columns`.
+
+    Raises:
+        InputError: an error that the machine cannot have, or a list with another number of axes.
+    """
+
+    def __init__(
+        self,
+        machine: RigidMachine,
+        geometry: Geometry,
+        carried: Mapping[str, Sequence[str]] | None,
+        factors: Mapping[str, float],
+    ) -> None:
+        self._tip = machine.tip
+        self._names = names = tuple(axis.name for axis in machine.axes)
+        check_lengths(geometry, names)
+        slides = np.array([axis.unit == "mm" for axis in machine.axes])
+        self._at = {name: names.index(name) for name in "xyz" if name in names and carried is not None}
+        self.values: dict[str, float] = {}
+        for name in ERRORS:
+            self._take(machine, geometry, name, factors)
+        if geometry.warming and not slides.any():
+            raise InputError(_refusal(machine, "growth by warming"))
+        self._lead = np.array([2 * np.pi * axis.scale for axis in machine.axes])
+        self._growth = geometry.expansion * geometry.warming * factors.get("warming", 1.0) * slides
+        self._fixed = np.broadcast_to(np.asarray(geometry.fixed_end, float), len(names))
+        self._abbe = np.broadcast_to(np.asarray(geometry.abbe, float), len(names))
+        low, high = np.array([axis.travel for axis in machine.axes]).T
+        limited = np.isfinite(low) & np.isfinite(high)
+        self._middle = 0.5 * np.where(limited, low + np.where(limited, high, 0.0), 0.0)
+        self._half = np.where(limited, high - self._middle, 1.0)
+        above = {} if carried is None else carried
+        # the axis that carries the bridge, and the one on it
+        self._bridge = "x" if "y" in above.get("x", ()) else "y"
+        self._beam = "y" if self._bridge == "x" else "x"
+        self._check_travel(machine, limited)
+        self._arms = {a: b for a, b in (("x", "y"), ("y", "x")) if a not in above.get(b, ())}
+
+    def _take(self, machine: RigidMachine, geometry: Geometry, name: str, factors: Mapping[str, float]) -> None:
+        """Take over the values of an error by column."""
+        value, own = geometry.of(name), geometry.given(name)
+        if name in OF_FRAME:
+            assert isinstance(value, float | int)
+            needs = name.removeprefix("squareness_") if name in SQUARENESS else "x" if name == "sag" else "xy"
+            there = all(axis in self._at for axis in needs)
+            if value and not there and (own or not self._at):
+                raise InputError(_refusal(machine, name))
+            if value and there:
+                self.values[name] = value * factors.get(name, 1.0)
+            return
+        for axis, one in zip(machine.axes, np.broadcast_to(np.asarray(value, float), len(machine.axes)), strict=True):
+            listed = isinstance(value, tuple)
+            if name == "play" and not own and axis.name == "z":
+                continue
+            fits = axis.unit == "mm" or (name == "play" and listed)
+            if name in OF_GUIDES:
+                fits = axis.name in self._at and (name != "yaw" or axis.name != "z")
+            if one and not fits and (listed or (name in OF_GUIDES and not self._at)):
+                raise InputError(_refusal(machine, name, axis.name))
+            if one and fits:
+                column = f"{name}_{axis.name}"
+                self.values[column] = float(one) * factors.get(column, 1.0)
+        if own and np.any(value) and not any(column.startswith(f"{name}_") for column in self.values):
+            raise InputError(_refusal(machine, name))
+
+    def _check_travel(self, machine: RigidMachine, limited: NDArray[np.bool_]) -> None:
+        for name, a in self._at.items():
+            own = [f"{error}_{name}" for error in OF_GUIDES] + ["sag"] * (name == self._beam)
+            if not limited[a] and any(error in self.values for error in own):
+                raise InputError(
+                    f"geometry: axis {name} of machine {machine.name} has no limited travel, over which its "
+                    "straightness, yaw and sag could be: give its joint a range"
+                )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the errors that are not 0, such as "play_x" or "squareness_xy"."""
+        return tuple(self.values)
+
+    def tips(self, motors: Iterable[Floats]) -> Iterator[Floats]:
+        """Yield the nozzle at the motors' positions, (n, 3) [mm], for consecutive blocks of ticks.
+
+        Args:
+            motors: positions of the motors, (n, axes) [mm or deg], all of a run from its begin.
+        """
+        play, last = np.zeros(len(self._names)), None
+        racked = 0.0
+        width = self._per_axis("play")
+        for motor in motors:
+            previous = motor[0] if last is None else last
+            lost = np.empty_like(motor)
+            for a in range(motor.shape[1]):
+                _play(motor[:, a], previous[a], play[a], width[a], lost[:, a])
+            racking = np.zeros(len(motor))
+            if self.values.get("racking"):
+                b = self._at[self._bridge]
+                _play(motor[:, b], previous[b], racked, PRESLIDING, racking)
+            play, racked, last = lost[-1].copy(), float(racking[-1]), motor[-1].copy()
+            moved = motor + self._of_screws(motor) + lost
+            yield self._tip(moved) + self._of_frame(motor, racking / PRESLIDING)
+
+    def _of_screws(self, x: Floats) -> Floats:
+        """Return the errors of the axes' own positions, (n, axes) [u]."""
+        travel, periodic = self._per_axis("travel_error"), self._per_axis("periodic_error")
+        error = travel * x / _INTERVAL + periodic * np.sin(2 * np.pi * x / self._lead)
+        return error + self._growth * (x - self._fixed)
+
+    def _of_frame(self, motor: Floats, racked: Floats) -> Floats:
+        """Return the displacement of the nozzle by guides and frame, (n, 3) [mm]."""
+        shift, own = np.zeros((len(motor), 3)), self.values
+        if not self._at:
+            return shift
+        at = {name: motor[:, a] for name, a in self._at.items()}
+        for name in SQUARENESS:
+            if square := own.get(name):
+                towards, leaning = sorted(name[-2:])
+                shift[:, "xyz".index(towards)] += _PER_MM * square * at[leaning]
+        for name, x in at.items():
+            a = self._at[name]
+            u, u0 = (x - self._middle[a]) / self._half[a], -self._middle[a] / self._half[a]
+            for error, towards in (("straightness", "yxx"), ("straightness_vertical", "zzy")):
+                if bow := own.get(f"{error}_{name}"):
+                    shift[:, "xyz".index(towards["xyz".index(name)])] += bow * (u**2 - u0**2)
+            turned = own.get(f"yaw_{name}", 0.0) * (u - u0)
+            if name == self._bridge:
+                turned = turned + own.get("racking", 0.0) * racked
+            if name in "xy":
+                other = at[self._arms[name]] if self._arms.get(name) in at else 0.0
+                sense = -1.0 if name == "x" else 1.0
+                shift[:, "xy".index(name)] += sense * _PER_MM * turned * (self._abbe[a] + other)
+            if name == self._beam and (sag := own.get("sag")):
+                shift[:, 2] -= sag * ((1 - u**2) ** 2 - (1 - u0**2) ** 2)
+        return shift
+
+    def _per_axis(self, error: str) -> Floats:
+        return np.array([self.values.get(f"{error}_{name}", 0.0) for name in self._names])
+
+
+def _refusal(machine: RigidMachine, error: str, axis: str = "") -> str:
+    of = f" of axis {axis}" if axis else ""
+    names = ", ".join(f"{one.name} [{one.unit}]" for one in machine.axes)
+    return (
+        f"geometry: machine {machine.name} with the axes {names} can have no {error}{of}: "
+        "errors of guides and frame need axes x, y and z in series, those of screws an axis in mm; give others alone"
+    )
+
+
+@jit
+def _play(motor: Floats, previous: float, lost: float, width: float, found: Floats) -> None:
+    """Fill in the load's lag over the motor after its reversals, (n,), see the module's docstring."""
+    for k in range(motor.size):
+        lost = min(max(lost - (motor[k] - previous), 0.0), width)
+        previous = motor[k]
+        found[k] = lost
