@@ -2,9 +2,11 @@
 
 python scripts/soak.py [ARGUMENT OF PYTEST ...]
 
-It runs the tests marked soak. With arguments, which may leave some out, the page is printed and not written.
+It runs the tests marked soak. With arguments, which may leave some out, the rows of the others stay as they are; so do
+those of attacks that an interrupt cuts short.
 """
 
+import signal
 import sys
 from collections import Counter
 from pathlib import Path
@@ -45,20 +47,20 @@ class Tally:
                 self.refused[attack] += int(str(told["refused"]))
             self.failed[attack] += report.failed
 
-    def page(self) -> str:
-        """The page with the table."""
-        rows = []
-        for attack, tries in sorted(self.tries.items()):
+    def page(self, before: str) -> str:
+        """Return the page with the table, given the page as it was."""
+        rows = {line.split(" | ")[0].removeprefix("| "): line for line in before.splitlines() if line.startswith("| ")}
+        rows.pop("attack", None)
+        for attack, tries in self.tries.items():
             refused = f"{self.refused[attack]:,}" if attack in self.refused else ""
-            rows.append(f"| {attack} | {tries:,} | {refused} | {self.failed[attack]} |\n")
-        return INTRODUCTION + "".join(rows)
+            rows[attack] = f"| {attack} | {tries:,} | {refused} | {self.failed[attack]} |"
+        return INTRODUCTION + "".join(f"{rows[attack]}\n" for attack in sorted(rows))
 
 
 if __name__ == "__main__":
-    tally, given = Tally(), sys.argv[1:]
-    status = pytest.main(["-m", "soak", "--rootdir", str(ROOT), *given], plugins=[tally])
-    if given:
-        print(tally.page())
-    else:
-        PAGE.write_text(tally.page(), encoding="utf-8")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
+    tally = Tally()
+    status = pytest.main(["-m", "soak", "--rootdir", str(ROOT), *sys.argv[1:]], plugins=[tally])
+    before = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    PAGE.write_text(tally.page(before), encoding="utf-8")
     sys.exit(status)
