@@ -1,0 +1,344 @@
+"""Fits the model of an axis to a log of its torque and position."""
+
+# ruff: noqa: N803, N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import savgol_filter
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
+from gantrysim.identify.model import AxisModel, innovations
+
+CONFIDENCE = 1.96  # standard deviations of a 95 % interval
+KNOWN = 0.15  # largest half interval of an identified parameter, of its value
+
+_WINDOW = 0.02  # of the differentiation [s]
+_MOVING = 0.02  # share of the highest speed from which an axis slides
+_AROUND = 0.02  # time around a motion that counts as its own [s]
+_FINE = 5  # samples of the speed whose sign friction takes
+_SLIDING = 0.9  # share of the samples around one that must be in motion
+_LEAST_SAMPLES = 500
+_STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
+_SHARES = (0.7, 1.0, 1.4)
+_DELAYS = 2  # samples
+_GAPS = (2.0, 8.0, 30.0)  # grid of the start, in noise
+_GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
+_UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
+_REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
+_LAGS = 25  # of the correlation of the residual
+
+# name, unit with u for mm or deg, of the fitted parameters in their order
+PARAMETERS = {
+    "inertia": "N·m·s²/u",
+    "viscous": "N·m·s/u",
+    "coulomb": "N·m",
+    "excess": "N·m",
+    "static": "N·m",
+    "offset": "N·m",
+    "delay": "s",
+    "share": "",
+    "stiffness": "N·m/u",
+    "damping": "N·m·s/u",
+    "gap": "u",
+}
+_MODE = ("share", "stiffness", "damping")
+_RIGID = ("inertia", "viscous", "coulomb", "excess", "offset", "delay")
+_BOUNDED = ("viscous", "coulomb", "excess", "gap")  # at least zero
+_POSITIVE = ("inertia", "stiffness", "damping")  # fitted by their logarithms
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter.
+
+    Attributes:
+        value: in the unit of `PARAMETERS`.
+        deviation: standard deviation, of the Gauss-Newton covariance with the residual's own correlation.
+    """
+
+    value: float
+    deviation: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % confidence interval."""
+        half = CONFIDENCE * self.deviation
+        return self.value - half, self.value + half
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """The identification of an axis.
+
+    Attributes:
+        axis: its name.
+        unit: "mm" or "deg".
+        nominal: the model of the machine's MJCF.
+        model: the fitted one.
+        estimates: of the parameters by name, in the order of `PARAMETERS`.
+        noise: fitted standard deviation of the torque noise [N·m].
+        residual: innovations of the samples in motion, (k,) [u].
+        expected: standard deviation of the position noise that the encoder's counts explain [u].
+        used: whether a sample is in motion, (n,).
+        innovations: of all samples, (n,) [u].
+        start: inertia, viscous and Coulomb friction of the linear regression.
+    """
+
+    axis: str
+    unit: str
+    nominal: AxisModel
+    model: AxisModel
+    estimates: dict[str, Estimate]
+    noise: float
+    expected: float
+    used: Floats
+    innovations: Floats
+    start: tuple[float, float, float]
+
+    @property
+    def residual(self) -> Floats:
+        return self.innovations[self.used.astype(bool)]
+
+
+def regression(position: Floats, torque: Floats, period: float) -> tuple[float, float, float, float]:
+    """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
+
+    Position and torque pass the same zero-phase filter, a local parabola (Savitzky and Golay 1964), whose derivatives
+    are v and a; so does the sign of the speed. Samples near rest are left out.
+
+    Args:
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        period: of the samples [s].
+
+    Raises:
+        InputError: a log without motion.
+    """
+    size = 2 * max(round(_WINDOW / period / 2), 2) + 1
+    if position.size < max(size, _LEAST_SAMPLES):
+        raise InputError(f"log of {position.size} samples: must have at least {max(size, _LEAST_SAMPLES)}")
+    speed = savgol_filter(position, _FINE, 2, deriv=1, delta=period)
+    least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
+    slides = np.abs(speed) > least
+    smooth = [
+        savgol_filter(signal, size, 2, deriv=k, delta=period)
+        for signal, k in ((position, 2), (position, 1), (np.sign(speed) * slides, 0), (torque, 0), (1.0 * slides, 0))
+    ]
+    chosen = smooth.pop() > _SLIDING
+    if not least > 0 or chosen.sum() < 4 * size:
+        raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
+    A = np.stack([*smooth[:3], np.ones_like(speed)], axis=1)[chosen]
+    found = np.linalg.lstsq(A, smooth[3][chosen], rcond=None)[0]
+    return float(found[0]), float(found[1]), float(found[2]), float(found[3])
+
+
+def in_motion(position: Floats, period: float, resolution: float) -> Floats:
+    """Return whether each sample is near a motion of more than a count per few samples, (n,) bool."""
+    reach = max(round(_AROUND / period), 1)
+    far = np.abs(np.concatenate([position[reach:], np.full(reach, position[-1])]) - position)
+    far = np.maximum(far, np.abs(position - np.concatenate([np.full(reach, position[0]), position[:-reach]])))
+    return np.asarray(far > max(4 * resolution, 1e-12))
+
+
+def fit_axis(
+    nominal: AxisModel,
+    position: Floats,
+    torque: Floats,
+    period: float,
+    *,
+    axis: str,
+    unit: str,
+    resolution: float,
+    held: bool,
+    progress: Callable[[], None] = lambda: None,
+) -> AxisFit:
+    """Fit the model of an axis by prediction error.
+
+    Args:
+        nominal: the model of the MJCF: start of the mode, and the friction's parameters at rest.
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        period: of the samples [s].
+        axis, unit: name and unit of the axis.
+        resolution: of the encoder [u].
+        held: whether the torque is a demand, held from sample to sample.
+        progress: called now and then.
+
+    Raises:
+        InputError: a log without motion, or one that no positive inertia fits.
+    """
+    start = regression(position, torque, period)
+    if not start[0] > 0:
+        raise InputError(f"axis {axis}: torque and acceleration have opposite signs in the log")
+    size = max(resolution / math.sqrt(12), 1e-3 * float(np.std(np.diff(position))), 1e-12)
+    used = in_motion(position, period, resolution)
+    first, last = np.flatnonzero(used)[[0, -1]]
+    around = slice(max(first - _LAGS, 0), last + 1)
+    position, torque, used = position[around], torque[around], used[around]
+    scale = start[0] / nominal.inertia
+    friction = max(start[2], 1e-3 * float(np.std(torque)))
+    model = replace(
+        nominal,
+        inertia=start[0],
+        viscous=max(start[1], 0.0),
+        coulomb=friction,
+        excess=friction * (nominal.excess / nominal.coulomb if nominal.coulomb > 0 else 0.0),
+        offset=start[3],
+        stiffness=nominal.stiffness * scale,
+        damping=nominal.damping * scale,
+    )
+
+    def residual(candidate: AxisModel, noise: float) -> Floats:
+        progress()
+        found = innovations(candidate, noise / size, period, position, torque, held)[used] / size
+        return np.clip(np.nan_to_num(found, nan=1e9), -1e9, 1e9)
+
+    noise = 0.02 * float(np.std(torque))
+    if model.resonance >= 0.5 / period:  # a sampled log does not show it
+        fitted, mode = [*_RIGID], []
+    else:
+        fitted, mode = [*_RIGID, *(_MODE if model.share else ())], list(_MODE if model.share else ())
+    model = _start(model, lambda one: float(np.sum(residual(one, noise) ** 2)), period, bool(mode))
+    best = _refined(model, noise, fitted, residual, period, size)
+    if mode and any(best.relative(name) > _UNSEEN for name in ("share", "stiffness")):
+        mode = []  # the log does not show it: that of the MJCF stays
+        model = replace(best.model, **{name: getattr(nominal, name) for name in _MODE})
+        model = replace(model, stiffness=nominal.stiffness * scale, damping=nominal.damping * scale)
+        best = _refined(model, best.noise, list(_RIGID), residual, period, size)
+    if mode:
+        rms = math.sqrt(best.cost / used.sum()) * size
+        tried = [replace(best.model, gap=factor * rms) for factor in _GAPS]
+        gapped = min(tried, key=lambda one: float(np.sum(residual(one, best.noise) ** 2)))
+        other = _refined(gapped, best.noise, [*fitted, "gap"], residual, period, size)
+        if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
+            best = other
+    return AxisFit(
+        axis,
+        unit,
+        nominal,
+        best.model,
+        best.estimates(),
+        best.noise,
+        size,
+        used,
+        innovations(best.model, best.noise / size, period, position, torque, held),
+        start[:3],
+    )
+
+
+def _start(model: AxisModel, cost: Callable[[AxisModel], float], period: float, mode: bool) -> AxisModel:
+    """Return the best of a grid of delays, then of modes: the sum of squares has several minima in both."""
+    delays = [replace(model, delay=k * 0.5 * period) for k in range(2 * _DELAYS + 1)]
+    model = min(delays, key=cost)
+    if not mode:
+        return model
+    grid = [
+        replace(model, share=min(share * model.share, 0.95), stiffness=model.stiffness * factor)
+        for share in _SHARES
+        for factor in _STIFF
+    ]
+    return min(grid, key=cost)
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """A minimum: the model, its torque noise, the covariance of its parameters, and the sum of squares."""
+
+    model: AxisModel
+    noise: float
+    names: list[str]
+    covariance: Floats
+    cost: float
+
+    def estimates(self) -> dict[str, Estimate]:
+        found = {
+            name: Estimate(float(getattr(self.model, name)), math.sqrt(self.covariance[k, k]))
+            for k, name in enumerate(self.names)
+        }
+        both = [self.names.index(name) for name in ("coulomb", "excess")]
+        found["static"] = Estimate(self.model.static, math.sqrt(max(self.covariance[np.ix_(both, both)].sum(), 0)))
+        return {name: found[name] for name in PARAMETERS if name in found}
+
+    def relative(self, name: str) -> float:
+        """Return half the interval of a parameter, of its value."""
+        one = self.estimates()[name]
+        return CONFIDENCE * one.deviation / max(abs(one.value), 1e-300)
+
+
+def _refined(
+    model: AxisModel,
+    noise: float,
+    names: list[str],
+    residual: Callable[[AxisModel, float], Floats],
+    period: float,
+    size: float,
+) -> _Best:
+    """Return the minimum near a model."""
+    units = np.array([_step(model, name, period, size) for name in names])
+
+    def unpacked(at: Floats) -> tuple[AxisModel, float]:
+        values = {}
+        for name, unit, x in zip(names, units, at, strict=False):
+            own = getattr(model, name)
+            if name in _POSITIVE:
+                values[name] = own * math.exp(x)
+            elif name == "share":
+                values[name] = 1 / (1 + (1 / own - 1) * math.exp(-x))
+            else:
+                values[name] = own + unit * x
+        return replace(model, **values), noise * math.exp(at[-1])
+
+    low, high = np.full(len(names) + 1, -np.inf), np.full(len(names) + 1, np.inf)
+    for k, name in enumerate(names):
+        if name in _BOUNDED:
+            low[k] = -getattr(model, name) / units[k] - 1e-9
+        elif name in _MODE:
+            low[k], high[k] = -_REACH, _REACH
+    low[-1], high[-1] = -12.0, 12.0
+    done = least_squares(
+        lambda at: residual(*unpacked(at)), np.zeros(len(names) + 1), bounds=(low, high), x_scale=0.05,
+        diff_step=1e-4, xtol=1e-5, ftol=1e-8, max_nfev=30,
+    )  # fmt: skip
+    best, found = unpacked(done.x)
+    slopes = np.array([_slope(best, name, unit) for name, unit in zip(names, units, strict=True)])
+    covariance = _covariance(done.jac, done.fun)[: len(names), : len(names)] * np.outer(slopes, slopes)
+    return _Best(best, found, names, covariance, float(2 * done.cost))
+
+
+def _step(model: AxisModel, name: str, period: float, size: float) -> float:
+    """Return the unit in which a parameter varies."""
+    if name in ("coulomb", "excess", "offset"):
+        return model.coulomb
+    if name == "viscous":
+        return max(model.viscous, model.coulomb / 100.0)
+    return {"delay": period, "gap": 10 * size}.get(name, 1.0)
+
+
+def _slope(model: AxisModel, name: str, unit: float) -> float:
+    """Return the change of a parameter per change of the variable that is fitted."""
+    if name in _POSITIVE:
+        return float(getattr(model, name))
+    return model.share * (1 - model.share) if name == "share" else unit
+
+
+def _covariance(J: Floats, residual: Floats) -> Floats:
+    """Return the covariance of the variables: (J'J)^-1 S (J'J)^-1, S with the residual's correlation.
+
+    S sums the products of neighbours over lags with falling weights (W. Newey and K. West, Econometrica 55, 1987); for
+    a white residual it is s² J'J, and this the covariance of Gauss and Newton.
+    """
+    inverse = np.linalg.pinv(J.T @ J)
+    scores = J * residual[:, None]
+    S = scores.T @ scores
+    for lag in range(1, _LAGS + 1):
+        cross = scores[lag:].T @ scores[:-lag]
+        S += (1 - lag / (_LAGS + 1)) * (cross + cross.T)
+    n, p = J.shape
+    return np.asarray(inverse @ S @ inverse * n / max(n - p, 1))
