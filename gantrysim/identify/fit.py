@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
-from scipy.signal import savgol_filter
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
@@ -19,10 +19,10 @@ from gantrysim.identify.model import AxisModel, innovations
 CONFIDENCE = 1.96  # standard deviations of a 95 % interval
 KNOWN = 0.15  # largest half interval of an identified parameter, of its value
 
-_WINDOW = 0.02  # of the differentiation [s]
+_WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
 _MOVING = 0.02  # share of the highest speed from which an axis slides
 _AROUND = 0.02  # time around a motion that counts as its own [s]
-_FINE = 5  # samples of the speed whose sign friction takes
+_FINE = 1.5  # the same for the speed whose sign friction takes, in samples
 _SLIDING = 0.9  # share of the samples around one that must be in motion
 _LEAST_SAMPLES = 500
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
@@ -30,6 +30,7 @@ _SHARES = (0.7, 1.0, 1.4)
 _DELAYS = 2  # samples
 _GAPS = (2.0, 8.0, 30.0)  # grid of the start, in noise
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
+_FEW = 6  # iterations of the start
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 _REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
 _LAGS = 25  # of the correlation of the residual
@@ -110,8 +111,7 @@ class AxisFit:
 def regression(position: Floats, torque: Floats, period: float) -> tuple[float, float, float, float]:
     """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
 
-    Position and torque pass the same zero-phase filter, a local parabola (Savitzky and Golay 1964), whose derivatives
-    are v and a; so does the sign of the speed. Samples near rest are left out.
+    All pass the same zero-phase filter, a Gaussian, whose derivatives give v and a. Samples near rest are left out.
 
     Args:
         position: (n,) [u].
@@ -121,18 +121,18 @@ def regression(position: Floats, torque: Floats, period: float) -> tuple[float, 
     Raises:
         InputError: a log without motion.
     """
-    size = 2 * max(round(_WINDOW / period / 2), 2) + 1
-    if position.size < max(size, _LEAST_SAMPLES):
-        raise InputError(f"log of {position.size} samples: must have at least {max(size, _LEAST_SAMPLES)}")
-    speed = savgol_filter(position, _FINE, 2, deriv=1, delta=period)
+    width = _WIDTH / period
+    if position.size < max(8 * width, _LEAST_SAMPLES):
+        raise InputError(f"log of {position.size} samples: must have at least {max(8 * width, _LEAST_SAMPLES):.0f}")
+    speed = gaussian_filter1d(position, _FINE, order=1) / period
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
     slides = np.abs(speed) > least
     smooth = [
-        savgol_filter(signal, size, 2, deriv=k, delta=period)
-        for signal, k in ((position, 2), (position, 1), (np.sign(speed) * slides, 0), (torque, 0), (1.0 * slides, 0))
+        gaussian_filter1d(position, width, order=2) / period**2,
+        *(gaussian_filter1d(signal, width) for signal in (speed, np.sign(speed) * slides, torque)),
     ]
-    chosen = smooth.pop() > _SLIDING
-    if not least > 0 or chosen.sum() < 4 * size:
+    chosen = gaussian_filter1d(1.0 * slides, width) > _SLIDING
+    if not least > 0 or chosen.sum() < 8 * width:
         raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
     A = np.stack([*smooth[:3], np.ones_like(speed)], axis=1)[chosen]
     found = np.linalg.lstsq(A, smooth[3][chosen], rcond=None)[0]
@@ -201,12 +201,23 @@ def fit_axis(
         return np.clip(np.nan_to_num(found, nan=1e9), -1e9, 1e9)
 
     noise = 0.02 * float(np.std(torque))
-    if model.resonance >= 0.5 / period:  # a sampled log does not show it
-        fitted, mode = [*_RIGID], []
+    def cost(one: AxisModel) -> float:
+        return float(np.sum(residual(one, noise) ** 2))
+
+    mode = list(_MODE) if model.resonance < 0.5 / period else []  # beyond, samples do not show it
+    model = min((replace(model, delay=k * 0.5 * period) for k in range(2 * _DELAYS + 1)), key=cost)
+    best = _refined(model, noise, list(_RIGID), residual, period, size, _FEW)
+    model, noise = best.model, best.noise
+    if mode:
+        grid = [
+            replace(model, share=share * model.share, stiffness=factor * model.stiffness, damping=model.damping)
+            for share in _SHARES
+            for factor in _STIFF
+            if share * model.share < 1
+        ]
+        best = _refined(min(grid, key=cost), noise, [*_RIGID, *mode], residual, period, size)
     else:
-        fitted, mode = [*_RIGID, *(_MODE if model.share else ())], list(_MODE if model.share else ())
-    model = _start(model, lambda one: float(np.sum(residual(one, noise) ** 2)), period, bool(mode))
-    best = _refined(model, noise, fitted, residual, period, size)
+        best = _refined(model, noise, list(_RIGID), residual, period, size)
     if mode and any(best.relative(name) > _UNSEEN for name in ("share", "stiffness")):
         mode = []  # the log does not show it: that of the MJCF stays
         model = replace(best.model, **{name: getattr(nominal, name) for name in _MODE})
@@ -216,7 +227,7 @@ def fit_axis(
         rms = math.sqrt(best.cost / used.sum()) * size
         tried = [replace(best.model, gap=factor * rms) for factor in _GAPS]
         gapped = min(tried, key=lambda one: float(np.sum(residual(one, best.noise) ** 2)))
-        other = _refined(gapped, best.noise, [*fitted, "gap"], residual, period, size)
+        other = _refined(gapped, best.noise, [*best.names, "gap"], residual, period, size)
         if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
             best = other
     return AxisFit(
@@ -231,20 +242,6 @@ def fit_axis(
         innovations(best.model, best.noise / size, period, position, torque, held),
         start[:3],
     )
-
-
-def _start(model: AxisModel, cost: Callable[[AxisModel], float], period: float, mode: bool) -> AxisModel:
-    """Return the best of a grid of delays, then of modes: the sum of squares has several minima in both."""
-    delays = [replace(model, delay=k * 0.5 * period) for k in range(2 * _DELAYS + 1)]
-    model = min(delays, key=cost)
-    if not mode:
-        return model
-    grid = [
-        replace(model, share=min(share * model.share, 0.95), stiffness=model.stiffness * factor)
-        for share in _SHARES
-        for factor in _STIFF
-    ]
-    return min(grid, key=cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,6 +276,7 @@ def _refined(
     residual: Callable[[AxisModel, float], Floats],
     period: float,
     size: float,
+    evaluations: int = 30,
 ) -> _Best:
     """Return the minimum near a model."""
     units = np.array([_step(model, name, period, size) for name in names])
@@ -304,7 +302,7 @@ def _refined(
     low[-1], high[-1] = -12.0, 12.0
     done = least_squares(
         lambda at: residual(*unpacked(at)), np.zeros(len(names) + 1), bounds=(low, high), x_scale=0.05,
-        diff_step=1e-4, xtol=1e-5, ftol=1e-8, max_nfev=30,
+        diff_step=1e-4, xtol=1e-5, ftol=1e-8, max_nfev=evaluations,
     )  # fmt: skip
     best, found = unpacked(done.x)
     slopes = np.array([_slope(best, name, unit) for name, unit in zip(names, units, strict=True)])
