@@ -28,12 +28,14 @@ _LEAST_SAMPLES = 500
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
 _SHARES = (0.7, 1.0, 1.4)
 _DELAYS = 2  # samples
-_GAPS = (2.0, 8.0, 30.0)  # grid of the start, in noise
+_GAPS = np.geomspace(5, 2000, 12)  # grid of the start, in standard deviations of the counts
+_CALM = 0.01  # torque noise of that start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
 _FEW = 6  # iterations of the start
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 _REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
 _LAGS = 25  # of the correlation of the residual
+WHITE = 0.25  # correlation of a residual from which the model's structure counts as wrong
 
 # name, unit with u for mm or deg, of the fitted parameters in their order
 PARAMETERS = {
@@ -223,11 +225,13 @@ def fit_axis(
         model = replace(best.model, **{name: getattr(nominal, name) for name in _MODE})
         model = replace(model, stiffness=nominal.stiffness * scale, damping=nominal.damping * scale)
         best = _refined(model, best.noise, list(_RIGID), residual, period, size)
-    if mode:
-        rms = math.sqrt(best.cost / used.sum()) * size
-        tried = [replace(best.model, gap=factor * rms) for factor in _GAPS]
-        gapped = min(tried, key=lambda one: float(np.sum(residual(one, best.noise) ** 2)))
-        other = _refined(gapped, best.noise, [*best.names, "gap"], residual, period, size)
+    if nominal.share and _coloured(best, residual) > WHITE:
+        # a gap hides the mode: start from that of the MJCF too
+        modes = [best.model, replace(model, **{name: getattr(nominal, name) for name in _MODE[:1]})]
+        tried = [replace(one, gap=gap * size) for one in modes for gap in _GAPS]
+        quiet = min(best.noise, _CALM * float(np.std(torque)))
+        gapped = min(tried, key=lambda one: float(np.sum(residual(one, quiet) ** 2)))
+        other = _refined(gapped, quiet, [*_RIGID, *_MODE, "gap"], residual, period, size)
         if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
             best = other
     return AxisFit(
@@ -267,6 +271,17 @@ class _Best:
         """Return half the interval of a parameter, of its value."""
         one = self.estimates()[name]
         return CONFIDENCE * one.deviation / max(abs(one.value), 1e-300)
+
+
+def correlation(residual: Floats) -> Floats:
+    """Return the correlation of a residual, (n,), with itself at each lag from 1, (_LAGS,)."""
+    power = max(float(residual @ residual), 1e-300)
+    return np.array([float(residual[k:] @ residual[:-k]) / power for k in range(1, _LAGS + 1)])
+
+
+def _coloured(best: _Best, residual: Callable[[AxisModel, float], Floats]) -> float:
+    """Return the largest correlation of the residual of a minimum."""
+    return float(np.abs(correlation(residual(best.model, best.noise))).max())
 
 
 def _refined(

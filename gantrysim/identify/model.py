@@ -29,7 +29,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
 
 _STRIBECK = 5  # biasprm of a dcmotor
-_SUBSTEP = 1e-4  # longest step of the friction [s]
+_SUBSTEP = 1.25e-4  # longest step of the friction [s]
 _MOST_SUBSTEPS = 16
 _BRISTLE = 0.01  # deflection of the bristles of a machine without LuGre friction [rad]
 _LEAST_TORQUE = 1e-9  # of a friction, so that nothing divides by zero [N·m]
