@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 
 from gantrysim import signals
 from gantrysim.cli.check import check
+from gantrysim.cli.identify import identify
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
@@ -53,6 +54,7 @@ app.add_typer(study_app, name="study")
 app.command()(run)
 app.command()(check)
 app.command()(tune)
+app.command()(identify)
 app.command("render")(render_command)
 app.command()(view)
 

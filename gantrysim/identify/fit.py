@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
@@ -22,15 +23,16 @@ KNOWN = 0.15  # largest half interval of an identified parameter, of its value
 _WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
 _MOVING = 0.02  # share of the highest speed from which an axis slides
 _AROUND = 0.02  # time around a motion that counts as its own [s]
-_FINE = 1.5  # the same for the speed whose sign friction takes, in samples
 _SLIDING = 0.9  # share of the samples around one that must be in motion
 _LEAST_SAMPLES = 500
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
 _SHARES = (0.7, 1.0, 1.4)
 _DELAYS = 2  # samples
-_GAPS = np.geomspace(5, 2000, 12)  # grid of the start, in standard deviations of the counts
-_CALM = 0.01  # torque noise of that start, of the torque's deviation
+_GAPS = np.geomspace(5, 2000, 24)  # grid of the start, in standard deviations of the counts
+_HIDDEN = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
+_CALM = 0.03  # torque noise of that start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
+_DIFFERENCE = 3e-4  # of the variables, for the slopes
 _FEW = 6  # iterations of the start
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 _REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
@@ -87,9 +89,8 @@ class AxisFit:
         model: the fitted one.
         estimates: of the parameters by name, in the order of `PARAMETERS`.
         noise: fitted standard deviation of the torque noise [N·m].
-        residual: innovations of the samples in motion, (k,) [u].
         expected: standard deviation of the position noise that the encoder's counts explain [u].
-        used: whether a sample is in motion, (n,).
+        used: whether a sample is in motion, (n,) bool.
         innovations: of all samples, (n,) [u].
         start: inertia, viscous and Coulomb friction of the linear regression.
     """
@@ -101,19 +102,26 @@ class AxisFit:
     estimates: dict[str, Estimate]
     noise: float
     expected: float
-    used: Floats
+    used: NDArray[np.bool_]
     innovations: Floats
     start: tuple[float, float, float]
 
     @property
     def residual(self) -> Floats:
-        return self.innovations[self.used.astype(bool)]
+        """Innovations of the samples in motion, (k,) [u]."""
+        return self.innovations[self.used]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the residual is as good as white and no backlash shows: the model's structure is that of the axis."""
+        return "gap" not in self.estimates and float(np.abs(correlation(self.residual)).max()) <= WHITE
 
 
 def regression(position: Floats, torque: Floats, period: float) -> tuple[float, float, float, float]:
     """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
 
-    All pass the same zero-phase filter, a Gaussian, whose derivatives give v and a. Samples near rest are left out.
+    Position, sign and torque pass the same zero-phase filter, a Gaussian; v and a are central differences. Samples near
+    rest are left out.
 
     Args:
         position: (n,) [u].
@@ -126,22 +134,21 @@ def regression(position: Floats, torque: Floats, period: float) -> tuple[float, 
     width = _WIDTH / period
     if position.size < max(8 * width, _LEAST_SAMPLES):
         raise InputError(f"log of {position.size} samples: must have at least {max(8 * width, _LEAST_SAMPLES):.0f}")
-    speed = gaussian_filter1d(position, _FINE, order=1) / period
+    place, sign, smooth = (gaussian_filter1d(one, width) for one in (position, np.sign(np.gradient(position)), torque))
+    speed = np.gradient(place, period)
+    acceleration = np.gradient(speed, period)
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
     slides = np.abs(speed) > least
-    smooth = [
-        gaussian_filter1d(position, width, order=2) / period**2,
-        *(gaussian_filter1d(signal, width) for signal in (speed, np.sign(speed) * slides, torque)),
-    ]
     chosen = gaussian_filter1d(1.0 * slides, width) > _SLIDING
+    chosen[: round(4 * width)] = chosen[-round(4 * width) :] = False  # the filter reaches beyond the log
     if not least > 0 or chosen.sum() < 8 * width:
         raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
-    A = np.stack([*smooth[:3], np.ones_like(speed)], axis=1)[chosen]
-    found = np.linalg.lstsq(A, smooth[3][chosen], rcond=None)[0]
+    A = np.stack([acceleration, speed, sign, np.ones_like(speed)], axis=1)[chosen]
+    found = np.linalg.lstsq(A, smooth[chosen], rcond=None)[0]
     return float(found[0]), float(found[1]), float(found[2]), float(found[3])
 
 
-def in_motion(position: Floats, period: float, resolution: float) -> Floats:
+def in_motion(position: Floats, period: float, resolution: float) -> NDArray[np.bool_]:
     """Return whether each sample is near a motion of more than a count per few samples, (n,) bool."""
     reach = max(round(_AROUND / period), 1)
     far = np.abs(np.concatenate([position[reach:], np.full(reach, position[-1])]) - position)
@@ -227,9 +234,10 @@ def fit_axis(
         best = _refined(model, best.noise, list(_RIGID), residual, period, size)
     if nominal.share and _coloured(best, residual) > WHITE:
         # a gap hides the mode: start from that of the MJCF too
-        modes = [best.model, replace(model, **{name: getattr(nominal, name) for name in _MODE[:1]})]
+        hidden = replace(model, share=nominal.share)
+        modes = [best.model, *(replace(hidden, stiffness=factor * hidden.stiffness) for factor in _HIDDEN)]
         tried = [replace(one, gap=gap * size) for one in modes for gap in _GAPS]
-        quiet = min(best.noise, _CALM * float(np.std(torque)))
+        quiet = _CALM * float(np.std(torque))
         gapped = min(tried, key=lambda one: float(np.sum(residual(one, quiet) ** 2)))
         other = _refined(gapped, quiet, [*_RIGID, *_MODE, "gap"], residual, period, size)
         if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
@@ -297,7 +305,7 @@ def _refined(
     units = np.array([_step(model, name, period, size) for name in names])
 
     def unpacked(at: Floats) -> tuple[AxisModel, float]:
-        values = {}
+        values, at = {}, at - 1.0
         for name, unit, x in zip(names, units, at, strict=False):
             own = getattr(model, name)
             if name in _POSITIVE:
@@ -305,9 +313,10 @@ def _refined(
             elif name == "share":
                 values[name] = 1 / (1 + (1 / own - 1) * math.exp(-x))
             else:
-                values[name] = own + unit * x
+                values[name] = max(own + unit * x, 0.0) if name in _BOUNDED else own + unit * x
         return replace(model, **values), noise * math.exp(at[-1])
 
+    # the variables begin at 1: steps of the differences are relative to them
     low, high = np.full(len(names) + 1, -np.inf), np.full(len(names) + 1, np.inf)
     for k, name in enumerate(names):
         if name in _BOUNDED:
@@ -316,8 +325,8 @@ def _refined(
             low[k], high[k] = -_REACH, _REACH
     low[-1], high[-1] = -12.0, 12.0
     done = least_squares(
-        lambda at: residual(*unpacked(at)), np.zeros(len(names) + 1), bounds=(low, high), x_scale=0.05,
-        diff_step=1e-4, xtol=1e-5, ftol=1e-8, max_nfev=evaluations,
+        lambda at: residual(*unpacked(at)), np.ones(len(names) + 1), bounds=(1 + low, 1 + high), x_scale=0.05,
+        diff_step=_DIFFERENCE, xtol=1e-5, ftol=1e-8, max_nfev=evaluations,
     )  # fmt: skip
     best, found = unpacked(done.x)
     slopes = np.array([_slope(best, name, unit) for name, unit in zip(names, units, strict=True)])

@@ -10,7 +10,7 @@ from scipy.signal import welch
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-from gantrysim.identify.fit import KNOWN, WHITE, AxisFit, correlation, fit_axis
+from gantrysim.identify.fit import KNOWN, AxisFit, correlation, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.machine.axis import PER_SI
@@ -45,7 +45,7 @@ class Found:
         value: fitted.
         low, high: ends of the 95 % confidence interval.
         nominal: that of the MJCF.
-        identified: whether half the interval is within 15 % of the value; else the log does not show it.
+        identified: whether half the interval is within 15 % of the value and the model's structure holds.
     """
 
     axis: str
@@ -85,7 +85,7 @@ class Identification:
             estimate = fit.estimates[name]
             factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
             value, (low, high) = estimate.value, estimate.interval
-            identified = 0.5 * (high - low) <= KNOWN * abs(value)
+            identified = fit.holds and 0.5 * (high - low) <= KNOWN * abs(value)
             rows.append(
                 Found(
                     fit.axis,
@@ -165,10 +165,13 @@ def verdict(fit: AxisFit, period: float) -> str:
     size = float(np.std(residual)) / fit.expected
     coloured = float(np.abs(correlation(residual)).max())
     text = f"{fit.axis}: the residual is {size:.1f} times that of the encoder's counts alone"
-    if coloured <= WHITE:
+    if fit.holds:
         return f"{text} and white (correlation at most {coloured:.2f}): the structure of the model holds"
     frequency, power = spectrum(fit, period)
     text += f" and not white (correlation up to {coloured:.2f}): the structure of the model is wrong"
     if float(power.max()) > _PEAK * float(np.median(power)):
         text += f", most at {frequency[int(power.argmax())]:.0f} Hz"
-    return f"{text}; a second mode, backlash or another friction may be missing"
+    if "gap" in fit.estimates:
+        unit, factor = ("µm", 1e3) if fit.unit == "mm" else ("mdeg", 1e3)
+        return f"{text}; backlash of about {factor * fit.model.gap:.2g} {unit} fits best"
+    return f"{text}; a second mode or another friction may be missing"
