@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gantrysim.cli.terminal import interruptible, say, share_bar, show
 from gantrysim.errors import InputError
+
+if TYPE_CHECKING:
+    from gantrysim.machine.machine import Machine
 
 
 def identify(
@@ -52,12 +55,10 @@ def identify(
     _identify(machine, log, _named(columns or ()), Path("identified") if out is None else out)
 
 
-def _write_plan(machine: object, controller: str, out: Path | None) -> None:
+def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
     from gantrysim.files import replaced
     from gantrysim.identify.plan import excitation
-    from gantrysim.machine.machine import Machine
 
-    assert isinstance(machine, Machine)
     text, suffix = excitation(machine, controller)
     file = Path(f"excitation{suffix}") if out is None else out
     with replaced(file) as partial:
@@ -75,13 +76,11 @@ def _named(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
     return named
 
 
-def _identify(machine: object, file: Path, columns: dict[str, str], folder: Path) -> None:
+def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Path) -> None:
     from gantrysim.identify.identification import identify as identified
     from gantrysim.identify.log import read_log
     from gantrysim.identify.output import values_table, write_all
-    from gantrysim.machine.machine import Machine
 
-    assert isinstance(machine, Machine)
     log = read_log(file, machine, columns)
     with interruptible() as go_on:
         with share_bar("identify", go_on) as advance:

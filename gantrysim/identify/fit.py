@@ -210,6 +210,7 @@ def fit_axis(
         return np.clip(np.nan_to_num(found, nan=1e9), -1e9, 1e9)
 
     noise = 0.02 * float(np.std(torque))
+
     def cost(one: AxisModel) -> float:
         return float(np.sum(residual(one, noise) ** 2))
 

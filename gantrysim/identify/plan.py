@@ -99,7 +99,9 @@ def _rounded(value: float) -> float:
 
 def _trio(machine: Machine, moves: list[Stroke]) -> str:
     numbers = {name: COORDINATES.index(name) for name in machine.axis_names}
-    lines = [f"' Excitation of the axes {', '.join(numbers)} for their identification; log torque and MPOS at every tick"]
+    lines = [
+        f"' Excitation of the axes {', '.join(numbers)} for their identification; log torque and MPOS at every tick"
+    ]
     lines += ["MERGE=OFF"]
     last = ""
     for move in moves:
@@ -142,7 +144,11 @@ def _gcode(machine: Machine, moves: list[Stroke]) -> str:
         "( the accelerations are those of the configuration )",
         "G21 G90 G94 G61.1",
     ]
+    last = ""
     for move in moves:
+        if last and move.axis != last:
+            lines.append("G4 P0.1")
+        last = move.axis
         lines.append(f"G1 {move.axis.upper()}{_text(move.distance)} F{_text(60 * move.speed)}")
         lines.append(f"G1 {move.axis.upper()}0")
     return "\n".join([*lines, "M2", ""])

@@ -1,8 +1,8 @@
 """An axis of two or three masses with friction, backlash and a servo, integrated by Heun's method: no code of gantrysim.
 
-    motor x'' = gear (T - F) - b x' - k slack(x - y) - c (x' - y'),    lag T' = demand - T
-    load y''  = k slack(x - y) + c (x' - y') - k2 (y - u) - c2 (y' - u'),    m2 u'' = k2 (y - u) + c2 (y' - u')
-    F = s0 z + s1 z',    z' = w - s0 |w| z / g,    g = fc + (fs - fc) exp(-(w / ws)²),    w = gear x'
+motor x'' = gear (T - F) - b x' - k slack(x - y) - c (x' - y'),    lag T' = demand - T
+load y''  = k slack(x - y) + c (x' - y') - k2 (y - u) - c2 (y' - u'),    m2 u'' = k2 (y - u) + c2 (y' - u')
+F = s0 z + s1 z',    z' = w - s0 |w| z / g,    g = fc + (fs - fc) exp(-(w / ws)²),    w = gear x'
 """
 
 import math
