@@ -1,7 +1,5 @@
 """Fits the model of an axis to a log of its torque and position."""
 
-# ruff: noqa: N803, N806 - matrices bear the letters of the equations
-
 from __future__ import annotations
 
 import math
@@ -10,25 +8,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.identify.model import AxisModel, innovations
+from gantrysim.identify.regression import in_motion, regression
+from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
 
 CONFIDENCE = 1.96  # standard deviations of a 95 % interval
 KNOWN = 0.15  # largest half interval of an identified parameter, of its value
 
-_WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
-_MOVING = 0.02  # share of the highest speed from which an axis slides
-_AROUND = 0.02  # time around a motion that counts as its own [s]
-_SLIDING = 0.9  # share of the samples around one that must be in motion
-_LEAST_SAMPLES = 500
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
 _SHARES = (0.7, 1.0, 1.4)
 _DELAYS = 2  # samples
-_GAPS = np.geomspace(5, 2000, 24)  # grid of the start, in standard deviations of the counts
+_GAPS = np.geomspace(5, 2000, 16)  # grid of the start, in standard deviations of the counts
 _HIDDEN = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
 _CALM = 0.03  # torque noise of that start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
@@ -36,7 +30,6 @@ _DIFFERENCE = 3e-4  # of the variables, for the slopes
 _FEW = 6  # iterations of the start
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 _REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
-_LAGS = 25  # of the correlation of the residual
 WHITE = 0.25  # correlation of a residual from which the model's structure counts as wrong
 
 # name, unit with u for mm or deg, of the fitted parameters in their order
@@ -117,45 +110,6 @@ class AxisFit:
         return "gap" not in self.estimates and float(np.abs(correlation(self.residual)).max()) <= WHITE
 
 
-def regression(position: Floats, torque: Floats, period: float) -> tuple[float, float, float, float]:
-    """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
-
-    Position, sign and torque pass the same zero-phase filter, a Gaussian; v and a are central differences. Samples near
-    rest are left out.
-
-    Args:
-        position: (n,) [u].
-        torque: (n,) [N·m].
-        period: of the samples [s].
-
-    Raises:
-        InputError: a log without motion.
-    """
-    width = _WIDTH / period
-    if position.size < max(8 * width, _LEAST_SAMPLES):
-        raise InputError(f"log of {position.size} samples: must have at least {max(8 * width, _LEAST_SAMPLES):.0f}")
-    place, sign, smooth = (gaussian_filter1d(one, width) for one in (position, np.sign(np.gradient(position)), torque))
-    speed = np.gradient(place, period)
-    acceleration = np.gradient(speed, period)
-    least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
-    slides = np.abs(speed) > least
-    chosen = gaussian_filter1d(1.0 * slides, width) > _SLIDING
-    chosen[: round(4 * width)] = chosen[-round(4 * width) :] = False  # the filter reaches beyond the log
-    if not least > 0 or chosen.sum() < 8 * width:
-        raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
-    A = np.stack([acceleration, speed, sign, np.ones_like(speed)], axis=1)[chosen]
-    found = np.linalg.lstsq(A, smooth[chosen], rcond=None)[0]
-    return float(found[0]), float(found[1]), float(found[2]), float(found[3])
-
-
-def in_motion(position: Floats, period: float, resolution: float) -> NDArray[np.bool_]:
-    """Return whether each sample is near a motion of more than a count per few samples, (n,) bool."""
-    reach = max(round(_AROUND / period), 1)
-    far = np.abs(np.concatenate([position[reach:], np.full(reach, position[-1])]) - position)
-    far = np.maximum(far, np.abs(position - np.concatenate([np.full(reach, position[0]), position[:-reach]])))
-    return np.asarray(far > max(4 * resolution, 1e-12))
-
-
 def fit_axis(
     nominal: AxisModel,
     position: Floats,
@@ -175,7 +129,8 @@ def fit_axis(
         position: (n,) [u].
         torque: (n,) [N·m].
         period: of the samples [s].
-        axis, unit: name and unit of the axis.
+        axis: its name.
+        unit: its unit.
         resolution: of the encoder [u].
         held: whether the torque is a demand, held from sample to sample.
         progress: called now and then.
@@ -189,7 +144,7 @@ def fit_axis(
     size = max(resolution / math.sqrt(12), 1e-3 * float(np.std(np.diff(position))), 1e-12)
     used = in_motion(position, period, resolution)
     first, last = np.flatnonzero(used)[[0, -1]]
-    around = slice(max(first - _LAGS, 0), last + 1)
+    around = slice(max(first - LAGS, 0), last + 1)
     position, torque, used = position[around], torque[around], used[around]
     scale = start[0] / nominal.inertia
     friction = max(start[2], 1e-3 * float(np.std(torque)))
@@ -240,7 +195,7 @@ def fit_axis(
         tried = [replace(one, gap=gap * size) for one in modes for gap in _GAPS]
         quiet = _CALM * float(np.std(torque))
         gapped = min(tried, key=lambda one: float(np.sum(residual(one, quiet) ** 2)))
-        other = _refined(gapped, quiet, [*_RIGID, *_MODE, "gap"], residual, period, size)
+        other = _refined(gapped, quiet, [*_RIGID, *_MODE, "gap"], residual, period, size, 2 * _FEW)
         if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
             best = other
     return AxisFit(
@@ -280,12 +235,6 @@ class _Best:
         """Return half the interval of a parameter, of its value."""
         one = self.estimates()[name]
         return CONFIDENCE * one.deviation / max(abs(one.value), 1e-300)
-
-
-def correlation(residual: Floats) -> Floats:
-    """Return the correlation of a residual, (n,), with itself at each lag from 1, (_LAGS,)."""
-    power = max(float(residual @ residual), 1e-300)
-    return np.array([float(residual[k:] @ residual[:-k]) / power for k in range(1, _LAGS + 1)])
 
 
 def _coloured(best: _Best, residual: Callable[[AxisModel, float], Floats]) -> float:
@@ -331,7 +280,7 @@ def _refined(
     )  # fmt: skip
     best, found = unpacked(done.x)
     slopes = np.array([_slope(best, name, unit) for name, unit in zip(names, units, strict=True)])
-    covariance = _covariance(done.jac, done.fun)[: len(names), : len(names)] * np.outer(slopes, slopes)
+    covariance = covariance_of(done.jac, done.fun)[: len(names), : len(names)] * np.outer(slopes, slopes)
     return _Best(best, found, names, covariance, float(2 * done.cost))
 
 
@@ -349,19 +298,3 @@ def _slope(model: AxisModel, name: str, unit: float) -> float:
     if name in _POSITIVE:
         return float(getattr(model, name))
     return model.share * (1 - model.share) if name == "share" else unit
-
-
-def _covariance(J: Floats, residual: Floats) -> Floats:
-    """Return the covariance of the variables: (J'J)^-1 S (J'J)^-1, S with the residual's correlation.
-
-    S sums the products of neighbours over lags with falling weights (W. Newey and K. West, Econometrica 55, 1987); for
-    a white residual it is s² J'J, and this the covariance of Gauss and Newton.
-    """
-    inverse = np.linalg.pinv(J.T @ J)
-    scores = J * residual[:, None]
-    S = scores.T @ scores
-    for lag in range(1, _LAGS + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        S += (1 - lag / (_LAGS + 1)) * (cross + cross.T)
-    n, p = J.shape
-    return np.asarray(inverse @ S @ inverse * n / max(n - p, 1))

@@ -10,9 +10,10 @@ from scipy.signal import welch
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-from gantrysim.identify.fit import KNOWN, AxisFit, correlation, fit_axis
+from gantrysim.identify.fit import KNOWN, AxisFit, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
+from gantrysim.identify.whiteness import correlation
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 
@@ -124,7 +125,7 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
     Raises:
         InputError: a log without motion, or an axis whose mode is not known.
     """
-    fits = []
+    fits: list[AxisFit] = []
     for column, name in enumerate(log.axes):
         index = machine.axis_names.index(name)
         axis, nominal = machine.axes[index], model_of(machine, index)

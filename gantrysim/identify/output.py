@@ -32,8 +32,8 @@ _NAMES = {
 def values_table(found: Identification) -> Table:
     """Return the fitted values with their intervals."""
     caption = (
-        "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % confidence; "
-        "not seen: half the interval exceeds 15 %"
+        "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
+        "confidence; not seen: half the interval exceeds 15 %"
     )
     table = Table(title="identified", title_justify="left", caption=caption, caption_justify="left")
     table.add_column("axis", no_wrap=True)

@@ -48,8 +48,9 @@ class Stroke:
 def strokes(machine: Machine) -> list[Stroke]:
     """Return the moves for all axes, one after the other, from all axes at zero.
 
-    Each axis moves to and fro at speeds from below the Stribeck speed up (friction), at several accelerations (inertia),
-    then in ever shorter strokes at the strongest acceleration: quick reversals that sweep the spectrum (mode, delay).
+    Each axis moves to and fro at speeds from below the Stribeck speed up (friction), at several accelerations
+    (inertia), then in ever shorter strokes at the strongest acceleration: quick reversals that sweep the spectrum
+    (mode, delay).
 
     Raises:
         InputError: an axis without room to move, or coordinates that are not the axes.
@@ -99,9 +100,7 @@ def _rounded(value: float) -> float:
 
 def _trio(machine: Machine, moves: list[Stroke]) -> str:
     numbers = {name: COORDINATES.index(name) for name in machine.axis_names}
-    lines = [
-        f"' Excitation of the axes {', '.join(numbers)} for their identification; log torque and MPOS at every tick"
-    ]
+    lines = [f"' Excitation of the axes {', '.join(numbers)} for identification; log torque and MPOS at every tick"]
     lines += ["MERGE=OFF"]
     last = ""
     for move in moves:

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from gantrysim.arrays import Floats
-from gantrysim.identify.fit import AxisFit, correlation
+from gantrysim.identify.fit import AxisFit
 from gantrysim.identify.identification import spectrum
+from gantrysim.identify.whiteness import correlation
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def draw_residuals(fits: tuple[AxisFit, ...], period: float) -> Figure:
     for (over_time, lags, power), fit, colour in zip(rows, fits, _colours(len(fits)), strict=True):
         unit, factor = _small(fit.unit)
         time = period * np.arange(fit.innovations.size)
-        shown = np.where(fit.used, factor * fit.innovations, np.nan)
+        shown: Floats = np.where(fit.used, factor * fit.innovations, np.nan)
         over_time.plot(*thinned(time, shown), color=colour, lw=0.6)
         over_time.set(xlabel="time in the log's moves [s]", ylabel=f"{fit.axis}: residual [{unit}]")
         found = correlation(fit.residual)

@@ -165,7 +165,5 @@ def test_many_kills(commands, kind, count, tmp_path, record_property):
         after = None if injected else chance.uniform(0, killed.takes)
         killed(chance.choice(KILLS), at, after, empty=k % 5 == 4, resume=killed.takes < 3 or k % 3 == 0)
     assert killed.longest < PATIENCE
-    record_property(
-        "attack", "commands that write, killed (INT, TERM, HUP, KILL) at any time and at any access to a file"
-    )
+    record_property("attack", "commands that write, killed (INT, TERM, HUP, KILL) at any time and at any access to a file")
     record_property("tries", count)

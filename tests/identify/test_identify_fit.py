@@ -1,5 +1,7 @@
 """Identification of axes: closed forms, independent integration, round trips through the engine."""
 
+# ruff: noqa: N806 - matrices bear the letters of the equations
+
 import math
 import re
 from dataclasses import replace
@@ -15,12 +17,12 @@ from scipy.ndimage import uniform_filter1d
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import Basic
-from gantrysim.identify.fit import regression
 from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import innovations, model_of
 from gantrysim.identify.plan import excitation
+from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled
 from gantrysim.machine.perturbation import Perturbation
 

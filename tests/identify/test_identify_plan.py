@@ -57,7 +57,7 @@ def test_the_moves_excite_what_is_to_be_found():
 
 
 def test_what_is_refused():
-    with pytest.raises(InputError, match="unknown controller 'fanuc': .*known: linuxcnc, softmc, trio"):
+    with pytest.raises(InputError, match=r"unknown controller 'fanuc': .*known: linuxcnc, softmc, trio"):
         excitation(Machine("xy"), "fanuc")
     with pytest.raises(InputError, match="machine stage: its axes th, x, y are not those of a program, x, y, z, r"):
         excitation(Machine("stage"), "trio")

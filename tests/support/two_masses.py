@@ -1,4 +1,4 @@
-"""An axis of two or three masses with friction, backlash and a servo, integrated by Heun's method: no code of gantrysim.
+"""An axis of two or three masses with friction, backlash and a servo, by Heun's method: no code of gantrysim.
 
 motor x'' = gear (T - F) - b x' - k slack(x - y) - c (x' - y'),    lag T' = demand - T
 load y''  = k slack(x - y) + c (x' - y') - k2 (y - u) - c2 (y' - u'),    m2 u'' = k2 (y - u) + c2 (y' - u')
