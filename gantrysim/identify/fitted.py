@@ -56,7 +56,7 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
                 _set_friction(spec.actuators[index], spec.joint(fit.axis), fit)
             armature = fit.model.inertia - now.inertia
             spring = machine.spring_of(index)
-            if "stiffness" in fit.estimates and spring is not None:
+            if fit.shows_mode and spring is not None:
                 load = fit.model.inertia * fit.model.share - now.inertia * now.share
                 armature -= load
                 _set_mode(spec.joint(spring), fit, now, load)

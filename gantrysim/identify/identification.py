@@ -10,7 +10,7 @@ from scipy.signal import welch
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-from gantrysim.identify.fit import KNOWN, AxisFit, fit_axis
+from gantrysim.identify.fit import KNOWN, MODE, AxisFit, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.identify.whiteness import correlation
@@ -86,7 +86,8 @@ class Identification:
             estimate = fit.estimates[name]
             factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
             value, (low, high) = estimate.value, estimate.interval
-            identified = fit.holds and 0.5 * (high - low) <= KNOWN * abs(value)
+            seen = fit.shows_mode or name not in MODE
+            identified = seen and fit.holds and 0.5 * (high - low) <= KNOWN * abs(value)
             rows.append(
                 Found(
                     fit.axis,
@@ -107,9 +108,10 @@ class Identification:
         return [note for fit in self.fits for note in (*self._unseen(fit), verdict(fit, self.period))]
 
     def _unseen(self, fit: AxisFit) -> list[str]:
-        if fit.nominal.share and "stiffness" not in fit.estimates:
-            above = fit.nominal.resonance >= 0.5 / self.period
-            why = f"is beyond half the sampling rate, {0.5 / self.period:g} Hz" if above else "does not show in the log"
+        if fit.nominal.share and not fit.shows_mode:
+            why = "does not show in the log"
+            if "stiffness" in fit.estimates or fit.nominal.resonance >= fit.highest:
+                why = f"is beyond the {fit.highest:g} Hz that this log shows (half its rate for demands, a tenth for torques)"
             return [f"{fit.axis}: its mode at {fit.nominal.resonance:.0f} Hz {why}; that of the MJCF stays"]
         return []
 
@@ -123,8 +125,12 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         progress: called with the completed share.
 
     Raises:
-        InputError: a log without motion, or an axis whose mode is not known.
+        InputError: a log without motion, an axis whose mode is not known, or a machine with a closed chain.
     """
+    if machine.kinematics.followers:
+        raise InputError(
+            f"machine {machine.name}: its axes move one another through a closed chain; none can be fitted alone"
+        )
     fits: list[AxisFit] = []
     for column, name in enumerate(log.axes):
         index = machine.axis_names.index(name)

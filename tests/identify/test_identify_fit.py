@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_are
@@ -31,6 +31,8 @@ from support.two_masses import Plant, follow
 PERIOD = 1e-3
 DELAY = 2.5e-4
 NOISE = 2e-3  # of the logged torque [N·m]
+
+MODEL = model_of(Machine("xy"), 1)
 
 # published in docs/identification.md: largest errors of an identified value
 TOLERANCE = dict.fromkeys(("inertia", "viscous", "coulomb", "share", "stiffness", "delay"), 0.05)
@@ -109,7 +111,7 @@ def test_the_regression_refuses_an_axis_at_rest():
 @settings(deadline=None, max_examples=30)
 @given(noise=st.floats(0.1, 100.0), factor=st.floats(0.3, 3.0), share=st.floats(0.05, 0.9))
 def test_the_gain_is_that_of_the_riccati_equation(noise, factor, share):
-    model = replace(model_of(Machine("xy"), 1), share=share)
+    model = replace(MODEL, share=share)
     model = replace(model, stiffness=factor * model.stiffness)
     A, B, E = model.matrices()
     inputs = np.stack([B, E], axis=1)
@@ -118,7 +120,10 @@ def test_the_gain_is_that_of_the_riccati_equation(noise, factor, share):
     joint[:4, :4], joint[:4, 4:] = A, inputs
     exact = expm(PERIOD * joint)
     assert np.allclose(F, exact[:4, :4], rtol=1e-9, atol=1e-9 * np.abs(exact).max())
-    P = solve_discrete_are(F.T, np.eye(4)[:, :1], noise**2 * np.outer(G[:, 0], G[:, 0]), np.eye(1))
+    try:
+        P = solve_discrete_are(F.T, np.eye(4)[:, :1], noise**2 * np.outer(G[:, 0], G[:, 0]), np.eye(1))
+    except ValueError:  # SciPy's reordering of the pencil fails now and then
+        assume(False)
     expected = P[:, 0] / (P[0, 0] + 1)
     assert np.allclose(kalman_gain(F, G, noise), expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
@@ -178,6 +183,29 @@ def test_an_independent_integration_is_identified(machine, setpoints):
     assert not values["offset"].identified
     assert abs(values["offset"].value) < 2e-4
     assert found.notes[-1].endswith("the structure of the model holds")
+
+
+def test_a_log_of_the_motor_s_torque_shows_no_fast_mode(machine, setpoints):
+    """At 1 ms its course between samples is not known: friction and inertia are found, the mode is not told."""
+    plant = plant_of(machine)
+    demands = plant_log(machine, setpoints, plant)
+    # at a tick the winding has followed the demand of the tick before for a period without the delay
+    kept, early = math.exp(-PERIOD / plant.lag), math.exp(-(PERIOD - DELAY) / plant.lag)
+    torque, asked = np.zeros(len(demands.torque)), demands.torque[:, 0]
+    for k in range(1, len(torque)):
+        older = asked[k - 2] if k > 1 else 0.0
+        torque[k] = kept * torque[k - 1] + (early - kept) * older + (1 - early) * asked[k - 1]
+    found = identify(machine, replace(demands, torque=torque[:, None], held=False))
+    names = {one.name: one for one in found.found}
+    assert not names["stiffness"].identified
+    assert any("is beyond the 100 Hz that this log shows" in note for note in found.notes)
+    fitted = model_of(fitted_machine(found), 1)
+    assert fitted.stiffness == pytest.approx(MODEL.stiffness, rel=1e-3)  # that of the MJCF
+    assert fitted.inertia == pytest.approx(found.fits[0].model.inertia, rel=1e-3)
+    assert names["inertia"].identified
+    assert names["coulomb"].identified
+    assert names["inertia"].value == pytest.approx(plant.motor + plant.load, rel=0.05)
+    assert names["coulomb"].value == pytest.approx(plant.fc, rel=0.05)
 
 
 @pytest.mark.parametrize(
