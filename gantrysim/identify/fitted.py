@@ -10,9 +10,9 @@ import numpy as np
 
 from gantrysim.errors import InputError
 from gantrysim.files import replaced
-from gantrysim.identify.fit import AxisFit
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.model import AxisModel, model_of
+from gantrysim.identify.result import AxisFit
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC

@@ -10,9 +10,10 @@ from scipy.signal import welch
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
-from gantrysim.identify.fit import KNOWN, MODE, AxisFit, fit_axis
+from gantrysim.identify.fit import fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
+from gantrysim.identify.result import KNOWN, MODE, AxisFit
 from gantrysim.identify.whiteness import correlation
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
@@ -111,7 +112,7 @@ class Identification:
         if fit.nominal.share and not fit.shows_mode:
             why = "does not show in the log"
             if "stiffness" in fit.estimates or fit.nominal.resonance >= fit.highest:
-                why = f"is beyond the {fit.highest:g} Hz that this log shows (half its rate for demands, a tenth for torques)"
+                why = f"is beyond the {fit.highest:g} Hz that this log shows (half its rate; a tenth of torques)"
             return [f"{fit.axis}: its mode at {fit.nominal.resonance:.0f} Hz {why}; that of the MJCF stays"]
         return []
 

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from gantrysim.arrays import Floats
-from gantrysim.identify.fit import AxisFit
 from gantrysim.identify.identification import spectrum
+from gantrysim.identify.result import AxisFit
 from gantrysim.identify.whiteness import correlation
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 
