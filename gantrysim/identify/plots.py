@@ -35,7 +35,7 @@ def draw_residuals(fits: tuple[AxisFit, ...], period: float) -> Figure:
     drawing, rows = _rows(fits, 3)
     for (over_time, lags, power), fit, colour in zip(rows, fits, _colours(len(fits)), strict=True):
         unit, factor = _small(fit.unit)
-        time: Floats = period * np.arange(fit.innovations.size)
+        time = np.arange(fit.innovations.size, dtype=np.float64) * period
         shown: Floats = np.where(fit.used, factor * fit.innovations, np.nan)
         over_time.plot(*thinned(time, shown), color=colour, lw=0.6)
         over_time.set(xlabel="time in the log's moves [s]", ylabel=f"{fit.axis}: residual [{unit}]")

@@ -36,7 +36,7 @@ MODEL = model_of(Machine("xy"), 1)
 
 # published in docs/identification.md: largest errors of an identified value
 TOLERANCE = dict.fromkeys(("inertia", "viscous", "coulomb", "share", "stiffness", "delay"), 0.05)
-TOLERANCE |= {"damping": 0.10, "static": 0.10}
+TOLERANCE |= {"damping": 0.15, "static": 0.10}
 
 
 @pytest.fixture(scope="module")
