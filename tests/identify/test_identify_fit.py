@@ -228,6 +228,18 @@ def test_a_wrong_structure_is_recognised(machine, setpoints, changes, sentence):
         assert 10 <= float(told[1]) <= 40
 
 
+def test_what_cannot_be_fitted_is_refused(machine, setpoints):
+    log = plant_log(machine, setpoints, plant_of(machine))
+    with pytest.raises(InputError, match=r"^axis y: inertia = -\S+ N·m·s²/mm by the log: must be greater than 0"):
+        identify(machine, replace(log, torque=-log.torque))
+    with pytest.raises(InputError, match=r"^axis y: the axis hardly moves"):
+        identify(machine, replace(log, position=0 * log.position))
+    with pytest.raises(InputError, match=r"^axis y: log of 200 samples: must have at least 500"):
+        identify(machine, replace(log, position=log.position[:200], torque=log.torque[:200]))
+    with pytest.raises(InputError, match="machine delta: its axes move one another through a closed chain"):
+        identify(Machine("delta"), log)
+
+
 def test_a_perturbed_machine_is_found_and_written(machine, setpoints, tmp_path):
     """A random machine within the study's tolerances, its log with counts, torque noise and a servo delay."""
     random = np.random.default_rng(5)
