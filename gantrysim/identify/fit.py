@@ -67,8 +67,8 @@ def fit_axis(
     start = regression(position, torque, period)
     if not start[0] > 0:
         raise InputError(
-            f"axis {axis}: inertia = {start[0]:.3g} N·m·s²/{unit} by the log: must be greater than 0; check the columns "
-            "of torque and position and their signs"
+            f"axis {axis}: inertia = {start[0]:.3g} N·m·s²/{unit} by the log: must be greater than 0; check "
+            "the columns of torque and position and their signs"
         )
     size = max(resolution / math.sqrt(12), 1e-3 * float(np.std(np.diff(position))), 1e-12)
     used = in_motion(position, period, resolution)
