@@ -16,6 +16,7 @@ from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
+from gantrysim.cli.identify import identify
 from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
@@ -61,6 +62,7 @@ app.command()(tune)
 app.command()(gains)
 app.command()(export)
 app.command()(compare)
+app.command()(identify)
 app.command("render")(render_command)
 app.command()(view)
 

@@ -31,7 +31,7 @@ from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.kinematics.serial import Serial
 from gantrysim.machine.motors import damp_bristles
-from gantrysim.machine.perturbation import Perturbation, perturbed_model, springs_have_axes
+from gantrysim.machine.perturbation import Perturbation, perturbed_model, spring_of, springs_have_axes
 from gantrysim.native.quiet import quiet
 from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
@@ -202,6 +202,10 @@ class Machine:
     def springs_have_axes(self) -> bool:
         """Whether each axis can have its own stiffness factor."""
         return springs_have_axes(self.physics, self._joints)
+
+    def spring_of(self, axis: int) -> str | None:
+        """Return the name of the spring joint between the motor of an axis and its load, None where it has none."""
+        return spring_of(self.physics, self._joints, axis)
 
     @property
     def home(self) -> Floats:

@@ -162,6 +162,18 @@ def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
     return len(joints) == 1 or (above and pulled)
 
 
+def spring_of(model: mujoco.MjModel, joints: Sequence[int], axis: int) -> str | None:
+    """Return the name of the first spring joint that an axis carries with no other axis between, or None.
+
+    Args:
+        model: the compiled model.
+        joints: index of each axis' joint.
+        axis: index of the axis.
+    """
+    carried = [joint for joint in _springs(model, joints) if _axis_above(model, joint, joints) == axis]
+    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, carried[0]) if carried else None
+
+
 def _elastic_tendons(model: mujoco.MjModel) -> list[int]:
     return [tendon for tendon in range(model.ntendon) if model.tendon_stiffness[tendon] > 0]
 

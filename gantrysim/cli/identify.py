@@ -1,0 +1,92 @@
+"""The command `gantrysim identify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.cli.terminal import interruptible, say, share_bar, show
+from gantrysim.errors import InputError
+
+if TYPE_CHECKING:
+    from gantrysim.machine.machine import Machine
+
+
+def identify(
+    log: Annotated[
+        Path | None, typer.Argument(help="Log of the moves, comma-separated values.", show_default=False)
+    ] = None,
+    model: Annotated[
+        str, typer.Option("--machine", "--model", help="The nominal machine: built-in or an MJCF file.")
+    ] = "xyz",
+    out: Annotated[
+        Path | None, typer.Option(help="Output folder, or the program's file; by default identified/, excitation.*")
+    ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column", metavar="NAME=HEAD", help="Head of a column, as in --column 'x position=MPOS AXIS(0) \\[mm]'."
+        ),
+    ] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Write the program that excites the machine, without a log.")] = (
+        False
+    ),
+    controller: Annotated[str, typer.Option(help="Language of the program: trio, softmc or linuxcnc.")] = "trio",
+) -> None:
+    """Fit inertia, friction, first mode and delay of a machine's axes to a log of their torque and position.
+
+    With --plan, write the program of the moves to log. Else identified.toml gets the values with their 95 % confidence,
+    machine.xml the fitted machine for all other commands, and three plots what remains.
+
+    Exit status: 0, 2 for bad input, 130 after Ctrl-C, which leaves the output folder unchanged.
+    """
+    from gantrysim.machine.machine import Machine
+
+    machine = Machine(model)
+    if plan:
+        if log is not None:
+            raise InputError(f"--plan takes no log, got {log}")
+        _write_plan(machine, controller, out)
+        return
+    if log is None:
+        raise InputError("a log is missing; gantrysim identify --plan writes the program of the moves to log")
+    _identify(machine, log, _named(columns or ()), Path("identified") if out is None else out)
+
+
+def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
+    from gantrysim.files import replaced
+    from gantrysim.identify.plan import excitation
+
+    text, suffix = excitation(machine, controller)
+    file = Path(f"excitation{suffix}") if out is None else out
+    with replaced(file) as partial:
+        partial.write_text(text, encoding="utf-8")
+    say(f"written to {file}; log torque and position of the motors at every servo tick")
+
+
+def _named(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
+    named = {}
+    for column in columns:
+        name, equals, head = column.partition("=")
+        if not equals or not head.strip():
+            raise InputError(f"--column {column!r}: must be NAME=HEAD, as in 'x position=MPOS AXIS(0) [mm]'")
+        named[" ".join(name.split())] = head
+    return named
+
+
+def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Path) -> None:
+    from gantrysim.identify.identification import identify as identified
+    from gantrysim.identify.log import read_log
+    from gantrysim.identify.output import values_table, write_all
+
+    log = read_log(file, machine, columns)
+    with interruptible() as go_on:
+        with share_bar("identify", go_on) as advance:
+            found = identified(machine, log, advance)
+        names = write_all(found, log, folder)
+    show(values_table(found))
+    for note in found.notes:
+        say(note, wrap=True)
+    say(f"written to {folder}/: {', '.join(names)}")

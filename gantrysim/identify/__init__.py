@@ -1,0 +1,1 @@
+"""Identification of a machine's axes from a log of their torque and position."""

@@ -1,0 +1,185 @@
+"""Identifies the axes of a machine from a log, and says what the log does not show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import welch
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
+from gantrysim.identify.fit import fit_axis
+from gantrysim.identify.log import Log
+from gantrysim.identify.model import model_of
+from gantrysim.identify.result import KNOWN, MODE, AxisFit
+from gantrysim.identify.whiteness import correlation
+from gantrysim.machine.axis import PER_SI
+from gantrysim.machine.machine import Machine
+
+_SEGMENT = 256  # samples of a spectrum's segment
+_PEAK = 8.0  # of a residual's spectrum over its median, from which it is a mode's
+
+# what is told of an axis: name, unit of a slide, unit of a hinge; m and rad stand for the travel
+TOLD = {
+    "inertia": ("kg", "kg·m²"),
+    "viscous": ("N·s/m", "N·m·s/rad"),
+    "coulomb": ("N·m", "N·m"),
+    "static": ("N·m", "N·m"),
+    "offset": ("N·m", "N·m"),
+    "delay": ("s", "s"),
+    "share": ("", ""),
+    "stiffness": ("N/m", "N·m/rad"),
+    "damping": ("N·s/m", "N·m·s/rad"),
+    "gap": ("mm", "deg"),
+}
+_OF_THE_AXIS = ("inertia", "viscous", "stiffness", "damping")  # told at the axis, not at the motor
+
+
+@dataclass(frozen=True)
+class Found:
+    """A parameter of an axis with its confidence.
+
+    Attributes:
+        axis, name: of the parameter; inertia, viscous friction, stiffness and damping are those of the axis.
+        unit: in SI, but the gap in mm or deg.
+        value: fitted.
+        low, high: ends of the 95 % confidence interval.
+        nominal: that of the MJCF.
+        identified: whether half the interval is within 15 % of the value and the model's structure holds.
+    """
+
+    axis: str
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    nominal: float
+    identified: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The fitted axes of a machine.
+
+    Attributes:
+        machine: the nominal one.
+        period: of the log [s].
+        fits: by axis.
+    """
+
+    machine: Machine
+    period: float
+    fits: tuple[AxisFit, ...]
+
+    @property
+    def found(self) -> list[Found]:
+        """The parameters of all axes."""
+        return [one for fit in self.fits for one in self._of(fit)]
+
+    def _of(self, fit: AxisFit) -> list[Found]:
+        rows = []
+        for name, units in TOLD.items():
+            if name not in fit.estimates:
+                continue
+            estimate = fit.estimates[name]
+            factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
+            value, (low, high) = estimate.value, estimate.interval
+            seen = fit.shows_mode or name not in MODE
+            identified = seen and fit.holds and 0.5 * (high - low) <= KNOWN * abs(value)
+            rows.append(
+                Found(
+                    fit.axis,
+                    name,
+                    units[fit.unit == "deg"],
+                    factor * value,
+                    factor * low,
+                    factor * high,
+                    factor * float(getattr(fit.nominal, name)),
+                    bool(identified),
+                )
+            )
+        return rows
+
+    @property
+    def notes(self) -> list[str]:
+        """What the log does not show of each axis, and whether the model's structure holds."""
+        return [note for fit in self.fits for note in (*self._unseen(fit), verdict(fit, self.period))]
+
+    def _unseen(self, fit: AxisFit) -> list[str]:
+        if fit.nominal.share and not fit.shows_mode:
+            why = "does not show in the log"
+            if "stiffness" in fit.estimates or fit.nominal.resonance >= fit.highest:
+                why = f"is beyond the {fit.highest:g} Hz that this log shows (half its rate; a tenth of torques)"
+            return [f"{fit.axis}: its mode at {fit.nominal.resonance:.0f} Hz {why}; that of the MJCF stays"]
+        return []
+
+
+def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lambda _: None) -> Identification:
+    """Fit every axis of a log; the other axes of the machine stay as they are.
+
+    Args:
+        machine: the nominal machine.
+        log: of its axes.
+        progress: called with the completed share.
+
+    Raises:
+        InputError: a log without motion, an axis whose mode is not known, or a machine with a closed chain.
+    """
+    if machine.kinematics.followers:
+        raise InputError(
+            f"machine {machine.name}: its axes move one another through a closed chain; none can be fitted alone"
+        )
+    fits: list[AxisFit] = []
+    for column, name in enumerate(log.axes):
+        index = machine.axis_names.index(name)
+        axis, nominal = machine.axes[index], model_of(machine, index)
+
+        def counted(done: int = len(fits)) -> None:
+            progress(done / len(log.axes))
+
+        try:
+            fits.append(
+                fit_axis(
+                    nominal if log.held else replace(nominal, lag=0.0),
+                    log.position[:, column],
+                    log.torque[:, column],
+                    log.period,
+                    axis=name,
+                    unit=axis.unit,
+                    resolution=axis.resolution,
+                    held=log.held,
+                    progress=counted,
+                )
+            )
+        except InputError as error:
+            text = str(error)
+            raise InputError(text if text.startswith("axis") else f"axis {name}: {text}") from None
+    return Identification(machine, log.period, tuple(fits))
+
+
+def spectrum(fit: AxisFit, period: float) -> tuple[Floats, Floats]:
+    """Return frequencies and power density of the residual, (k,) [Hz, u²/Hz]."""
+    residual = fit.residual
+    frequency, power = welch(residual, 1 / period, nperseg=min(_SEGMENT, residual.size))
+    return frequency[1:], power[1:]
+
+
+def verdict(fit: AxisFit, period: float) -> str:
+    """Return a sentence on whether the model's structure holds, from the whiteness and the size of the residual."""
+    residual = fit.residual
+    size = float(np.std(residual)) / fit.expected
+    coloured = float(np.abs(correlation(residual)).max())
+    text = f"{fit.axis}: the residual is {size:.1f} times that of the encoder's counts alone"
+    if fit.holds:
+        return f"{text} and white (correlation at most {coloured:.2f}): the structure of the model holds"
+    frequency, power = spectrum(fit, period)
+    text += f" and not white (correlation up to {coloured:.2f}): the structure of the model is wrong"
+    if float(power.max()) > _PEAK * float(np.median(power)):
+        text += f", most at {frequency[int(power.argmax())]:.0f} Hz"
+    if "gap" in fit.estimates:
+        unit, factor = ("µm", 1e3) if fit.unit == "mm" else ("mdeg", 1e3)
+        return f"{text}; backlash of about {factor * fit.model.gap:.2g} {unit} fits best"
+    return f"{text}; a second mode or another friction may be missing"

@@ -1,0 +1,105 @@
+"""What `gantrysim identify` writes and shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from rich.table import Table
+
+from gantrysim.arrays import Floats
+from gantrysim.identify.fitted import fitted_machine, write_machine
+from gantrysim.identify.identification import Identification
+from gantrysim.identify.log import Log
+from gantrysim.identify.plots import draw_friction, draw_residuals, draw_response
+from gantrysim.report.folder import Output, output_folder
+
+VALUES, MACHINE = "identified.toml", "machine.xml"
+_PLOTS = ("residuals", "friction", "response")
+OUTPUT = Output("identification", VALUES, (VALUES, MACHINE, *(f"{name}.png" for name in _PLOTS)))
+_NAMES = {
+    "inertia": "inertia, whole",
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "static": "static friction",
+    "offset": "constant torque",
+    "share": "load's share of the inertia",
+    "gap": "backlash",
+}
+
+
+def values_table(found: Identification) -> Table:
+    """Return the fitted values with their intervals."""
+    caption = (
+        "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
+        "confidence; not seen: half the interval exceeds 15 %"
+    )
+    table = Table(title="identified", title_justify="left", caption=caption, caption_justify="left")
+    table.add_column("axis", no_wrap=True)
+    table.add_column("quantity")
+    for column in ("nominal", "identified", "±", "unit"):
+        table.add_column(column, justify="left" if column == "unit" else "right", no_wrap=True)
+    table.add_column("")
+    wrong = {fit.axis for fit in found.fits if not fit.holds}
+    last = ""
+    for one in found.found:
+        if last and one.axis != last:
+            table.add_section()
+        table.add_row(
+            one.axis if one.axis != last else "",
+            _NAMES.get(one.name, one.name),
+            f"{one.nominal:.4g}",
+            f"{one.value:.4g}",
+            f"{0.5 * (one.high - one.low):.2g}",
+            one.unit,
+            "" if one.identified else "uncertain" if one.axis in wrong else "not seen",
+        )
+        last = one.axis
+    return table
+
+
+def content(found: Identification) -> dict[str, Any]:
+    """Return the fitted values as tables of TOML, a table per axis."""
+    axes: dict[str, Any] = {}
+    for one in found.found:
+        axes.setdefault(one.axis, {})[one.name] = {
+            "value": float(one.value),
+            "interval": [float(one.low), float(one.high)],
+            "nominal": float(one.nominal),
+            "unit": one.unit,
+            "identified": one.identified,
+        }
+    for fit in found.fits:
+        if fit.model.share:
+            axes[fit.axis]["mode"] = {"frequency": fit.model.resonance, "damping_ratio": fit.model.damping_ratio}
+    return {"machine": str(found.machine.source), "notes": found.notes, "axes": axes}
+
+
+def write_all(found: Identification, log: Log, folder: Path) -> list[str]:
+    """Write values, fitted machine and plots to a folder, replaced as a whole; return their names.
+
+    Raises:
+        InputError: the folder holds other files of these names or cannot be written, or no machine has the values.
+    """
+    machine = fitted_machine(found)
+
+    def column(values: Floats, axis: str) -> Floats:
+        return values[:, log.axes.index(axis)]
+
+    drawings = {
+        "residuals": draw_residuals(found.fits, found.period),
+        "friction": draw_friction(found.fits),
+        "response": draw_response(
+            found.fits,
+            found.period,
+            lambda axis: column(log.torque, axis),
+            lambda axis: column(log.position, axis),
+        ),
+    }
+    with output_folder(folder, OUTPUT) as scratch:
+        (scratch / VALUES).write_text(tomli_w.dumps(content(found)), encoding="utf-8")
+        write_machine(machine, scratch / MACHINE)
+        for name, drawing in drawings.items():
+            drawing.savefig(scratch / f"{name}.png")
+    return list(OUTPUT.files)

@@ -1,0 +1,57 @@
+"""The start of a fit: linear regression of the torque, and the samples in motion."""
+
+# ruff: noqa: N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
+
+_WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
+_MOVING = 0.02  # share of the highest speed from which an axis slides
+_AROUND = 0.02  # time around a motion that counts as its own [s]
+_SLIDING = 0.9  # share of the samples around one that must be in motion
+_LEAST_SAMPLES = 500
+
+
+def regression(position: Floats, torque: Floats, period: float) -> tuple[float, float, float, float]:
+    """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
+
+    Position, sign and torque pass the same zero-phase filter, a Gaussian; v and a are central differences. Samples near
+    rest are left out.
+
+    Args:
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        period: of the samples [s].
+
+    Raises:
+        InputError: a log without motion.
+    """
+    width = _WIDTH / period
+    if position.size < max(8 * width, _LEAST_SAMPLES):
+        raise InputError(f"log of {position.size} samples: must have at least {max(8 * width, _LEAST_SAMPLES):.0f}")
+    place, sign, smooth = (gaussian_filter1d(one, width) for one in (position, np.sign(np.gradient(position)), torque))
+    speed = np.gradient(place, period)
+    acceleration = np.gradient(speed, period)
+    least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
+    slides = np.abs(speed) > least
+    chosen = gaussian_filter1d(1.0 * slides, width) > _SLIDING
+    chosen[: round(4 * width)] = chosen[-round(4 * width) :] = False  # the filter reaches beyond the log
+    if not least > 0 or chosen.sum() < 8 * width:
+        raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
+    A = np.stack([acceleration, speed, sign, np.ones_like(speed)], axis=1)[chosen]
+    found = np.linalg.lstsq(A, smooth[chosen], rcond=None)[0]
+    return float(found[0]), float(found[1]), float(found[2]), float(found[3])
+
+
+def in_motion(position: Floats, period: float, resolution: float) -> NDArray[np.bool_]:
+    """Return whether each sample is near a motion of more than a count per few samples, (n,) bool."""
+    reach = max(round(_AROUND / period), 1)
+    far = np.abs(np.concatenate([position[reach:], np.full(reach, position[-1])]) - position)
+    far = np.maximum(far, np.abs(position - np.concatenate([np.full(reach, position[0]), position[:-reach]])))
+    return np.asarray(far > max(4 * resolution, 1e-12))

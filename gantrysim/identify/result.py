@@ -1,0 +1,97 @@
+"""What the fit of an axis gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.identify.model import AxisModel
+from gantrysim.identify.whiteness import correlation
+
+CONFIDENCE = 1.96  # standard deviations of a 95 % interval
+KNOWN = 0.15  # largest half interval of an identified parameter, of its value
+WHITE = 0.25  # correlation of a residual from which the model's structure counts as wrong
+MODE = ("share", "stiffness", "damping")
+
+# name, unit with u for mm or deg, of the fitted parameters in their order
+PARAMETERS = {
+    "inertia": "N·m·s²/u",
+    "viscous": "N·m·s/u",
+    "coulomb": "N·m",
+    "excess": "N·m",
+    "static": "N·m",
+    "offset": "N·m",
+    "delay": "s",
+    "share": "",
+    "stiffness": "N·m/u",
+    "damping": "N·m·s/u",
+    "gap": "u",
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter.
+
+    Attributes:
+        value: in the unit of `PARAMETERS`.
+        deviation: standard deviation, of the Gauss-Newton covariance with the residual's own correlation.
+    """
+
+    value: float
+    deviation: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % confidence interval."""
+        half = CONFIDENCE * self.deviation
+        return self.value - half, self.value + half
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """The identification of an axis.
+
+    Attributes:
+        axis: its name.
+        unit: "mm" or "deg".
+        nominal: the model of the machine's MJCF.
+        model: the fitted one.
+        estimates: of the parameters by name, in the order of `PARAMETERS`.
+        noise: fitted standard deviation of the torque noise [N·m].
+        expected: standard deviation of the position noise that the encoder's counts explain [u].
+        used: whether a sample is in motion, (n,) bool.
+        innovations: of all samples, (n,) [u].
+        start: inertia, viscous and Coulomb friction of the linear regression.
+        highest: frequency up to which the log shows a mode [Hz].
+    """
+
+    axis: str
+    unit: str
+    nominal: AxisModel
+    model: AxisModel
+    estimates: dict[str, Estimate]
+    noise: float
+    expected: float
+    used: NDArray[np.bool_]
+    innovations: Floats
+    start: tuple[float, float, float]
+    highest: float
+
+    @property
+    def residual(self) -> Floats:
+        """Innovations of the samples in motion, (k,) [u]."""
+        return self.innovations[self.used]
+
+    @property
+    def shows_mode(self) -> bool:
+        """Whether the mode is fitted, and in the reach of the log."""
+        return "stiffness" in self.estimates and self.model.resonance < self.highest
+
+    @property
+    def holds(self) -> bool:
+        """Whether the residual is as good as white and no backlash shows: the model's structure is that of the axis."""
+        return "gap" not in self.estimates and float(np.abs(correlation(self.residual)).max()) <= WHITE

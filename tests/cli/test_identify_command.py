@@ -1,0 +1,87 @@
+"""The command `gantrysim identify`."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from gantrysim import Job, Machine, Servo, simulate
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.trio import Basic
+from gantrysim.identify.log import Log
+from gantrysim.identify.plan import excitation
+from gantrysim.machine.perturbation import Perturbation
+
+
+@pytest.mark.parametrize("controller", ["trio", "softmc", "linuxcnc"])
+def test_a_plan_is_a_program_file_that_is_read(gantrysim_command, tmp_path, monkeypatch, controller):
+    monkeypatch.chdir(tmp_path)
+    status, output, said = gantrysim_command("identify", "--plan", "--machine", "xy", "--controller", controller)
+    assert (status, said) == (0, "")
+    (file,) = tmp_path.iterdir()
+    assert f"written to {file.name}" in output
+    assert Job.load(file, (), "xy").plan().duration > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((), "a log is missing; gantrysim identify --plan writes the program of the moves to log"),
+        (("none.csv",), "log none.csv: cannot be read: No such file or directory"),
+        (("--plan", "some.csv"), "--plan takes no log, got some.csv"),
+        (("--plan", "--controller", "fanuc"), "unknown controller 'fanuc'"),
+        (("none.csv", "--column", "x position"), "--column 'x position': must be NAME=HEAD"),
+        (("none.csv", "--machine", "none"), "unknown model 'none'"),
+    ],
+)
+def test_bad_input_is_a_one_line_error(gantrysim_command, tmp_path, monkeypatch, arguments, text):
+    monkeypatch.chdir(tmp_path)
+    status, output, said = gantrysim_command("identify", *arguments)
+    assert (status, output) == (2, "")
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert text in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
+    """A rigid log of x alone: the moves at speed, without the short strokes."""
+    machine = Machine("xy")
+    whole = Basic(excitation(machine, "trio")[0]).setpoints(1e-3)
+    position = np.concatenate([np.zeros((100, 1)), whole.position[:3000, :1]])
+    setpoints = Setpoints(1e-3, ("x",), position, np.ones(len(position), bool), whole.requested)
+    true = machine.perturbed(Perturbation(friction=1.3, payload=0.4))
+    Log.of(simulate(true, Servo.derive(machine.axes, 1e-3), setpoints)).save(
+        tmp_path / "log.csv", {"x": "mm", "y": "mm"}
+    )
+    text = (tmp_path / "log.csv").read_text(encoding="utf-8").replace("y demand", "a").replace("x position", "MPOS")
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    folder = tmp_path / "found"
+    status, output, said = gantrysim_command(
+        "identify", tmp_path / "log.csv", "--machine", "xy", "--out", folder, "--column", "x position=MPOS [mm]"
+    )
+    assert (status, said) == (0, ""), said
+    assert "structure of the model" in output
+    names = ["friction.png", "identified.toml", "machine.xml", "residuals.png", "response.png"]
+    assert sorted(item.name for item in folder.iterdir()) == names
+    found = tomllib.loads((folder / "identified.toml").read_text(encoding="utf-8"))
+    friction = found["axes"]["x"]["coulomb"]
+    assert friction["value"] == pytest.approx(1.3 * 0.0173, rel=0.05)
+    low, high = friction["interval"]
+    assert low < friction["value"] < high
+    inertia = found["axes"]["x"]["inertia"]
+    assert inertia["unit"] == "kg"
+    assert inertia["value"] == pytest.approx(inertia["nominal"] + 0.4, rel=0.01)
+    assert list(found["axes"]) == ["x"]
+    # every other command takes the machine
+    status, output, _ = gantrysim_command("check", "an225", "--machine", folder / "machine.xml")
+    assert status == 0
+    assert "an225: trio.MoveSpiral on machine" in output
+    fitted = Machine(folder / "machine.xml").axes[0]
+    assert fitted.coulomb == pytest.approx(friction["value"], rel=1e-4)
+    # a folder with files of another command is refused
+    (folder / "identified.toml").unlink()
+    status, _, said = gantrysim_command("identify", tmp_path / "log.csv", "--machine", "xy", "--out", folder,
+                                        "--column", "x position=MPOS [mm]")  # fmt: skip
+    assert status == 2
+    assert "which no identification has written" in said

@@ -1,0 +1,120 @@
+"""Logs of torque and position: units, heads, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim import InputError, Machine
+from gantrysim.identify.log import Log, read_log
+
+MACHINE = Machine("xy")
+N = 200
+
+
+def written(folder, heads, *columns):
+    file = folder / "log.csv"
+    rows = [",".join(f"{value:.12g}" for value in row) for row in zip(*columns, strict=True)]
+    file.write_text("\n".join([",".join(heads), *rows, ""]), encoding="utf-8")
+    return file
+
+
+def columns():
+    k = np.arange(N)
+    return k, np.sin(0.1 * k), np.cos(0.1 * k)
+
+
+@pytest.mark.parametrize(
+    ("heads", "factors"),
+    [
+        (("time [s]", "x torque [N·m]", "x position [mm]"), (1e-3, 1.0, 1.0)),
+        (("time", "x_torque", "x_position"), (1e-3, 1.0, 1e3)),
+        (("time [ms]", "x torque [mN·m]", "x position [µm]"), (1e-6, 1e-3, 1e-3)),
+        ((" time (us)", "x.torque (Nm)", "x.position (m)"), (1e-9, 1.0, 1e3)),
+        (("time", "x torque", "x position [counts]"), (1e-3, 1.0, 1e-3)),
+    ],
+    ids=["units", "SI", "small", "round", "counts"],
+)
+def test_units_are_converted(tmp_path, heads, factors):
+    k, torque, position = columns()
+    log = read_log(written(tmp_path, heads, 1e-3 * k, torque, position), MACHINE)
+    period, by_torque, by_position = factors
+    assert log.axes == ("x",)
+    assert not log.held
+    assert log.period == pytest.approx(period)
+    assert np.allclose(log.torque[:, 0], by_torque * torque, atol=1e-11)
+    assert np.allclose(log.position[:, 0], by_position * position, atol=1e-8)
+
+
+def test_a_hinge_in_radians(tmp_path):
+    k, torque, position = columns()
+    heads = ("time", "r demand", "r position [rad]")
+    log = read_log(written(tmp_path, heads, 1e-3 * k, torque, position), Machine("xyzr"))
+    assert log.held
+    assert np.allclose(log.position[:, 0], np.degrees(position), atol=1e-8)
+
+
+def test_columns_of_any_name(tmp_path):
+    k, torque, position = columns()
+    file = written(tmp_path, ("Tick", "DAC", "MPOS AXIS(0)"), k, torque, position)
+    named = {"time": "Tick [ms]", "x torque": "DAC [N·m]", "x position": "MPOS AXIS(0) [mm]"}
+    log = read_log(file, MACHINE, named)
+    assert log.period == pytest.approx(1e-3)
+    assert np.allclose(log.position[:, 0], position, atol=1e-9)
+    with pytest.raises(InputError, match=r"has no column 'MPOS' for x position; it has: Tick, DAC, MPOS AXIS\(0\)"):
+        read_log(file, MACHINE, {"x position": "MPOS"})
+    with pytest.raises(InputError, match="column 'z position': must be one of time, x position"):
+        read_log(file, MACHINE, {"z position": "DAC"})
+
+
+@settings(deadline=None, max_examples=20)
+@given(period=st.floats(1e-5, 1e-2), size=st.floats(1e-6, 1e3), held=st.booleans())
+def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
+    _, torque, position = columns()
+    log = Log(("x", "y"), period, size * np.stack([position, -position], 1), np.stack([torque, 2 * torque], 1), held)
+    file = tmp_path_factory.mktemp("log") / "log.csv"
+    log.save(file, {"x": "mm", "y": "mm"})
+    again = read_log(file, MACHINE)
+    assert (again.axes, again.held) == (log.axes, held)
+    assert math.isclose(again.period, period, rel_tol=1e-6)
+    assert np.allclose(again.position, log.position, rtol=1e-8)
+    assert np.allclose(again.torque, log.torque, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("heads", "change", "text"),
+    [
+        (("t", "x torque", "x position"), None, "has no column time; it has: t, x torque, x position"),
+        (("time", "a torque", "x position"), None, "has no axis with position and torque"),
+        (("time", "x torque [V]", "x position"), None, r"column x torque: unknown unit 'V'; known: N·m"),
+        (("time [h]", "x torque", "x position"), None, "column time: unknown unit 'h'; known: s, ms"),
+        (("time", "x torque", "x position [deg]"), None, "column x position: unknown unit 'deg'; known: m, mm"),
+        (("time", "x torque", "x position"), "gap", r"its samples are not even: near t = 0\.\d+ s some are missing"),
+        (("time", "x torque", "x position"), "back", "time does not rise"),
+        (("time", "x torque", "x position"), "nan", "row 12, column 'x torque': must be finite"),
+        (("time", "x torque", "x position"), "text", "row 12, column 'x torque': 'none' is no number"),
+        (("time", "x torque", "x position"), "short", "has 49 samples, must have at least 100"),
+    ],
+)
+def test_a_bad_log_is_refused(tmp_path, heads, change, text):
+    k, torque, position = columns()
+    if change == "gap":
+        k = np.where(k > 99, k + 5, k)
+    if change == "back":
+        k = np.where(k > 99, k - 50, k)
+    if change == "nan":
+        torque[10] = np.nan
+    file = written(tmp_path, heads, 1e-3 * k, torque, position)
+    lines = file.read_text(encoding="utf-8").splitlines()
+    if change == "text":
+        lines[11] = "0.01,none,0"
+    file.write_text("\n".join(lines[: 50 if change == "short" else None]), encoding="utf-8")
+    with pytest.raises(InputError, match=f"^log {file}: {text}"):
+        read_log(file, MACHINE)
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(InputError, match=r"missing\.csv: cannot be read: No such file"):
+        read_log(tmp_path / "missing.csv", MACHINE)
