@@ -60,8 +60,8 @@ def follow_demands(data, row):
             torque = drive.constant * currents[row.current[a]]
             ctrl[row.control[a]] = torque + drive.lead * (demand - torque)
         else:
+            ctrl[row.control[a]] = drive.torque  # at the beginning of the step, as of a winding
             drive.torque += drive.lead * (demand - drive.torque)
-            ctrl[row.control[a]] = drive.torque
 
 
 @inner_jit
