@@ -23,7 +23,7 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
         step: physics step [s].
 
     Raises:
-        InputError: feedback from the load of an axis that has none.
+        InputError: feedback from the load of an axis that has none, or a current loop of a motor without inductance.
     """
     if servo.plain:
         return None
@@ -44,8 +44,12 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
         entry["once"], entry["twice"] = servo.interpolation_error[a], servo.interpolation_error_twice[a]
         if servo.signal_period[a]:
             entry["signal"] = 2 * math.pi / servo.signal_period[a]
-        if servo.current_bandwidth[a]:
-            winding = -math.expm1(-step / axis.lag) if axis.lag > 0 else 1.0
-            entry["lead"] = -math.expm1(-2 * math.pi * servo.current_bandwidth[a] * step) / winding
+        if bandwidth := servo.current_bandwidth[a]:
+            if not axis.lag > 0:
+                raise InputError(
+                    f"current_bandwidth of axis {axis.name} = {bandwidth:g} Hz: its motor has no inductance, so that "
+                    "its torque follows at once; use 0"
+                )
+            entry["lead"] = math.expm1(-2 * math.pi * bandwidth * step) / math.expm1(-step / axis.lag)
             entry["constant"] = axis.motor_constant
     return entries

@@ -131,7 +131,7 @@ def stretches(
         axes: names of the axes.
         period: servo period [s].
         ticks: servo ticks, each after the one before.
-        drives: gain, motor constant, resistance, bus voltage and peak torque of each healthy axis, (axes, 5).
+        drives: gain, motor constant, resistance, bus voltage, peak torque and lead of each healthy axis, (axes, 6).
     """
     electrical = [(f, *f.acting(period)) for f in faults if isinstance(f, OpenWinding | BusSag) and f.acts]
     edges = {ticks.start, ticks.stop}

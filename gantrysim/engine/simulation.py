@@ -97,6 +97,7 @@ class Simulation:
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
+        drives = drive_entries(machine, servo, servo.period / substeps)
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(
             machine,
@@ -106,11 +107,11 @@ class Simulation:
             position,
             substeps,
             model,
-            LogBook(machine, setpoints, position, dispenser, checked),
+            LogBook(machine, setpoints, position, dispenser, checked, None if drives is None else drives["lead"]),
             checked,
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, model, servo.period, substeps),
-            drive_entries(machine, servo, servo.period / substeps),
+            drives,
         )
 
     @property

@@ -198,7 +198,13 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         **drive,
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
-    where = model.jnt_qposadr[joint], model.actuator_ctrladr[i], model.actuator_outadr[i], current, load_of(model, joint)
+    where = (
+        model.jnt_qposadr[joint],
+        model.actuator_ctrladr[i],
+        model.actuator_outadr[i],
+        current,
+        load_of(model, joint),
+    )
     return axis, AxisAddress(*map(int, where))
 
 

@@ -19,7 +19,12 @@ _DIFFERENCE = 1e-6  # change of a state for finite differences; the model is alm
 
 
 def linear_motion(
-    model: mujoco.MjModel, qpos: Floats, currents: Sequence[int], controls: Sequence[int], loads: Sequence[int], per_si: Floats
+    model: mujoco.MjModel,
+    qpos: Floats,
+    currents: Sequence[int],
+    controls: Sequence[int],
+    loads: Sequence[int],
+    per_si: Floats,
 ) -> Motion:
     """Return the motion of all axes, by central differences of MuJoCo's accelerations and current rates.
 

@@ -56,12 +56,9 @@ def follow_demands(data, row):
         drive, demand = drives[a], row.held[a] * row.drive_gain[a]
         if drive.lead == 0.0:
             ctrl[row.control[a]] = demand
-        elif row.current[a] >= 0:
+        else:
             torque = drive.constant * currents[row.current[a]]
             ctrl[row.control[a]] = torque + drive.lead * (demand - torque)
-        else:
-            ctrl[row.control[a]] = drive.torque  # at the beginning of the step, as of a winding
-            drive.torque += drive.lead * (demand - drive.torque)
 
 
 @inner_jit

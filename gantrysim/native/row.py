@@ -142,9 +142,8 @@ DRIVE = np.dtype(
         ("signal", np.float64),  # radians of the signal per u
         ("delay", np.int64),  # servo ticks from the encoder to the servo
         ("history", np.float64, (MAX_FEEDBACK_DELAY + 1,)),  # of the encoder [u]
-        ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 without current loop
+        ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 for no current loop
         ("constant", np.float64),  # of the motor [N·m/A]
-        ("torque", np.float64),  # of a motor without a current of its own in MuJoCo [N·m]
     ]
 )
 

@@ -1,7 +1,8 @@
 """Stability margins of the sampled loop of each axis.
 
-Rotor, load, compliance, winding or current loop, hold and delays are in them, exactly and in continuous time between the ticks. Encoder
-quantisation, noise and interpolation errors, torque and voltage limits and Coulomb friction are left out.
+Rotor, load, compliance, winding or current loop, hold and delays are in them, exactly and in continuous time between
+the ticks. Encoder quantisation, noise and interpolation errors, torque and voltage limits and Coulomb friction are left
+out.
 """
 
 # ruff: noqa: N806 - functions of z bear the letters of the law

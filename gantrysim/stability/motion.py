@@ -113,29 +113,29 @@ class Motion:
         winding's own lag, whose back-EMF the drive compensates.
 
         Raises:
-            InputError: a position of a load that the motion does not have.
+            InputError: a position of a load, or a winding, that the motion does not have.
         """
-        n, wound = len(self.A), self.currents or (-1,) * len(self.C)
-        lagging = [a for a, width in enumerate(drives.bandwidth) if width and wound[a] < 0]
-        A, B = np.zeros((n + len(lagging),) * 2), np.zeros((n + len(lagging), len(self.C)))
-        A[:n, :n], B[:n] = self.A, self.B
+        A, B, C = self.A.copy(), self.B.copy(), self.C.copy()
         for a, width in enumerate(drives.bandwidth):
-            rate = 2 * np.pi * width
-            if width and wound[a] >= 0:
-                row = wound[a]
+            row = self.currents[a] if self.currents else -1
+            if width and row < 0:
+                raise InputError(
+                    f"current_bandwidth of axis {a + 1} = {width:g} Hz: its motor has no inductance, so that its "
+                    "torque follows at once; use 0"
+                )
+            if width:
+                rate = 2 * np.pi * width
                 B[row] *= -rate / A[row, row]
                 A[row] = 0.0
                 A[row, row] = -rate
-        for row, a in enumerate(lagging, n):
-            rate = 2 * np.pi * drives.bandwidth[a]
-            A[:n, row], B[:n, a] = B[:n, a], 0.0
-            A[row, row], B[row, a] = -rate, rate
-        C = np.pad(self.C, ((0, 0), (0, len(lagging))))
         for a, load in enumerate(drives.load):
             if load and (self.L is None or not self.L[a].any()):
-                raise InputError(f"feedback of axis {a + 1} from the load: the motion has no load of this axis")
+                raise InputError(
+                    f"servo feedback of axis {a + 1} = 'load': the machine has no one spring by which this axis "
+                    "carries its load; use 'motor'"
+                )
             if load and self.L is not None:
-                C[a, :n] = self.L[a]
+                C[a] = self.L[a]
         return replace(self, A=A, B=B, C=C, L=None)
 
     def resonances(self) -> Floats:

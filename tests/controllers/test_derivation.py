@@ -13,11 +13,11 @@ from scipy import signal
 from gantrysim import InputError, Machine, Servo
 from gantrysim.controllers import notch
 from gantrysim.controllers.derivation import (
-    Lags,
     LARGEST_PEAK,
     LEAST_GAIN_MARGIN,
     NOTCH_DEPTH,
     NOTCH_WIDTH,
+    Lags,
     loop,
     natural_frequency,
 )

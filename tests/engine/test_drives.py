@@ -5,15 +5,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from gantrysim import Machine, Servo, simulate, simulate_batch
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.errors import InputError
+from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.job.job import Job
+from gantrysim.machine.ideal import without_winding
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Plant, margins_of
+from gantrysim.study.loop.sampling import circle_response
 
 from support.runs import plain, ramp, turntable
 
@@ -162,6 +164,21 @@ def test_derived_gains_keep_their_margins_with_every_drive(name, case):
         assert margins.sensitivity <= 2 * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("given", [{}, {"feedback_delay": 2}, {"current_bandwidth": 150.0}])
+def test_the_error_on_a_circle_is_that_of_the_closed_form(given):
+    """To the second order in the frequency over that of the machine's mode, and half a step of the servo."""
+    machine, ticks, cycles = Machine("xy").perturbed(Perturbation(friction=1e-15)), 2000, 6
+    servo = plain(machine, frequency=12.0, **given)
+    time = np.arange(ticks) * 1e-3
+    rate = 2 * np.pi * cycles / 1.0
+    position = np.zeros((ticks, 2))
+    position[:, 0] = 2.0 * (1 - np.cos(rate * time))
+    run = simulate(machine, servo, dataclasses.replace(still(machine, ticks), position=position))
+    turned = np.exp(-1j * rate * time[1000:])
+    found = ((run.commanded - run.motor)[1000:, 0] @ turned) / (run.commanded[1000:, 0] @ turned)
+    assert abs(found / circle_response(servo, 0, machine.axes[0], rate) - 1) < 0.03
+
+
 def stepped(machine, torque, bandwidth, period=2.5e-4, ticks=20):
     servo = plain(machine, period, current_bandwidth=bandwidth)
     return simulate(machine, servo, still(machine, ticks, period), law=lambda tick: [torque, 0.0])
@@ -190,15 +207,37 @@ def test_a_current_loop_as_fast_as_the_winding_is_none(xy):
     np.testing.assert_allclose(run.motor, simulate(xy, servo, setpoints).motor, atol=SAME)
 
 
-def test_a_torque_source_without_a_winding_lags_too(tmp_path):
-    """J dv/dt = T - b v, dT/dt = 2 pi f (u - T)."""
-    machine, width, period = turntable(tmp_path), 50.0, 5e-5
-    servo = plain(machine, period, current_bandwidth=width)
-    run = simulate(machine, servo, still(machine, 400, period), law=lambda tick: [0.0, 0.1], physics_step=5e-6)
-    J, b, rate = machine.axes[1].inertia, machine.axes[1].viscous, 2 * np.pi * width
-    rates = np.array([[0, 1, 0, 0], [0, -b / J, 1 / J, 0], [0, 0, -rate, 0.1 * rate], [0, 0, 0, 0]])
-    expected = [expm(rates * k * period)[0, 3] for k in range(400)]
-    np.testing.assert_allclose(run.motor[50:, 1], expected[50:], rtol=1e-4)
+def test_the_recorded_voltage_is_that_of_the_current(xy):
+    """L di/dt = V - R i - K w over one physics step, with V and w at its beginning."""
+    period = 5e-5
+    run = stepped(xy, 0.9, 3000.0, period)
+    axis = xy.axes[0]
+    speed = np.diff(run.motor[:, 0]) / period / axis.scale  # a step moves at the speed of its end
+    fallen = np.exp(-period / axis.lag)
+    mean = (run.current[1:, 0] - run.current[:-1, 0] * fallen) / (1 - fallen) * axis.resistance
+    np.testing.assert_allclose(run.voltage[1:-1, 0], mean[1:] + axis.motor_constant * speed[:-1], rtol=1e-9)
+    assert run.voltage[0, 0] == axis.bus_voltage
+
+
+def test_a_motor_without_inductance_has_no_current_loop(xy, tmp_path):
+    for machine in (turntable(tmp_path), without_winding(xy)):
+        with pytest.raises(InputError, match="axis 1 = 100 Hz: its motor has no inductance"):
+            plain(machine, current_bandwidth=100.0)
+        servo = dataclasses.replace(plain(machine), current_bandwidth=(0.0, 100.0))
+        with pytest.raises(InputError, match=r"axis [xy] = 100 Hz: its motor has no inductance"):
+            simulate(machine, servo, still(machine, 10))
+
+
+@pytest.mark.parametrize("cause", ["sampling", "counts", "winding", "compliance"])
+def test_a_cause_is_switched_off_with_every_drive(xy, cause):
+    servo = plain(xy, encoder_noise=1e-4, **CASES["all"])
+    (chosen,) = (one for one in CAUSES if one.name == cause)
+    without = chosen.without(Setup(xy, servo, ramp(50.0, 2.0)))
+    assert without.run().fault is None
+    off = {"sampling": (0, "feedback_delay"), "counts": ((0.0, 0.0), "encoder_noise")}
+    off |= {"winding": ((0.0, 0.0), "current_bandwidth"), "compliance": (("motor", "motor"), "feedback")}
+    value, name = off[cause]
+    assert getattr(without.servo, name) == value
 
 
 def test_plain_drives_have_no_entries_and_a_job_can_name_them(xy):
@@ -229,7 +268,7 @@ def test_a_drive_that_cannot_be_is_refused(xy, given, text):
 
 def test_feedback_from_a_load_that_there_is_not_is_refused(tmp_path):
     machine = turntable(tmp_path)
-    with pytest.raises(InputError, match="axis 1 from the load: the motion has no load"):
+    with pytest.raises(InputError, match=r"axis 1 = .load.: the machine has no one spring"):
         plain(machine, feedback="load")
     servo = dataclasses.replace(plain(machine), feedback=("motor", "load"))
     with pytest.raises(InputError, match="axis x = 'load': machine turntable has no one spring"):
