@@ -98,10 +98,14 @@ def _without_sampling(setup: Setup) -> Setup:
 
 
 def _without_counts(setup: Setup) -> Setup:
-    names = ("resolution", "encoder_noise", "interpolation_error", "interpolation_error_twice")
-    if not any(any(getattr(setup.servo, name)) for name in names):
-        return setup
-    return replace(setup, servo=replace(setup.servo, **dict.fromkeys(names, (0.0,) * setup.servo.axes)))
+    exact = replace(
+        setup.servo,
+        resolution=(0.0,) * setup.servo.axes,
+        encoder_noise=(),
+        interpolation_error=(),
+        interpolation_error_twice=(),
+    )
+    return setup if exact == setup.servo else replace(setup, servo=exact)
 
 
 def _without_winding(setup: Setup) -> Setup:

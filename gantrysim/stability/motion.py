@@ -103,7 +103,7 @@ class Motion:
         (states,) = (group for group in _coupled(A) if np.any(C[:, group]))
         L = None if self.L is None else self.L[[axis]][:, free][:, states]
         kept = free[states].tolist()
-        currents = tuple(kept.index(own) if own >= 0 else -1 for own in self.currents[axis : axis + 1])
+        currents = tuple(kept.index(own) if own in kept else -1 for own in self.currents[axis : axis + 1])
         return Motion(A[np.ix_(states, states)], self.B[free][states][:, [axis]], C[:, states], L, currents)
 
     def driven(self, drives: Drives) -> Motion:

@@ -240,6 +240,15 @@ def test_a_cause_is_switched_off_with_every_drive(xy, cause):
     assert getattr(without.servo, name) == value
 
 
+def test_a_drive_that_does_nothing_leaves_every_bit(xy):
+    servo, setpoints = Servo.derive(xy.axes), ramp(80.0, 10.0)
+    neutral = Servo.derive(xy.axes, interpolation_error=1e-300, signal_period=1.0)
+    assert drive_entries(xy, neutral, 2.5e-4) is not None
+    run, same = simulate(xy, servo, setpoints), simulate(xy, neutral, setpoints)
+    for name in ("encoder", "motor", "demand", "torque", "current", "voltage", "nozzle"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(run, name))
+
+
 def test_plain_drives_have_no_entries_and_a_job_can_name_them(xy):
     assert drive_entries(xy, plain(xy), 2.5e-4) is None
     job = Job.load("trio-basic", ['servo.feedback=["load", "motor"]', "servo.encoder_noise=1e-4"])
