@@ -10,6 +10,7 @@ from gantrysim import Machine, Servo, simulate, simulate_batch
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.errors import InputError
+from gantrysim.faults import BusSag, OpenWinding
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.job.job import Job
 from gantrysim.machine.ideal import without_winding
@@ -198,6 +199,20 @@ def test_the_bus_voltage_limits_how_fast_a_current_rises(xy):
     steepest = axis.bus_voltage / axis.resistance * -np.expm1(-period / axis.lag)
     assert run.current[1, 0] == pytest.approx(steepest, rel=EXPONENTIAL)
     assert steepest < 0.9 / axis.motor_constant * -np.expm1(-2 * np.pi * 5000.0 * period)
+
+
+def test_electrical_faults_act_on_a_current_loop(xy):
+    """An open winding has no current; a sagged bus has that share of the voltage for the first rise."""
+    axis, period = xy.axes[0], 5e-5
+    servo, setpoints = plain(xy, period, current_bandwidth=5000.0), still(xy, 40, period)
+    share, opens = 0.5, 20 * period
+    faults = BusSag(time=0.0, share=share), OpenWinding(time=opens, axis="x")
+    run = simulate(xy, servo, setpoints, law=lambda tick: [0.9, 0.0], faults=faults)
+    steepest = share * axis.bus_voltage / axis.resistance * -np.expm1(-period / axis.lag)
+    assert run.current[1, 0] == pytest.approx(steepest, rel=EXPONENTIAL)
+    assert np.abs(run.voltage[:20]).max() == pytest.approx(share * axis.bus_voltage)
+    assert (run.current[1:20, 0] > 0).all()
+    np.testing.assert_array_equal(run.current[20:, 0], 0)
 
 
 def test_a_current_loop_as_fast_as_the_winding_is_none(xy):
