@@ -14,7 +14,7 @@ from gantrysim.controllers.law import GAIN_NAMES, compensator
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Margins, Plant
-from gantrysim.stability.motion import Motion
+from gantrysim.stability.motion import Drives, Motion
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
 LARGEST_PEAK = 2.0  # of its |S|
@@ -67,6 +67,29 @@ class AxisDynamics(Protocol):
         """Linear motion of all axes, where a closed chain couples them; None if none does."""
 
 
+class Lags(NamedTuple):
+    """What makes the loops of a servo late, besides its period and the machine.
+
+    Attributes:
+        delay: from sample to output [s].
+        feedback: from the encoder to the servo [servo periods].
+        drives: feedback and current loops of the drives.
+    """
+
+    delay: float = 0.0
+    feedback: int = 0
+    drives: Drives = Drives()
+
+    def of_axis(self, axis: int) -> Lags:
+        """Return those of one axis."""
+        return self._replace(drives=self.drives.of_axis(axis))
+
+    def winding(self, axis: AxisDynamics) -> float:
+        """Return the time constant of the torque, given those of one axis [s]."""
+        width = max(self.drives.bandwidth, default=0.0)
+        return 1 / (2 * math.pi * width) if width else axis.lag
+
+
 class Loop(NamedTuple):
     """The natural frequency of all axes and the notch of each.
 
@@ -88,7 +111,7 @@ def loop(
     frequency: float | None,
     damping: float,
     integral_time: float,
-    delay: float,
+    lags: Lags,
 ) -> Loop:
     """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
 
@@ -103,16 +126,16 @@ def loop(
         frequency: natural frequency that is to be taken, whatever the margins are; None for the fastest [Hz].
         damping: damping ratio zeta.
         integral_time: kp / ki [s].
-        delay: from sample to output [s].
+        lags: what makes the loops late.
     """
-    loops = [_AxisLoop(axis, period, damping, integral_time, delay) for axis in axes]
+    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a)) for a, axis in enumerate(axes)]
     if frequency is not None:
         at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
-        slowest = max(axes, key=lambda axis: axis.lag)
-        lag = slowest.lag + period + delay
+        slowest = max(one.lags.winding(one.axis) for one in loops)
+        lag = slowest + period + lags.delay + lags.feedback * period
         at = room = natural_frequency(lag, damping)
-        bound, chain = "", _Chain.of(axes, loops, period, delay)
+        bound, chain = "", _Chain.of(axes, loops, period, lags)
         while at > _SLOWEST * room:
             failing = next((one for one in loops if one.notch_at(at) is None), None)
             trouble = failing.limit(at) if failing else chain.trouble(at) if chain else ""
@@ -134,16 +157,17 @@ def loop(
 class _AxisLoop:
     """The loop of one axis, by its natural frequency and with or without a notch."""
 
-    def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, delay: float) -> None:
-        self.axis, self.period, self.delay = axis, period, delay
+    def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, lags: Lags) -> None:
+        self.axis, self.period, self.lags = axis, period, lags
         self._damping, self._integral_time = damping, integral_time
-        self._plant = None if axis.motion is None else Plant(axis.motion, period, delay)
+        self._plant = None if axis.motion is None else Plant(axis.motion, period, lags.delay, lags.drives)
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
         gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
         law = compensator(tuple(gains.get(name, 0.0) for name in GAIN_NAMES), self.period)
-        return law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period))
+        filtered = law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period))
+        return filtered.delayed(self.lags.feedback)
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
@@ -176,7 +200,10 @@ class _AxisLoop:
     def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
         if self._plant is None:
             return _UNBOUNDED
-        return self._plant.margins(Laws(self.period, self.delay, (self.law(frequency, mode),)))[0]
+        return self._plant.margins(self._laws(frequency, mode))[0]
+
+    def _laws(self, frequency: float, mode: float) -> Laws:
+        return Laws(self.period, self.lags.delay, (self.law(frequency, mode),), self.lags.drives)
 
     def _mode(self, frequency: float) -> float:
         """Return the frequency of the mode at which the loop is largest, 0 without modes [Hz]."""
@@ -186,7 +213,7 @@ class _AxisLoop:
         below = modes[modes < 0.5 / self.period]
         if not below.size:
             return float(modes.min(initial=math.inf)) if modes.size else 0.0
-        plain = Laws(self.period, self.delay, (self.law(frequency, notch.NONE),))
+        plain = self._laws(frequency, notch.NONE)
         beside = below * (1 + _BESIDE)  # the loop has no bound at a mode without damping
         return float(below[np.abs(self._plant.loop(plain, beside)[:, 0]).argmax()])
 
@@ -194,20 +221,20 @@ class _AxisLoop:
 class _Chain:
     """The loops of axes in a closed chain, all closed."""
 
-    def __init__(self, motion: Motion, loops: Sequence[_AxisLoop], period: float, delay: float) -> None:
-        self.period, self.delay, self._loops = period, delay, loops
-        self._plant = Plant(motion, period, delay)
+    def __init__(self, motion: Motion, loops: Sequence[_AxisLoop], period: float, lags: Lags) -> None:
+        self.period, self.lags, self._loops = period, lags, loops
+        self._plant = Plant(motion, period, lags.delay, lags.drives)
 
     @classmethod
-    def of(cls, axes: Sequence[AxisDynamics], loops: Sequence[_AxisLoop], period: float, delay: float) -> _Chain | None:
+    def of(cls, axes: Sequence[AxisDynamics], loops: Sequence[_AxisLoop], period: float, lags: Lags) -> _Chain | None:
         """Return the chain of the axes, None if there is none."""
         motion = axes[0].chain
-        return None if motion is None else cls(motion, loops, period, delay)
+        return None if motion is None else cls(motion, loops, period, lags)
 
     def trouble(self, frequency: float) -> str:
         """Return which margin is too small at a natural frequency, in words; empty if none is."""
         each = tuple(one.law(frequency, one.notch_at(frequency) or notch.NONE) for one in self._loops)
-        found_of = self._plant.margins(Laws(self.period, self.delay, each))
+        found_of = self._plant.margins(Laws(self.period, self.lags.delay, each, self.lags.drives))
         for one, found in zip(self._loops, found_of, strict=True):
             gain, name = min(found.gain, found.together), one.axis.name
             if gain < LEAST_GAIN_MARGIN:

@@ -6,18 +6,24 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, loop, pd_gains
+from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, Lags, loop, pd_gains
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
 from gantrysim.display import Shown
-from gantrysim.errors import InputError, at_least, between, finite, positive
+from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
+from gantrysim.stability.motion import Drives
 
 _LARGEST_GAIN = 1e18
 _DAMPINGS = (1e-3, 1e3)
 _LONGEST_PERIOD = 1.0  # [s]
 _SHORTEST_PERIOD = 1e-7  # [s]
+
+MAX_FEEDBACK_DELAY = 16  # servo periods
+_LARGEST_BANDWIDTH = 1e5  # [Hz]
+_LARGEST_SEED = 2**53
 
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
 
@@ -27,10 +33,20 @@ NOTCH = (
     Parameter("notch_depth", "", "gain of the notch at its frequency"),
 )
 
+DRIVE = (
+    Parameter("current_bandwidth", "Hz", "bandwidth of the drive's current loop, 0 for none: the winding's own lag"),
+    Parameter("encoder_noise", "u", "white noise of the encoder, rms per sample"),
+    Parameter("interpolation_error", "u", "amplitude of the encoder's error once per signal period"),
+    Parameter("interpolation_error_twice", "u", "amplitude of the encoder's error twice per signal period"),
+    Parameter("signal_period", "u", "axis travel per signal period of the encoder"),
+)
+FEEDBACKS = ("motor", "load")
+
 # what `Servo.derive` takes from the axes unless it is given
 DERIVED = (
     *GAINS,
     *NOTCH,
+    *DRIVE,
     Parameter("torque_limit", "N·m", "largest torque demand, the drive's own"),
     Parameter("resolution", "u", "axis travel per encoder count, the machine's own; 0 for an exact encoder"),
 )
@@ -52,6 +68,12 @@ class Servo(Shown):
         delay: time from the sample to the output, at most one period [s].
         notch_frequency, notch_width, notch_depth: of the filter between law and clamp, by default none, see
             `gantrysim.controllers.notch`.
+        current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period: as in `DRIVE`,
+            by default 0.
+        feedback: where the encoder of each axis is: on the "motor", the default, or on the "load" behind the axis'
+            compliance.
+        feedback_delay: from the encoder's sample to the servo, in servo periods.
+        encoder_seed: of the noise.
     """
 
     period: float
@@ -68,22 +90,40 @@ class Servo(Shown):
     notch_frequency: tuple[float, ...] = ()
     notch_width: tuple[float, ...] = ()
     notch_depth: tuple[float, ...] = ()
+    current_bandwidth: tuple[float, ...] = ()
+    encoder_noise: tuple[float, ...] = ()
+    interpolation_error: tuple[float, ...] = ()
+    interpolation_error_twice: tuple[float, ...] = ()
+    signal_period: tuple[float, ...] = ()
+    feedback: tuple[str, ...] = ()
+    feedback_delay: int = 0
+    encoder_seed: int = 0
 
     def __post_init__(self) -> None:
         _check_period(self.period)
-        for name, value in _NO_NOTCH.items():
+        for name, value in _UNLESS_GIVEN.items():
             if not getattr(self, name):
                 object.__setattr__(self, name, (value,) * len(self.kp))
         if at_least("servo delay", self.delay, 0, "s") > self.period:
             raise InputError(f"servo delay = {self.delay:g} s: must be at most the period, {self.period:g} s")
         for field in fields(self):
-            if field.name in ("period", "delay"):
+            if field.name in _COMMON:
                 continue
             values = tuple(getattr(self, field.name))
             if len(values) != len(self.kp) or not values:
                 raise InputError(f"{field.name} has {len(values)} values: must be {len(self.kp)}, one per axis")
             object.__setattr__(self, field.name, tuple(_checked(field.name, value) for value in values))
         _ = self.filters
+        for once, twice, signal in zip(
+            self.interpolation_error, self.interpolation_error_twice, self.signal_period, strict=True
+        ):
+            if (once or twice) and not signal:
+                raise InputError(
+                    f"signal_period = {signal:g} mm: must be greater than 0 mm where there is an interpolation error, "
+                    f"which is {max(once, twice):g} mm"
+                )
+        _check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
+        _check_whole("encoder_seed", self.encoder_seed, _LARGEST_SEED)
 
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
@@ -101,11 +141,28 @@ class Servo(Shown):
         own = zip(self.notch_frequency, self.notch_width, self.notch_depth, strict=True)
         return tuple(notch.coefficients(frequency, width, depth, self.period) for frequency, width, depth in own)
 
+    @property
+    def plain(self) -> bool:
+        """Whether the drives are plain: encoders on the motors that only count, no current loop, no feedback delay."""
+        errors = (*self.encoder_noise, *self.interpolation_error, *self.interpolation_error_twice)
+        return self.drives == Drives() and not self.feedback_delay and not any(errors)
+
+    @property
+    def drives(self) -> Drives:
+        """What of the drives lies in the loops."""
+        return drives_of(self.feedback, self.current_bandwidth)
+
+    @property
+    def lags(self) -> Lags:
+        """What makes the loops late."""
+        return Lags(self.delay, self.feedback_delay, self.drives)
+
     def compensators(self) -> tuple[Compensator, ...]:
-        """Return law and notch of each axis as the stability of its loop depends on them."""
+        """Return law, notch and feedback delay of each axis as the stability of its loop depends on them."""
         gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
-            compensator(own, self.period).then(filter) for own, filter in zip(gains, self.filters, strict=True)
+            compensator(own, self.period).then(filter).delayed(self.feedback_delay)
+            for own, filter in zip(gains, self.filters, strict=True)
         )
 
     @classmethod
@@ -120,6 +177,9 @@ class Servo(Shown):
         integral_time: float = math.inf,
         following_error_limit: float = FOLLOWING_ERROR_LIMIT,
         delay: float = 0.0,
+        feedback: str | Sequence[str] = FEEDBACKS[0],
+        feedback_delay: int = 0,
+        encoder_seed: int = 0,
         **given: float | Sequence[float] | None,
     ) -> Servo:
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
@@ -139,6 +199,9 @@ class Servo(Shown):
             integral_time: kp / ki [s].
             following_error_limit: for every axis [mm].
             delay: from sample to output [s].
+            feedback: "motor" or "load", for all axes or one per axis.
+            feedback_delay: from the encoder to the servo, in servo periods.
+            encoder_seed: of the encoders' noise.
             given: any of `DERIVED` to override, one value or one per axis.
         """
         axes = tuple(axes)
@@ -150,7 +213,11 @@ class Servo(Shown):
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
         at_least("integral_time", min(integral_time, _LONGEST_PERIOD), _SHORTEST_PERIOD, "s")
-        found = loop(axes, period, frequency, zeta, integral_time, at_least("servo delay", delay, 0, "s"))
+        places = _per_axis("feedback", feedback, len(axes))
+        widths = _per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
+        _check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
+        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths))
+        found = loop(axes, period, frequency, zeta, integral_time, lags)
         pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
         derived: dict[str, list[float]] = {
             **{name: [own[name] for own in pd] for name in ("kp", "ki", "kd")},
@@ -163,19 +230,51 @@ class Servo(Shown):
             "notch_width": [NOTCH_WIDTH for _ in axes],
             "notch_depth": [NOTCH_DEPTH for _ in axes],
             "following_error_limit": [following_error_limit for _ in axes],
+            **{parameter.name: [0.0 for _ in axes] for parameter in DRIVE},
         }
         for name, value in given.items():
             if name not in derived:
                 raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
             if value is None:
                 continue
-            derived[name] = list(value) if isinstance(value, Iterable) else [value] * len(axes)
-            if len(derived[name]) != len(axes):
-                raise InputError(f"{name} has {len(derived[name])} values: must be one or {len(axes)}, one per axis")
-        return cls(period=period, delay=delay, **{name: tuple(values) for name, values in derived.items()})
+            derived[name] = list(_per_axis(name, value, len(axes)))
+        return cls(
+            period=period,
+            delay=delay,
+            feedback=places,
+            feedback_delay=feedback_delay,
+            encoder_seed=encoder_seed,
+            **{name: tuple(values) for name, values in derived.items()},
+        )
 
 
-_NO_NOTCH = {"notch_frequency": notch.NONE, "notch_width": NOTCH_WIDTH, "notch_depth": NOTCH_DEPTH}
+_UNLESS_GIVEN: dict[str, float | str] = {
+    "notch_frequency": notch.NONE,
+    "notch_width": NOTCH_WIDTH,
+    "notch_depth": NOTCH_DEPTH,
+    **{parameter.name: 0.0 for parameter in DRIVE},
+    "feedback": FEEDBACKS[0],
+}
+_COMMON = ("period", "delay", "feedback_delay", "encoder_seed")
+_DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
+
+
+def _per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
+    single = isinstance(value, str) or not isinstance(value, Iterable)
+    values = (value,) * axes if single else tuple(value)
+    if len(values) != axes:
+        raise InputError(f"{name} has {len(values)} values: must be one or {axes}, one per axis")
+    return tuple(_checked(name, one) for one in values) if name in ("feedback", "current_bandwidth") else values
+
+
+def drives_of(feedback: Sequence[str], bandwidth: Sequence[float]) -> Drives:
+    """Return what of the drives lies in the loops, given feedback and current bandwidth of every axis."""
+    load = tuple(place == "load" for place in feedback)
+    return Drives(load if any(load) else (), tuple(bandwidth) if any(bandwidth) else ())
+
+
+def _check_whole(name: str, value: float, most: int) -> None:
+    between(name, whole(name, value, 0), 0, most)
 
 
 def _check_period(period: float) -> None:
@@ -183,7 +282,13 @@ def _check_period(period: float) -> None:
         raise InputError(f"servo period = {period:g} s: must be at least {_SHORTEST_PERIOD:g} s")
 
 
-def _checked(name: str, value: float) -> float:
+def _checked(name: str, value: Any) -> Any:
+    if name == "feedback":
+        if value not in FEEDBACKS:
+            raise InputError(f"servo feedback = {value!r}: must be one of {', '.join(map(repr, FEEDBACKS))}")
+        return value
+    if name in _DRIVE_NAMES:
+        return between(name, value, 0, _LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)
     if name in ("torque_limit", "following_error_limit"):
         return value if value == math.inf else positive(name, value)
     if name == "resolution":

@@ -94,9 +94,9 @@ def _kind(fault: InjectedFault, machine: Machine, servo: Servo, a: int) -> tuple
 
 
 def stuck_models(
-    faults: Sequence[InjectedFault], machine: Machine, period: float, substeps: int
+    faults: Sequence[InjectedFault], machine: Machine, plain: mujoco.MjModel, period: float, substeps: int
 ) -> tuple[tuple[int, mujoco.MjModel], ...]:
-    """Return the models of a run with stuck axes: physics steps before each, ascending, and the model.
+    """Return the models of a run with stuck axes, made from a plain one: physics steps before each, and the model.
 
     A stuck axis has MuJoCo's dry friction (`frictionloss`), solved with all other forces, in the joint of its axis. It
     stands in the model, not in the state, so the run changes models, each a copy of its own, at the faults' ends.
@@ -105,7 +105,6 @@ def stuck_models(
         InputError: the machine's MJCF disables dry friction.
     """
     stuck = [(fault, *fault.acting(period)) for fault in faults if isinstance(fault, StuckAxis) and fault.acts]
-    plain = machine.stepping(period / substeps)
     if stuck and plain.opt.disableflags & _OFF:
         raise InputError(f"fault {stuck[0][0].kind}: the MJCF of machine {machine.name} disables dry friction")
     models = []
@@ -132,7 +131,7 @@ def stretches(
         axes: names of the axes.
         period: servo period [s].
         ticks: servo ticks, each after the one before.
-        drives: gain, motor constant, resistance, bus voltage and peak torque of each healthy axis, (axes, 5).
+        drives: gain, motor constant, resistance, bus voltage, peak torque and lead of each healthy axis, (axes, 6).
     """
     electrical = [(f, *f.acting(period)) for f in faults if isinstance(f, OpenWinding | BusSag) and f.acts]
     edges = {ticks.start, ticks.stop}

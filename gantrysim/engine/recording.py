@@ -43,9 +43,10 @@ class LogBook:
         position: Floats,
         dispenser: Dispenser,
         faults: tuple[InjectedFault, ...] = (),
+        leads: Floats | None = None,
     ) -> None:
         self._machine, self._setpoints, self._position, self._dispenser = machine, setpoints, position, dispenser
-        self._faults = faults
+        self._faults, self._leads = faults, np.zeros(position.shape[1]) if leads is None else leads
         count, axes = position.shape
         self._table: FileTable | None = None
         self.first = 0
@@ -155,7 +156,7 @@ class LogBook:
             content |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _measured(self, log: Log, first: int) -> dict[str, Floats]:
-        return _measured(self._machine, log, first, self._setpoints.period, self._faults)
+        return _measured(self._machine, log, first, self._setpoints.period, self._faults, self._leads)
 
 
 def _columns(axes: int, *, waiting: bool, geometry: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
@@ -175,13 +176,13 @@ _IDEAL = "ideal_nozzle"  # the nozzle of the same machine with an ideal geometry
 
 
 def _measured(
-    machine: Machine, log: Log, first: int, period: float, faults: tuple[InjectedFault, ...]
+    machine: Machine, log: Log, first: int, period: float, faults: tuple[InjectedFault, ...], leads: Floats
 ) -> dict[str, Floats]:
     """Return the part of a record that was measured, from the log from a first tick on."""
     drives = np.array(
         [
-            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque)
-            for gain, axis in zip(machine.drive_gain, machine.axes, strict=True)
+            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, lead)
+            for gain, axis, lead in zip(machine.drive_gain, machine.axes, leads, strict=True)
         ]
     )
     ticks = len(log.axis)
@@ -199,21 +200,25 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
     """Fill in encoder, motor, demand, torque, current and voltage, (6, axes, n).
 
     Columns are several times as fast to work on as rows. The voltage is by the drive's law: terminal voltage for the
-    demanded torque, back-EMF compensated, within the bus.
+    demanded torque, back-EMF compensated, within the bus; with a current loop, for what it asks for, see
+    `gantrysim.native.drives.follow_demands`.
 
     Args:
         columns: to be filled in.
         log: of the axes, (n, axes) of `LOG_AXIS`.
-        drives: gain, motor constant, resistance, bus voltage and peak torque of each axis, (axes, 5).
+        drives: gain, motor constant, resistance, bus voltage, peak torque and lead of each axis, (axes, 6).
     """
     n, axes = log.shape
     for a in range(axes):
-        gain, constant, resistance, bus, peak = drives[a]
+        gain, constant, resistance, bus, peak, lead = drives[a]
         for k in range(n):
             entry = log[k, a]
             wanted = gain * entry.demand  # about to be delivered
             back = constant * entry.motor_speed
-            volts = min(max(resistance / constant * wanted + back, -bus), bus)
+            control = wanted
+            if lead != 0.0:
+                control = constant * entry.current + lead * (wanted - constant * entry.current)
+            volts = min(max(resistance / constant * control + back, -bus), bus)
             amperes = (volts - back) / resistance if np.isnan(entry.current) else entry.current
             delivered = wanted if np.isnan(constant) else constant * amperes
             torque = min(max(delivered, -peak), peak)

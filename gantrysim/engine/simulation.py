@@ -13,6 +13,7 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
+from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
 from gantrysim.engine.positions import axis_positions, check_supervision
 from gantrysim.engine.recording import LogBook
@@ -54,6 +55,7 @@ class Simulation:
         faults: faults on purpose.
         injected: those that act in the servo tick, (entries,) of `INJECTED`.
         later: the models with the friction of stuck axes, each with the number of physics steps before it, ascending.
+        drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.
     """
 
     machine: Machine
@@ -67,6 +69,7 @@ class Simulation:
     faults: tuple[InjectedFault, ...] = ()
     injected: NDArray[np.void] = field(default_factory=no_entries)
     later: tuple[tuple[int, mujoco.MjModel], ...] = ()
+    drives: NDArray[np.void] | None = None
 
     @classmethod
     def of(
@@ -93,7 +96,8 @@ class Simulation:
         substeps = substeps_of(machine, servo.period, physics_step)
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
-        model = machine.stepping(servo.period / substeps)
+        model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
+        drives = drive_entries(machine, servo, servo.period / substeps)
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(
             machine,
@@ -103,10 +107,11 @@ class Simulation:
             position,
             substeps,
             model,
-            LogBook(machine, setpoints, position, dispenser, checked),
+            LogBook(machine, setpoints, position, dispenser, checked, None if drives is None else drives["lead"]),
             checked,
             injected_entries(checked, machine, servo),
-            stuck_models(checked, machine, servo.period, substeps),
+            stuck_models(checked, machine, model, servo.period, substeps),
+            drives,
         )
 
     @property
@@ -121,8 +126,10 @@ class Simulation:
         row = userdata[:ROW_NUMBERS].view(ROW)[0]
         self._fill(row)
         self._supervise(row)
+        drives = None if self.drives is None else self.drives.copy()
+        row["drives"] = 0 if drives is None else drives.ctypes.data
         row["magic"] = magic()  # the last, for it arms the servo
-        return Started(self, row)
+        return Started(self, row, drives)
 
     def _fill(self, row: np.void) -> None:
         machine, servo = self.machine, self.servo
@@ -170,10 +177,12 @@ class Started:
     Attributes:
         simulation: the simulation, kept alive as the row holds addresses of its arrays.
         row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
+        drives: state of the drives, kept alive as the row holds its address.
     """
 
     simulation: Simulation
     row: np.void
+    drives: NDArray[np.void] | None = None
 
     @property
     def steps(self) -> int:

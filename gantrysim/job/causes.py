@@ -92,16 +92,31 @@ class Cause:
 
 
 def _without_sampling(setup: Setup) -> Setup:
-    if setup.servo.period <= FINE and not setup.servo.delay:
+    if setup.servo.period <= FINE and not setup.servo.delay and not setup.servo.feedback_delay:
         return setup
     servo, setpoints = finely_sampled(setup.machine, setup.servo, setup.setpoints)
     return replace(setup, servo=servo, setpoints=setpoints, ticks=round(setup.servo.period / servo.period))
 
 
 def _without_counts(setup: Setup) -> Setup:
-    if not any(setup.servo.resolution):
-        return setup
-    return replace(setup, servo=replace(setup.servo, resolution=(0.0,) * setup.servo.axes))
+    exact = replace(
+        setup.servo,
+        resolution=(0.0,) * setup.servo.axes,
+        encoder_noise=(),
+        interpolation_error=(),
+        interpolation_error_twice=(),
+    )
+    return setup if exact == setup.servo else replace(setup, servo=exact)
+
+
+def _without_winding(setup: Setup) -> Setup:
+    ideal = _on(without_winding)(setup)
+    return replace(ideal, servo=replace(ideal.servo, current_bandwidth=())) if ideal is not setup else setup
+
+
+def _without_compliance(setup: Setup) -> Setup:
+    ideal = _on(without_compliance)(setup)
+    return replace(ideal, servo=replace(ideal.servo, feedback=())) if ideal is not setup else setup
 
 
 def _on(machine: Callable[[Machine], Machine]) -> Callable[[Setup], Setup]:
@@ -122,8 +137,8 @@ CAUSES = (
     Cause("sampling", f"the servo's period is at most {1e6 * FINE:g} µs, without delay", _without_sampling),
     Cause("counts", "the encoders are exact", _without_counts),
     Cause("friction", "only viscous friction is left", _on(without_friction)),
-    Cause("winding", "the motors' current follows the demand at once", _on(without_winding)),
-    Cause("compliance", "the springs between motors and nozzle are rigid", _on(without_compliance)),
+    Cause("winding", "the motors' current follows the demand at once", _without_winding),
+    Cause("compliance", "the springs between motors and nozzle are rigid", _without_compliance),
 )
 # of a machine with errors of its geometry
 GEOMETRY = Cause(

@@ -66,7 +66,7 @@ def unhurried(s: Floats, tip: Floats) -> Floats:
 
 
 def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Servo, Setpoints]:
-    """Return servo and setpoints at a period of at most `FINE`, a whole fraction of theirs, without the servo's delay.
+    """Return servo and setpoints at a period of at most `FINE`, a whole fraction of theirs, without the servo's delays.
 
     The gains are those of the continuous law. The command is a cubic spline through the setpoints, at rest before the
     first and after the last: velocity and acceleration, from which the feed-forward comes, are continuous, where those
@@ -104,4 +104,4 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
         supervision=replace(setpoints.supervision, position_error_delay=delay),
         gates=n * setpoints.gates,
     )
-    return replace(servo, period=period, delay=0.0), fine
+    return replace(servo, period=period, delay=0.0, feedback_delay=0), fine

@@ -188,7 +188,7 @@ class Job(JobContent):
             servo.frequency,
             servo.damping,
             servo.integral_time,
-            servo.delay,
+            self.built_servo.lags,
         ).reason
 
     @cached_property

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
+
+_Feedback = Literal["motor", "load"]
 
 PerAxis = float | list[float] | None
 
@@ -30,6 +32,9 @@ class _Derivation(BaseModel):
     integral_time: float = _setting(math.inf, "kp / ki; inf for no integral term [s]")
     following_error_limit: float = _setting(FOLLOWING_ERROR_LIMIT, "error at which the drives are disabled [mm or deg]")
     delay: float = _setting(0.0, "from the encoder's sample to the torque demand [s]")
+    feedback: _Feedback | list[_Feedback] = _setting("motor", "where the encoders are: on the motor or on the load")
+    feedback_delay: int = _setting(0, "from the encoder's sample to the servo, in servo periods")
+    encoder_seed: int = _setting(0, "of the encoders' noise")
 
 
 def _per_axis(parameter: Parameter) -> Any:

@@ -16,6 +16,7 @@ from gantrysim.errors import InputError
 from gantrysim.machine.linear_motion import linear_motion
 from gantrysim.stability.motion import Motion, UnknownLoopError
 
+_PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load
 _HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
 
@@ -81,6 +82,7 @@ class AxisAddress:
     control: int  # ctrl
     output: int  # actuator_length
     current: int  # act, -1 where the winding has no inductance
+    load: int  # joint of the load on the axis' compliance, -1 where there is none
 
 
 def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
@@ -160,6 +162,7 @@ def motion_of(model: mujoco.MjModel, axes: Sequence[Axis], addresses: Sequence[A
         qpos,
         [address.current for address in addresses],
         [address.control for address in addresses],
+        [address.load for address in addresses],
         np.array([PER_SI[axis.unit] for axis in axes]),
     )
 
@@ -199,8 +202,47 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         **drive,
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
-    where = model.jnt_qposadr[joint], model.actuator_ctrladr[i], model.actuator_outadr[i], current
+    where = (
+        model.jnt_qposadr[joint],
+        model.actuator_ctrladr[i],
+        model.actuator_outadr[i],
+        current,
+        load_of(model, joint),
+    )
     return axis, AxisAddress(*map(int, where))
+
+
+def load_of(model: mujoco.MjModel, joint: int) -> int:
+    """Return the joint by which an axis carries its load on a spring, -1 where there is none or more than one.
+
+    It is a spring of the axis' kind and direction that nothing drives, on the axis' body or on one that it carries.
+    """
+    driven, body = set(model.actuator_trnid[: model.nactuator, 0].tolist()), model.jnt_bodyid[joint]
+    found = [
+        other
+        for other in range(model.njnt)
+        if other not in driven
+        and model.jnt_stiffness[other] > 0
+        and model.jnt_type[other] == model.jnt_type[joint]
+        and _carries(model, body, joint, other)
+        and _direction(model, joint) @ _direction(model, other) > _PARALLEL
+    ]
+    return found[0] if len(found) == 1 else -1
+
+
+def _carries(model: mujoco.MjModel, body: int, joint: int, other: int) -> bool:
+    own = model.jnt_bodyid[other]
+    return bool(model.body_parentid[own] == body or (own == body and other > joint))
+
+
+def _direction(model: mujoco.MjModel, joint: int) -> Floats:
+    """Return the direction of a joint in the model's frame, all joints at their reference, (3,)."""
+    turned, direction = np.zeros(3), model.jnt_axis[joint].copy()
+    body = int(model.jnt_bodyid[joint])
+    while body:
+        mujoco.mju_rotVecQuat(turned, direction, model.body_quat[body])
+        direction, body = turned.copy(), int(model.body_parentid[body])
+    return np.asarray(direction)
 
 
 def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, Any]:

@@ -19,7 +19,12 @@ _DIFFERENCE = 1e-6  # change of a state for finite differences; the model is alm
 
 
 def linear_motion(
-    model: mujoco.MjModel, qpos: Floats, currents: Sequence[int], controls: Sequence[int], per_si: Floats
+    model: mujoco.MjModel,
+    qpos: Floats,
+    currents: Sequence[int],
+    controls: Sequence[int],
+    loads: Sequence[int],
+    per_si: Floats,
 ) -> Motion:
     """Return the motion of all axes, by central differences of MuJoCo's accelerations and current rates.
 
@@ -30,6 +35,7 @@ def linear_motion(
         qpos: the point of rest, (nq,).
         currents: index of each axis' winding current in act, -1 where it has none.
         controls: index of each axis' torque demand in ctrl.
+        loads: joint that carries each axis' load on its compliance, -1 where there is none.
         per_si: mm per metre or deg per radian, (axes,).
 
     Raises:
@@ -65,4 +71,10 @@ def linear_motion(
     A[nv:] = slopes[:, :size]
     B = np.concatenate([np.zeros((nv, len(controls))), slopes[:, size:]])
     C[np.arange(len(controls)), model.jnt_dofadr[model.actuator_trnid[: len(controls), 0]]] = per_si
-    return Motion(A, B, C)
+    L = np.zeros_like(C)
+    for a, joint in enumerate(loads):
+        if joint >= 0:
+            L[a] = C[a]
+            L[a, model.jnt_dofadr[joint]] = per_si[a]
+    rows = [2 * nv + wound.index(current) if current >= 0 else -1 for current in currents]
+    return Motion(A, B, C, L, tuple(rows))

@@ -30,7 +30,7 @@ from gantrysim.machine.kinematic_errors import KinematicErrors
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.kinematics.serial import Serial
-from gantrysim.machine.motors import damp_bristles
+from gantrysim.machine.motors import damp_bristles, dcmotors
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, spring_of, springs_have_axes
 from gantrysim.native.quiet import quiet
 from gantrysim.native.row import MAX_AXES
@@ -132,7 +132,7 @@ class Machine:
         zero = np.zeros(len(axes))
         self.axes = with_dynamics(physics, axes, self.addresses, self.to_qpos(zero), self._moved())
         self._model: mujoco.MjModel | None = None
-        self._stepping: dict[float, mujoco.MjModel] = {}
+        self._stepping: dict[tuple[float, bool], mujoco.MjModel] = {}
 
     def __repr__(self) -> str:
         return f"Machine({str(self.source)!r})"
@@ -292,14 +292,22 @@ class Machine:
             machine = machine.perturbed(perturbation)
         return machine
 
-    def stepping(self, timestep: float) -> mujoco.MjModel:
-        """Return `physics` for steps of a length [s]; the same object at every call, not to be changed."""
-        if timestep not in self._stepping:
+    def stepping(self, timestep: float, voltage: bool = False) -> mujoco.MjModel:
+        """Return `physics` for steps of a length; the same object at every call, not to be changed.
+
+        Args:
+            timestep: length of a step [s].
+            voltage: whether the bus voltage is the only limit of a dcmotor's control, as a current loop needs.
+        """
+        key = timestep, voltage
+        if key not in self._stepping:
             model = copy.copy(self.physics)
             model.opt.timestep = positive("physics step", timestep, "s")
             damp_bristles(model)
-            self._stepping[timestep] = model
-        return self._stepping[timestep]
+            if voltage:
+                model.actuator_ctrllimited[dcmotors(model)[:, 0] > 0] = False
+            self._stepping[key] = model
+        return self._stepping[key]
 
     def to_qpos(self, position: ArrayLike) -> Floats:
         """Return qpos for a position of the axes, (axes,) [mm or deg].

@@ -70,8 +70,9 @@ def limit_voltage(data, row):
     """
     faults = injected_faults(row)
     ctrl, velocity = vector(data, row.ctrl_at), vector(data, row.actuator_velocity_at)
-    for a in range(row.axes):
-        ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
+    if row.drives == 0:  # else the drives have just set them
+        for a in range(row.axes):
+            ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
     for k in range(row.injected_count):
         fault = faults[k]
         if not _acts(row, fault):

@@ -28,7 +28,7 @@ _SCALARS: dict[str, Any] = {
 }
 
 # mjData's arrays that the servo tick reads or writes
-POINTERS = ("userdata", "ctrl", "act", "actuator_length", "actuator_velocity", "site_xpos", "xpos", "xmat")
+POINTERS = ("userdata", "ctrl", "qpos", "act", "actuator_length", "actuator_velocity", "site_xpos", "xpos", "xmat")
 
 # struct mjWarningStat { int lastinfo; int number; }
 WARNING_SIZE = 8

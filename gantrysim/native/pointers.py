@@ -15,7 +15,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from gantrysim.jit import inner_jit
-from gantrysim.native.row import INJECTED, LOG_AXIS, LOG_TICK, ROW
+from gantrysim.native.row import DRIVE, INJECTED, LOG_AXIS, LOG_TICK, ROW
 
 _MANY = 2**31  # nothing is checked against it
 _TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
@@ -59,6 +59,11 @@ def _injected_entries(context: Any, address: Any) -> Any:
     return _typed_pointer(numba.from_dtype(INJECTED))
 
 
+@intrinsic
+def _drive_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(DRIVE))
+
+
 def _typed_pointer(target: types.Type) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
@@ -100,3 +105,9 @@ def axis_log(row, tick):
 def injected_faults(row):
     """Return the faults on purpose, a view, (injected_count,)."""
     return numba.carray(_injected_entries(row.injected), (row.injected_count,))
+
+
+@inner_jit
+def drives_of(row):
+    """Return the drives, a view, (axes,)."""
+    return numba.carray(_drive_entries(row.drives), (row.axes,))

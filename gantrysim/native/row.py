@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.controllers.law import GAINS
 from gantrysim.controllers.notch import Coefficients
+from gantrysim.controllers.servo import MAX_FEEDBACK_DELAY
 from gantrysim.native.layout import offsets
 
 MAX_AXES = 6
@@ -71,6 +72,7 @@ _WHOLE = [
     "timeout_ticks",
     "injected",  # address of the INJECTED entries, one per fault on purpose and axis
     "injected_count",
+    "drives",  # address of the DRIVE entries, one per axis; 0 where every drive is a plain one
     "within",  # ticks in a row within the settle error at this gate
     "waited",  # ticks at this gate
     "fault",  # index into FAULTS
@@ -125,6 +127,23 @@ INJECTED = np.dtype(
         ("value", np.float64),  # offset of the encoder or of the motor [u], or voltage that is left [V]
         ("constant", np.float64),  # motor constant [N·m/A]
         ("resistance", np.float64),  # [ohm]
+    ]
+)
+
+DRIVE = np.dtype(
+    [
+        ("load", np.int64),  # of the load's joint in qpos, -1 where the encoder is on the motor
+        ("load_zero", np.float64),  # where the load is not displaced [SI]
+        ("per_si", np.float64),  # mm per metre or deg per radian
+        ("noise", np.float64),  # rms [u]
+        ("seed", np.uint64),
+        ("once", np.float64),  # amplitude of the interpolation error, once per signal period [u]
+        ("twice", np.float64),  # and twice
+        ("signal", np.float64),  # radians of the signal per u
+        ("delay", np.int64),  # servo ticks from the encoder to the servo
+        ("history", np.float64, (MAX_FEEDBACK_DELAY + 1,)),  # of the encoder [u]
+        ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 for no current loop
+        ("constant", np.float64),  # of the motor [N·m/A]
     ]
 )
 

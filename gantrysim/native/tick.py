@@ -18,8 +18,9 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import law, notch
 from gantrysim.jit import cached, inner_jit
-from gantrysim.native import injection, pointers, supervision
+from gantrysim.native import drives, injection, pointers, supervision
 from gantrysim.native import row as row_layout
+from gantrysim.native.drives import delayed, follow_demands, read
 from gantrysim.native.injection import interrupt, limit_voltage, received, reported, turned
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
 from gantrysim.native.pointers import axis_log, field, floats, row_at, tick_log, vector, whole
@@ -45,7 +46,7 @@ def magic() -> int:
     """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
     source = "".join(
         inspect.getsource(module)
-        for module in (sys.modules[__name__], pointers, supervision, injection, row_layout, law, notch)
+        for module in (sys.modules[__name__], pointers, supervision, drives, injection, row_layout, law, notch)
     )
     return zlib.crc32(source.encode())
 
@@ -80,7 +81,7 @@ def _sample(data, userdata):
     row = row_at(userdata)
     if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
-    injected = row.injected_count > 0
+    injected, special = row.injected_count > 0, row.drives != 0
     if injected:
         interrupt(data, row)  # before the current is logged
     n = row.axes
@@ -97,7 +98,10 @@ def _sample(data, userdata):
         motor, commanded = position, setpoint[a]
         if injected:
             motor, commanded = turned(row, a, position), received(row, a, commanded)
-        measured = motor if count == 0.0 else count * np.floor(motor / count + 0.5)
+        seen = read(data, row, a, motor, position) if special else motor
+        measured = seen if count == 0.0 else count * np.floor(seen / count + 0.5)
+        if special:
+            measured = delayed(row, a, measured)
         if injected:
             measured = reported(row, a, measured)
         error = commanded - measured
@@ -212,6 +216,8 @@ def _output(data, userdata):
             if due:
                 row.held[a] = row.pending[a]
             ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
+    if row.drives != 0:
+        follow_demands(data, row)
     if row.injected_count > 0:
         interrupt(data, row)
         limit_voltage(data, row)

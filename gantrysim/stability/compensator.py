@@ -47,6 +47,15 @@ class Compensator:
         A[:n, :n], A[n:, :n], A[n:, n:] = self.A, np.outer(own, self.C), [[-a1, 1.0], [-a2, 0.0]]
         return Compensator(A, np.append(self.B, own * self.D), np.append(b0 * self.C, [1.0, 0.0]), b0 * self.D)
 
+    def delayed(self, samples: int) -> Compensator:
+        """Return this law of the error of some samples ago."""
+        A, B, C, D = self.A, self.B, self.C, self.D
+        for _ in range(samples):
+            n, later = len(A), np.zeros((len(A) + 1, len(A) + 1))
+            later[:n, :n], later[:n, n] = A, B
+            A, B, C, D = later, np.append(np.zeros(n), 1.0), np.append(C, D), 0.0
+        return Compensator(A, B, C, D)
+
     def response(self, z: Complexes) -> Complexes:
         """Return the transfer function at every z, (n,)."""
         shifted = z[:, None, None] * np.eye(len(self.A)) - self.A

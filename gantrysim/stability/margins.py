@@ -1,7 +1,8 @@
 """Stability margins of the sampled loop of each axis.
 
-Rotor, load, compliance, winding, hold and delay are in them, exactly and in continuous time between the ticks. Encoder
-quantisation, torque and voltage limits and Coulomb friction are left out.
+Rotor, load, compliance, winding or current loop, hold and delays are in them, exactly and in continuous time between
+the ticks. Encoder quantisation, noise and interpolation errors, torque and voltage limits and Coulomb friction are left
+out.
 """
 
 # ruff: noqa: N806 - functions of z bear the letters of the law
@@ -20,7 +21,7 @@ from gantrysim.arrays import Complexes, Floats
 from gantrysim.errors import InputError, at_least, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.loops import FrequencyResponse, Loops
-from gantrysim.stability.motion import Motion, UnknownLoopError
+from gantrysim.stability.motion import Drives, Motion, UnknownLoopError
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
 _LEAST, _MOST = 1e-3, 10.0  # factors on all gains
@@ -74,6 +75,10 @@ class LinearLaw(Protocol):
     def delay(self) -> float:
         """Time from sample to output [s]."""
 
+    @property
+    def drives(self) -> Drives:
+        """What of the drives lies in the loops."""
+
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law of each axis."""
 
@@ -85,11 +90,13 @@ class Laws(NamedTuple):
         period: servo period T [s].
         delay: time from sample to output [s].
         each: the law of each axis.
+        drives: what of the drives lies in the loops.
     """
 
     period: float
     delay: float
     each: tuple[Compensator, ...]
+    drives: Drives = Drives()
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law of each axis."""
@@ -103,18 +110,22 @@ class Movable(Protocol):
         """Return the motion about rest at a position of the axes, by default zero, (axes,) [mm or deg]."""
 
 
+_PLAIN = Drives()
+
+
 class Plant:
     """The motion of axes, sampled by servos of one period and delay.
 
     It is exact: the demand is held from tick to tick, and the matrix exponential integrates what it moves; no step of a
     simulation is in it. The loop of an axis has all others closed by the same servo. Axes that do not move each other,
     as on a gantry, are stable or unstable separately; coupled axes are so together. The methods raise InputError for a
-    servo of another number of axes, period or delay.
+    servo of another number of axes, period, delay or drives.
 
     Args:
         motion: the motion of the axes.
         period: servo period T [s].
         delay: time from sample to output, at most the period [s].
+        drives: of the servos.
 
     Attributes:
         groups: axes that move each other, by number.
@@ -123,30 +134,41 @@ class Plant:
         InputError: a period or delay out of range.
     """
 
-    def __init__(self, motion: Motion, period: float, delay: float = 0.0) -> None:
+    def __init__(self, motion: Motion, period: float, delay: float = 0.0, drives: Drives = _PLAIN) -> None:
         self.period = positive("servo period", period, "s")
         self.delay = at_least("servo delay", delay, 0, "s")
         if delay > period:
             raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
-        self.axes = len(motion.C)
+        self.axes, self.drives = len(motion.C), drives
+        if drives != _PLAIN:
+            motion = motion.driven(drives)
         self._responses = [FrequencyResponse.of(system) for system in motion.sampled(period, delay)]
         self.groups = tuple(response.system.axes for response in self._responses)
 
     @classmethod
-    def of(cls, machine: Movable, period: float, delay: float = 0.0, *, position: ArrayLike | None = None) -> Plant:
+    def of(
+        cls,
+        machine: Movable,
+        period: float,
+        delay: float = 0.0,
+        *,
+        drives: Drives = _PLAIN,
+        position: ArrayLike | None = None,
+    ) -> Plant:
         """Return the plant of a machine about a position of its axes.
 
         Args:
             machine: a `Machine`.
             period: servo period [s].
             delay: time from sample to output, at most the period [s].
+            drives: of the servo.
             position: by default zero, (axes,) [mm or deg].
 
         Raises:
             InputError: a period or delay out of range, or a position that is not one finite number per axis.
             UnknownLoopError: an actuator has a delay in the MJCF.
         """
-        return cls(machine.motion(position), period, delay)
+        return cls(machine.motion(position), period, delay, drives)
 
     def margins(self, servo: LinearLaw) -> tuple[Margins, ...]:
         """Return the margins of each axis."""
@@ -186,13 +208,15 @@ class Plant:
             given, own = getattr(servo, name), getattr(self, name)
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
+        if servo.drives != self.drives:
+            raise InputError("servo drives: their feedback and current bandwidth must be the plant's")
         return [Loops(response, [laws[a] for a in response.system.axes], self.period) for response in self._responses]
 
 
 def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:
     """Return the margins of each axis with its servo, or None if the machine cannot be linearised."""
     try:
-        plant = Plant.of(machine, servo.period, servo.delay)
+        plant = Plant.of(machine, servo.period, servo.delay, drives=servo.drives)
     except UnknownLoopError:
         return None
     return plant.margins(servo)

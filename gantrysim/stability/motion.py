@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -47,6 +48,22 @@ class LinearSystem:
         return self.H @ np.linalg.solve(shifted, self.G1 + self.G0 / z[:, None, None])
 
 
+class Drives(NamedTuple):
+    """What of the drives of axes lies in their loops; empty where all are as the motion itself.
+
+    Attributes:
+        load: whether the position fed back is that of the load, (axes,).
+        bandwidth: of the current loop, 0 for none, (axes,) [Hz].
+    """
+
+    load: tuple[bool, ...] = ()
+    bandwidth: tuple[float, ...] = ()
+
+    def of_axis(self, axis: int) -> Drives:
+        """Return that of one axis."""
+        return Drives(self.load[axis : axis + 1], self.bandwidth[axis : axis + 1])
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Motion of all axes about a point of rest.
@@ -57,11 +74,15 @@ class Motion:
         A: (states, states) [1/s].
         B: effect of the torque demands, (states, axes) [per N·m·s].
         C: motor positions, (axes, states) [mm or deg].
+        L: positions of the loads, 0 for an axis without one of its own, (axes, states) [mm or deg]; None if unknown.
+        currents: state that is the current of each axis' winding, -1 where it has none; empty if unknown.
     """
 
     A: Floats
     B: Floats
     C: Floats
+    L: Floats | None = None
+    currents: tuple[int, ...] = ()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Motion) and self._content == other._content
@@ -80,7 +101,42 @@ class Motion:
         free = np.setdiff1d(np.arange(len(self.A)), fixed)
         A, C = self.A[np.ix_(free, free)], self.C[[axis]][:, free]
         (states,) = (group for group in _coupled(A) if np.any(C[:, group]))
-        return Motion(A[np.ix_(states, states)], self.B[free][states][:, [axis]], C[:, states])
+        L = None if self.L is None else self.L[[axis]][:, free][:, states]
+        kept = free[states].tolist()
+        currents = tuple(kept.index(own) if own in kept else -1 for own in self.currents[axis : axis + 1])
+        return Motion(A[np.ix_(states, states)], self.B[free][states][:, [axis]], C[:, states], L, currents)
+
+    def driven(self, drives: Drives) -> Motion:
+        """Return the motion with the current loops of drives, and the positions that are fed back in place of C.
+
+        A loop of bandwidth f makes the torque follow its demand as dT/dt = 2 pi f (u - T). It takes the place of the
+        winding's own lag, whose back-EMF the drive compensates.
+
+        Raises:
+            InputError: a position of a load, or a winding, that the motion does not have.
+        """
+        A, B, C = self.A.copy(), self.B.copy(), self.C.copy()
+        for a, width in enumerate(drives.bandwidth):
+            row = self.currents[a] if self.currents else -1
+            if width and row < 0:
+                raise InputError(
+                    f"current_bandwidth of axis {a + 1} = {width:g} Hz: its motor has no inductance, so that its "
+                    "torque follows at once; use 0"
+                )
+            if width:
+                rate = 2 * np.pi * width
+                B[row] *= -rate / A[row, row]
+                A[row] = 0.0
+                A[row, row] = -rate
+        for a, load in enumerate(drives.load):
+            if load and (self.L is None or not self.L[a].any()):
+                raise InputError(
+                    f"servo feedback of axis {a + 1} = 'load': the machine has no one spring by which this axis "
+                    "carries its load; use 'motor'"
+                )
+            if load and self.L is not None:
+                C[a] = self.L[a]
+        return replace(self, A=A, B=B, C=C, L=None)
 
     def resonances(self) -> Floats:
         """Return the natural frequencies of the modes that swing, rising, (n,) [Hz]."""

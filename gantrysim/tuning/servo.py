@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 from gantrysim.controllers.servo import DERIVED, Servo
@@ -34,6 +35,9 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
         "[servo]",
         f"period = {servo.period!r}  # [s]",
         f"delay = {servo.delay!r}  # [s]",
+        f"feedback = {json.dumps(servo.feedback)}",
+        f"feedback_delay = {servo.feedback_delay}  # in servo periods",
+        f"encoder_seed = {servo.encoder_seed}",
         f"following_error_limit = {job.servo.following_error_limit!r}  # [{unit_of('resolution', units)}]",
     ]
     for name in UNITS:

@@ -21,6 +21,7 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError, finite
 from gantrysim.machine.machine import Machine
 from gantrysim.stability.margins import Margins, Plant
+from gantrysim.stability.motion import Drives
 from gantrysim.tuning.space import SearchSpace
 
 _UNSTABLE = 10.0  # excess of a barely unstable loop, above that of any stable one
@@ -62,6 +63,9 @@ class Fastest:
     binding: tuple[int, ...] = (0,)
 
 
+_PLAIN = Drives()
+
+
 class Stability:
     """Stability margins of servos on several machines.
 
@@ -70,6 +74,7 @@ class Stability:
         period: of the servos [s].
         delay: of the servos [s].
         margin: M.
+        drives: of the servos.
 
     Attributes:
         peak: bound on the peak of |S|.
@@ -85,10 +90,11 @@ class Stability:
         period: float,
         delay: float,
         margin: float,
+        drives: Drives = _PLAIN,
     ) -> None:
         self.peak = sensitivity_bound(margin)
         self.machines = len(machines)
-        self._plants = [Plant.of(machine, period, delay) for machine in machines]
+        self._plants = [Plant.of(machine, period, delay, drives=drives) for machine in machines]
         self._margins: dict[tuple[Servo, int], tuple[Margins, ...]] = {}
 
     def margins(self, servo: Servo, machine: int = 0) -> tuple[Margins, ...]:

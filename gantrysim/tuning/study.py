@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from typing import Any
 
-from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo import DRIVE, Servo
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
 from gantrysim.errors import InputError, positive, unknown, whole
@@ -152,14 +152,17 @@ class TuningStudy(Study):
 
     def _stability_on(self, machines: list[Machine]) -> Stability:
         servo = self.job.built_servo
-        return Stability(machines, servo.period, servo.delay, self.margin)
+        return Stability(machines, servo.period, servo.delay, self.margin, servo.drives)
 
     @cached_property
     def space(self) -> SearchSpace:
         """The search space."""
         axes, start = self.job.built_machine.axes, self.job.built_servo
         law = self.law or ("pid" if any(start.ki) else "pd")
-        derived = Servo.derive(axes, start.period, delay=start.delay)
+        drive = {parameter.name: getattr(start, parameter.name) for parameter in DRIVE}
+        for name in ("delay", "feedback", "feedback_delay", "encoder_seed"):
+            drive[name] = getattr(start, name)
+        derived = Servo.derive(axes, start.period, **drive)
         return SearchSpace(law, axes, derived, start, self.per_axis)
 
     def rounds(self) -> Rounds:

@@ -17,6 +17,7 @@ from gantrysim.controllers.derivation import (
     LEAST_GAIN_MARGIN,
     NOTCH_DEPTH,
     NOTCH_WIDTH,
+    Lags,
     loop,
     natural_frequency,
 )
@@ -34,7 +35,7 @@ def machine(name):
 
 
 def derived(name, period=1e-3, frequency=None, damping=1.0, integral_time=math.inf, delay=0.0):
-    return loop(machine(name).axes, period, frequency, damping, integral_time, delay)
+    return loop(machine(name).axes, period, frequency, damping, integral_time, Lags(delay))
 
 
 @settings(max_examples=30, deadline=None)

@@ -24,6 +24,9 @@ def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -
 
         E / R = (J s^2 + b s - H (kvff B + kaff B^2 + kov B)) / (J s^2 + b s + H (kp + ki / s + kd B - kov B)).
 
+    A current loop of bandwidth f has the lag 1 / (2 pi f) in place of the winding's. Feedback that is n periods late
+    shows the law M D, D = exp(-s n T), in place of M.
+
     To leading order the acceleration feed-forward, late by 3/2 T + tau + delta, remains:
     E = (3/2 T + tau + delta) J R''' / kp, see `sample_and_hold`.
 
@@ -34,13 +37,16 @@ def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -
         rate: w [rad/s].
     """
     s = 1j * rate
-    hold = cmath.exp(-s * (0.5 * servo.period + axis.lag + servo.delay))
+    lag = servo.lags.of_axis(index).winding(axis)
+    hold = cmath.exp(-s * (0.5 * servo.period + lag + servo.delay))
+    late = cmath.exp(-s * servo.feedback_delay * servo.period)
     back = (1 - cmath.exp(-s * servo.period)) / servo.period
     plant = axis.inertia * s**2 + axis.viscous * s
     output = servo.output_velocity[index] * back
     forward = servo.velocity_ff[index] * back + servo.acceleration_ff[index] * back**2
     law = servo.kp[index] + servo.ki[index] / s + servo.kd[index] * back
-    return (plant - hold * (forward + output)) / (plant + hold * (law - output))
+    closed = plant + hold * late * (law - output)
+    return (closed - hold * (forward + law)) / closed
 
 
 class FollowingError(NamedTuple):
