@@ -218,6 +218,8 @@ def _content(archive: Archive) -> dict[str, Any]:
     content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS if name in raw}
     content |= {name: str(raw.pop(name)) for name in _TEXTS if name in raw}
     content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
+    from gantrysim.controllers.paths import arcs, chain, spirals  # noqa: F401  the kinds of path, for Path.build
+
     path, fault = json.loads(content["requested"]), json.loads(content["fault"])
     _check_values(content, raw)
     content["requested"] = Path.build(path["kind"], path["parameters"])

@@ -1,6 +1,8 @@
 """The record of a run, in memory and in a file."""
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -159,3 +161,11 @@ def test_a_run_has_the_needle_of_its_dispenser_or_that_of_its_machine(xy, needle
     run = perfect_follower(xy, setpoints, dispenser=Dispenser(flow=100.0, needle=needle))
     expected = (0.82, 25.4) if needle is None else (needle.face, needle.length)
     assert (run.face, run.needle_length) == pytest.approx(expected)
+
+
+def test_a_record_is_loaded_by_a_script_that_imports_nothing_else(run, tmp_path):
+    file = tmp_path / "run.npz"
+    run.save(file)
+    code = f"from gantrysim import Run; print(len(Run.load({str(file)!r}).time))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
