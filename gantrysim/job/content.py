@@ -52,7 +52,7 @@ class JobContent(BaseModel):
     @classmethod
     def _check_kinds(cls, value: Any) -> Any:
         if not isinstance(value, list | tuple) or not all(isinstance(one, dict | InjectedFault) for one in value):
-            raise InputError(f"faults = {value!r}: must be tables, [[faults]]")
+            raise InputError(f"faults = {value!r:.60}: must be tables, [[faults]]")
         for n, table in enumerate(value):
             if isinstance(table, dict):
                 if "kind" not in table:

@@ -81,7 +81,7 @@ class Job(JobContent):
         content, folder, label = read_job(str(job), controller)
         for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
             if not isinstance(content.get(section, {}), dict):
-                raise InputError(f"job {job}: {section} = {content[section]!r}: must be a table, [{section}]")
+                raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
         if servo is not None:
             content["servo"] = servo_table(Path(servo))
         place(content, placement or {}, known_keys(content))

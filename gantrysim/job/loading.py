@@ -57,7 +57,7 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> 
     """Return the program's table with the text of its file, and the file's name for messages."""
     file = table["file"]
     if not isinstance(file, str):
-        raise InputError(f"program.file = {file!r}: must be the path of a program file")
+        raise InputError(f"program.file = {file!r:.60}: must be the path of a program file")
     path = folder / expanded(file)
     named = controller if controller is not None else table.get("controller")
     try:

@@ -97,7 +97,7 @@ def absolute_machine(machine: str, folder: Path) -> str:
     try:
         machine.encode()
     except UnicodeEncodeError:  # it could not stand in a job file
-        raise InputError(f"machine {machine!r}: its name must be text in UTF-8") from None
+        raise InputError(f"machine {machine!r:.60}: its name must be text in UTF-8") from None
     return str((folder / expanded(machine)).absolute())
 
 

@@ -126,6 +126,10 @@ FILES = {
         "unknown key .*pitch",
     ),
     "controller in a list": ('name = "a"\n[program]\ncontroller=["trio.MoveSpiral"]\n', "unknown controller"),
+    "a long text for a table": (
+        'name = "a"\nservo = "' + 900 * "x" + '"\n[program]\n',
+        r"servo = 'x{59}: must be a table",
+    ),
     "no table": ('name = "a"\nservo = 3\n[program]\n', r"servo = 3: must be a table, \[servo\]"),
     "name": ('name = "../../a"\n[program]\ncontroller="trio.MoveSpiral"\n', "name = '../../a': string should match"),
     "no controller": ('name = "a"\n[program]\ndiameter=100\n', "unknown controller 'None'"),
