@@ -71,7 +71,8 @@ def settings_table() -> Table:
     """Return the servo settings with their defaults."""
     table = _table("servo settings, as in --set servo.damping=0.7", ("setting", "default", "description"))
     for name, field in ServoSettings.model_fields.items():
-        default = "derived" if field.default is None else f"{field.default:g}"
+        value = field.default
+        default = "derived" if value is None else value if isinstance(value, str) else f"{value:g}"
         table.add_row(name, default, escape(field.description or ""))
     table.caption = "derived: from the axes, unless given as one number or a list of one per axis"
     return table

@@ -8,7 +8,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gantrysim.design.build import mjcf_in
 from gantrysim.errors import InputError, between
 from gantrysim.machine.naming import rename
 from gantrysim.native.row import ROW_NUMBERS
@@ -47,6 +46,8 @@ def compile_mjcf(
 def _read(source: Path) -> mujoco.MjSpec:
     """Return the MJCF in a file, or that of the machine whose table a TOML file holds."""
     if source.suffix.lower() == ".toml":
+        from gantrysim.design.build import mjcf_in  # slow to import, and for tables alone
+
         return mujoco.MjSpec.from_string(mjcf_in(source))
     return mujoco.MjSpec.from_file(str(source))
 
