@@ -1,6 +1,7 @@
 """Machines and paths that several tests share."""
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,10 @@ from hypothesis import HealthCheck, settings
 # Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
 # for one another on busy cores take a hundred times as long as one alone.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell's job in the background begins with Ctrl-C ignored, which the command respects and the tests of it do not want.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from gantrysim import Machine
 from gantrysim.cli.main import main
