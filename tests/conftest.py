@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 # for one another on busy cores take a hundred times as long as one alone.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A shell's job in the background begins with Ctrl-C ignored, which the command respects and the tests of it do not want.
+# A job in the background of a shell begins with Ctrl-C ignored: the command respects that, its tests need the signal.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
