@@ -28,7 +28,7 @@ def check_supervision(machine: Machine, supervision: Supervision) -> None:
 
 
 def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
-    """Return the setpoints in all coordinates of the machine's kinematics, (n, coordinates) [mm or deg].
+    """Return the setpoints in all coordinates of the machine's kinematics, (n, coordinates) [mm or deg]; not to change.
 
     A coordinate that the program does not move is where it is with all axes at zero.
 
@@ -39,6 +39,8 @@ def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     for name in setpoints.axes:
         if name not in names:
             raise InputError(f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}")
+    if setpoints.axes == names:
+        return setpoints.position
     begin = dict(zip("xyz", setpoints.requested.position(0.0)[0].tolist(), strict=True))
     for name, home in zip(names, machine.home.tolist(), strict=True):
         still = name in begin and name not in setpoints.axes and abs(home) > _ROUNDING

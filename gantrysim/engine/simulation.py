@@ -38,6 +38,8 @@ from gantrysim.native.row import (
 from gantrysim.native.tick import magic
 from gantrysim.run import Fault, Run
 
+_NO_GLUE = Dispenser()
+
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
@@ -274,9 +276,10 @@ class Started:
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:
     """Return the dispenser, or one that lays nothing, checked against the setpoints."""
-    checked = Dispenser() if dispenser is None else dispenser
-    checked.check(setpoints)
-    return checked
+    if dispenser is None:
+        return _NO_GLUE
+    dispenser.check(setpoints)
+    return dispenser
 
 
 def _check_ticks(setpoints: Setpoints) -> None:

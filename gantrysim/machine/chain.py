@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.jit import jit
 
 _MM = 1e3  # per m
 
@@ -103,7 +104,7 @@ class Chain:
         self._linear: tuple[Floats, Floats] | None = None
         if not any(isinstance(step, _Hinge) for step in self._steps):
             origin = self(np.zeros((1, len(columns))))
-            self._linear = origin, (self(np.diag(per_si)) - origin) / per_si[:, None]
+            self._linear = origin[0], (self(np.diag(per_si)) - origin) / per_si[:, None]
 
     def _append(self, step: _Rigid | _Slide | _Hinge) -> None:
         if self._steps and isinstance(step, _Rigid) and isinstance(last := self._steps[-1], _Rigid):
@@ -118,15 +119,26 @@ class Chain:
             positions: of these joints, (n, joints), in the units of `per_si`.
         """
         if self._linear is not None:
-            origin, directions = self._linear
-            points = positions @ directions
-            points += origin
+            points = np.empty((len(positions), 3))
+            _fill(points, positions, *self._linear)
             return points
         q = positions / self._per_si
         points = np.broadcast_to(self._site, (len(q), 3))
         for step in self._steps:
             points = step.move(points, q)
         return _MM * points
+
+
+@jit
+def _fill(points: Floats, positions: Floats, origin: Floats, directions: Floats) -> None:
+    """Fill in points = origin + positions . directions: in one pass, faster than a product of such thin matrices."""
+    n, joints = positions.shape
+    for k in range(n):
+        for i in range(3):
+            point = origin[i]
+            for j in range(joints):
+                point += positions[k, j] * directions[j, i]
+            points[k, i] = point
 
 
 def _to_world(model: mujoco.MjModel, body: int) -> list[int]:

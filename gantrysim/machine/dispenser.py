@@ -157,8 +157,10 @@ class Dispenser:
         if not np.isfinite(speeds).all() or (speeds < 0).any():
             wrong = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
             raise InputError(f"speed = {speeds[wrong]:g} mm/s at tick {wrong}: must be finite and at least 0 mm/s")
+        if not (self.flow or self.area or self.pressure):
+            return np.zeros(on.size)
         begins, ends = self._valve(on, period)
-        if not begins.size or not (self.flow or self.area or self.pressure):
+        if not begins.size:
             return np.zeros(on.size)
         state = self._at_rest()
         parts = [self._flows(block, on.size, speeds, (begins, ends), period, state) for block in blocks(on.size)]
@@ -239,13 +241,14 @@ class Dispenser:
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
         """Return when the valve opens and closes, with the leads, (k,) each, ascending [periods]."""
-        edges = np.diff(np.concatenate([[0], on.astype(np.int8), [0]]))
-        begins = np.flatnonzero(edges == 1).astype(np.float64) - self.start_lead / period
-        ends = np.flatnonzero(edges == -1).astype(np.float64) - self.stop_lead / period
+        changes = np.flatnonzero(on[1:] != on[:-1]) + 1
+        first, last = [0] if on.size and on[0] else [], [on.size] if on.size and on[-1] else []
+        edges = np.concatenate([first, changes, last]).astype(np.float64)
+        begins, ends = edges[::2] - self.start_lead / period, edges[1::2] - self.stop_lead / period
         if begins.size and begins[0] < -_EDGE:
-            first = period * (begins[0] + self.start_lead / period)
+            before = period * (begins[0] + self.start_lead / period)
             raise InputError(
-                f"start_lead = {self.start_lead:g} s: must be at most {first:g} s, the time before the first "
+                f"start_lead = {self.start_lead:g} s: must be at most {before:g} s, the time before the first "
                 "dispensing; Setpoints.wait holds the motion back"
             )
         begins, ends = _on_ticks(begins), _on_ticks(ends)

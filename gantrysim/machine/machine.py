@@ -188,7 +188,7 @@ class Machine:
         """Height of the nozzle above the work with all axes at zero, None if none of it lies below [mm]."""
         return height_above(self._compiled, self.nozzle, self.work)
 
-    @property
+    @cached_property
     def needle(self) -> tuple[float, float] | None:
         """Outer diameter and length of the needle that the model draws, None without a round geom `needle` [mm]."""
         model = self._compiled

@@ -95,6 +95,8 @@ class Kinematics(ABC):
     def inverse(self, position: Floats) -> Floats:
         """Return the positions of the axes at a program's coordinates, (n, coordinates) to (n, axes).
 
+        It may be the same array.
+
         Raises:
             UnreachableError: coordinates out of their travel or reach, or too near a singularity.
         """

@@ -25,4 +25,4 @@ class Serial(Kinematics):
         return np.array(axes, float)
 
     def inverse(self, position: Floats) -> Floats:
-        return np.array(position, float)
+        return position
