@@ -9,7 +9,7 @@ import typer
 
 from gantrysim import signals
 from gantrysim.cli.options import Model, Settings
-from gantrysim.cli.terminal import FAULT, count_bar, interruptible, say, show, warn
+from gantrysim.cli.terminal import FAULT, INCOMPLETE, count_bar, interruptible, say, show, warn
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -89,6 +89,9 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
     for note in outcome.report.notes:
         say(note, wrap=True, end="\n\n")
     say(f"written to {folder}/: {', '.join(outcome.written)}")
+    if outcome.failed is not None:
+        warn(f"no report: {outcome.failed}; the same command makes it without running a case again", "error")
+        raise typer.Exit(INCOMPLETE)
 
 
 def _terminal_table(table: Table) -> RenderableType:

@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from gantrysim.engine.simulate import simulate
-from gantrysim.errors import InputError
+from gantrysim.errors import GantryError, InputError, text_of
 from gantrysim.files import ReplacedError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -50,6 +50,7 @@ class Outcome:
         written: names of the files in the folder.
         kept: number of rows taken over from an interrupted run.
         discarded: why rows found in the folder were not taken over, or None.
+        failed: why there is no report, or None; the same call makes it without running a case again.
     """
 
     rows: list[Row]
@@ -57,6 +58,7 @@ class Outcome:
     written: list[str]
     kept: int
     discarded: str | None
+    failed: str | None = None
 
     @property
     def findings(self) -> list[str]:
@@ -84,6 +86,8 @@ def run_study(
     progress: Progress | None = None,
 ) -> Outcome:
     """Run a study, or resume an interrupted one, and write its folder, whole or not at all.
+
+    A report that fails is left out.
 
     Args:
         study: to run.
@@ -136,17 +140,26 @@ def run_study(
                 except StopIteration:
                     break
             _check_values(rows)
-            report = study.report(rows)
+            failed: str | None = None
+            try:
+                report = study.report(rows)
+            except GantryError:
+                raise
+            except Exception as error:
+                report, failed = Report(f"{len(rows)} cases"), text_of(error)
             with output.written(folder) as scratch:
-                _write(study, rows, report, scratch, identity)
-                written = sorted(item.name for item in scratch.iterdir())
+                _write_rows(study, rows, report, scratch, identity)
+                if failed is None:
+                    failed = _reported(study, rows, report, scratch, identity)
+                written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
         except (NoValuesError, ReplacedError):
             ledger.remove()
             raise
         except KeyboardInterrupt:
             raise StudyInterrupted(len(ledger)) from None
-        ledger.remove()
-    return Outcome(rows, report, written, ledger.kept, ledger.discarded)
+        if failed is None:
+            ledger.remove()
+    return Outcome(rows, report, written, ledger.kept, ledger.discarded, failed)
 
 
 def _check_job(job: Job) -> None:
@@ -176,7 +189,7 @@ def _check_values(rows: list[Row]) -> None:
     raise NoValuesError(f"none of the study's {len(rows)} cases has values: {reason}", bool(faults))
 
 
-def _write(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
+def _write_rows(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
     (folder / JOB).write_text(study.job.toml(), encoding="utf-8")
     content = {
         "study": study.name,
@@ -189,14 +202,34 @@ def _write(study: Study, rows: list[Row], report: Report, folder: Path, identity
     (folder / _STUDY).write_text(tomli_w.dumps(content, multiline_strings=True), encoding="utf-8")
     for name in study.texts:
         (folder / name).write_text(study.text(name, rows), encoding="utf-8")
-    curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
-    columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves]
+    columns, curves = _columns(rows)
     with (folder / _ROWS).open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, columns, restval="", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
     if curves:
         _write_curves(rows, curves, folder / _CURVES)
+
+
+def _columns(rows: list[Row]) -> tuple[list[str], list[str]]:
+    """Return the columns of the rows, and those of lists."""
+    curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
+    return [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves], curves
+
+
+def _reported(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> str | None:
+    """Write plots and page; return why that fails, with none of them left behind, or None."""
+    try:
+        _write_report(study, rows, report, folder, identity)
+    except Exception as error:
+        for file in ((folder / PLOTS).iterdir(), [folder / REPORT]):
+            for written in file:
+                written.unlink(missing_ok=True)
+        return text_of(error).replace(f"{folder}/", "")
+    return None
+
+
+def _write_report(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
     for plot in report.plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
         plot.figure.set_layout_engine("none")  # laid out by now: the page need not do it again
@@ -206,6 +239,7 @@ def _write(study: Study, rows: list[Row], report: Report, folder: Path, identity
     sections += [Section(plot.title, plot.text, plot.figure, plot.tables or None) for plot in report.plots]
     failed = [row for row in rows if row["status"] != OK]
     if failed:
+        columns, _ = _columns(rows)
         tags = columns[: columns.index("status") + 1]
         table = Table(tags, [[row.get(key) for key in tags] for row in failed])
         sections.append(Section("Failed cases", table=table))

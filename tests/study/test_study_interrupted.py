@@ -9,15 +9,19 @@ from pathlib import Path
 
 import pytest
 import typer
+from matplotlib.figure import Figure
 
 from gantrysim import Job
 from gantrysim.cli.study import carry_out
 from gantrysim.files import LOCK
 from gantrysim.signals import ENDING
 from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
+from gantrysim.study import run as study_run
 from gantrysim.study.ledger import LEDGER
 
 from support.studies import PATIENCE, SHORT, Counted, Toy, begun, content, members, spoken
+
+DATA = ("study.csv", "curves.csv", "study.toml", "job.toml")
 
 
 @pytest.fixture(scope="module")
@@ -177,3 +181,31 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
     with Ledger(folder, identity) as ledger:
         assert ledger.kept == done
         assert run_cases(first, ledger, measure=None) == alone  # none is measured again
+
+
+@pytest.mark.parametrize("broken", ["report", "plot", "page"])
+def test_a_report_that_fails_costs_no_row_and_is_made_by_the_same_command(tmp_path, job, capsys, monkeypatch, broken):
+    whole, folder = tmp_path / "whole", tmp_path / "a"
+    run_study(Toy(job), whole, workers=1)
+
+    def fails(*_, **__):
+        raise ZeroDivisionError("of a\nreport")
+
+    with monkeypatch.context() as patched:
+        target = {"report": (Toy, "report"), "plot": (Figure, "savefig"), "page": (study_run, "write_page")}[broken]
+        patched.setattr(*target, fails)
+        with pytest.raises(typer.Exit) as ended:
+            carry_out(Toy(job), folder, 1)
+    said = capsys.readouterr()
+    assert ended.value.exit_code == 1
+    assert said.err == (
+        "error: no report: ZeroDivisionError: of a report; the same command makes it without running a case again\n"
+    )
+    assert "study.csv" in said.out
+    assert "report.html" not in said.out
+    assert sorted(content(folder)) == sorted([LEDGER, *(name for name in content(whole) if name in DATA)])
+    assert (folder / "study.csv").read_bytes() == (whole / "study.csv").read_bytes()
+    again = Toy(job)
+    assert run_study(again, folder, workers=1).failed is None
+    assert not again.measure.seen
+    assert content(folder) == content(whole)
