@@ -163,6 +163,10 @@ class Run(Shown):
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
 
+    def replaced(self, **changes: Any) -> Run:
+        """Return the record with other values of some fields; what lies in files stays there, unlike by `replace`."""
+        return Run(**{f.name: vars(self)[f.name] for f in fields(self)} | changes)
+
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick, see `gantrysim.named_columns`; `attrs` describe the run.
 

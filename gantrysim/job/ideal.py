@@ -31,7 +31,7 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
         machine: the machine, with the axes of the setpoints.
         setpoints: commanded positions.
     """
-    kinematics, position = machine.kinematics, program_positions(machine, setpoints)
+    kinematics, position = machine.kinematics, program_positions(machine, setpoints).copy()
     tip, on = machine.tip(kinematics.inverse(position)), np.flatnonzero(setpoints.dispense)
     foot = setpoints.requested.follow(tip[on], begin=0.0)
     if foot.distance.max() < _ON_THE_PATH:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import warnings
 from collections.abc import Callable, Generator, Sequence
 from functools import partial
@@ -75,8 +76,20 @@ def run_cases(
 
 
 def _close(results: Generator[object, None, None]) -> None:
-    with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
-        results.close()
+    """Withdraw the cases that are not finished, and end the workers."""
+    told = threading.excepthook
+
+    def tell(thread: threading.ExceptHookArgs) -> None:
+        # loky's managing thread, which ends here anyway, may stumble over cases that are withdrawn by now
+        if not issubclass(thread.exc_type, KeyError):
+            told(thread)
+
+    threading.excepthook = tell
+    try:
+        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+            results.close()
+    finally:
+        threading.excepthook = told
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
