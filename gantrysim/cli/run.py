@@ -48,8 +48,10 @@ def run(
     input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
     from gantrysim.job.causes import check_causes
+    from gantrysim.job.cost import computing_time
     from gantrysim.job.job import Job
     from gantrysim.job.losses import events
+    from gantrysim.memory import LONG
     from gantrysim.report.folder import output_folder, write_fault
 
     loaded = Job.load(
@@ -68,6 +70,8 @@ def run(
     folder = out if out is not None else Path("out") / loaded.name
     shown: list[Callable[[], None]] = []
     failed: list[str] = []
+    if (count := loaded.setpoints.run_ticks) > LONG:
+        warn(f"note: {count:,} servo ticks, about {_lasting(computing_time(loaded))} of computing")
     with interruptible() as go_on, output_folder(folder) as scratch:
         with share_bar("simulate", go_on) as advance:
             record = loaded.run(advance)
@@ -96,6 +100,10 @@ def run(
         raise typer.Exit(FAULT)
     if failed:
         raise typer.Exit(INCOMPLETE)
+
+
+def _lasting(seconds: float) -> str:
+    return f"{seconds / 60:.0f} min" if seconds >= 60 else f"{seconds:.0f} s"
 
 
 def _evaluated(

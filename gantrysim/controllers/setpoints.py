@@ -119,6 +119,12 @@ class Setpoints:
         """Return these setpoints after a hold of the first position for `duration` [s], the dispenser off."""
         return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
 
+    def until(self, count: int) -> Setpoints:
+        """Return the first setpoints, without waits at gates."""
+        return replace(
+            self, position=self.position[:count], dispense=self.dispense[:count], gates=np.zeros(0, np.int64)
+        )
+
     def _padded(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 from gantrysim.engine.simulate import simulate
@@ -170,10 +169,8 @@ def _check_job(job: Job) -> None:
     """
     Analysis(job.follow())
     # what a machine and its servo refuse, they refuse before they move: the first servo period shows it
-    whole, none = job.setpoints, np.zeros(0, np.int64)
-    setpoints = replace(whole, position=whole.position[:2], dispense=whole.dispense[:2], gates=none)
     job.check_faults()
-    simulate(job.built_machine, job.built_servo, setpoints, physics_step=job.simulation.physics_step)
+    simulate(job.built_machine, job.built_servo, job.setpoints.until(2), physics_step=job.simulation.physics_step)
 
 
 def _check_values(rows: list[Row]) -> None:

@@ -1,0 +1,38 @@
+"""How long a job takes to compute, before it does."""
+
+import pytest
+from typer.testing import CliRunner
+
+from gantrysim import Job, memory
+from gantrysim.cli.main import app
+from gantrysim.job import cost
+
+
+@pytest.mark.parametrize("turns", [2, 4])
+def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeypatch, turns):
+    clock, simulate = [0.0], cost.simulate
+
+    def slow(machine, servo, setpoints, **rest):
+        run = simulate(machine, servo, setpoints, **rest)
+        clock[0] += 1e-3 * len(run.time)
+        return run
+
+    monkeypatch.setattr(cost, "simulate", slow)
+    monkeypatch.setattr(cost, "perf_counter", lambda: clock[0])
+    job = Job.load("an225", [f"turns={turns}"])
+    assert cost.computing_time(job) == pytest.approx(cost._ALL * 1e-3 * len(job.setpoints.position))
+    assert clock[0] <= 10.0  # of ticks that are run to see
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(12.4, "about 12 s"), (150.2, "about 3 min")])
+def test_a_long_run_says_how_long_it_takes(tmp_path, monkeypatch, seconds, said):
+    monkeypatch.setattr(cost, "computing_time", lambda job: seconds)
+    arguments = ["run", "an225", "--set", "turns=1", "--no-video", "--no-report", "--out", str(tmp_path / "a")]
+    short = CliRunner().invoke(app, arguments)
+    assert short.exit_code == 0
+    assert "of computing" not in short.stderr
+    monkeypatch.setattr(memory, "LONG", 1000)
+    long = CliRunner().invoke(app, arguments)
+    assert long.exit_code == 0
+    ticks = len(Job.load("an225", ["turns=1"]).setpoints.position)
+    assert f"note: {ticks:,} servo ticks, {said} of computing\n" in long.stderr
