@@ -28,8 +28,8 @@ lateral load bends it by b, along x and y:
 M is that of the weight of a head whose centre of gravity lies beside the ram. A is the Abbe offset, from the line of
 the screw to the nozzle: `abbe`, and the other horizontal coordinate unless that axis carries this one. Racking adds
 r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its guides. The sag is that of a beam
-on two supports at the ends of the travel with the load at a of its length L, a^2 (L - a)^2 / (3 E I L). All is 0 with the
-axes at zero, but the growth of a screw or scale fixed elsewhere.
+on two supports at the ends of the travel with the load at a of its length L, a^2 (L - a)^2 / (3 E I L). All is 0 with
+the axes at zero, but the growth of a screw or scale fixed elsewhere.
 
 First order: errors act at the motors' positions and add up. Lost motion is quasi-static: no coasting of the load
 through the play, no limit cycle of a loop closed on the load.
