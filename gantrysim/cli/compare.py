@@ -51,7 +51,8 @@ def compare(
     """Compare a saved run with a measured trace: both error budgets, and what the model does not explain.
 
     The trace is aligned in time and place; its samples are not interpolated, the simulation is taken at their instants.
-    Links that are not measured are left out of both budgets.
+    Links that are not measured are left out of both budgets. The folder gets report.html, with both budgets, plots,
+    alignment, and what the model does not explain.
 
     Exit status: 0, 2 for bad input.
     """
@@ -59,6 +60,7 @@ def compare(
 
     from gantrysim.exchange.comparison import Comparison
     from gantrysim.exchange.measured import Trace
+    from gantrysim.exchange.page import REPORT, alignment_text, headline, write_comparison_page
     from gantrysim.exchange.plots import OVERLAY, SPECTRUM, save_comparison
     from gantrysim.exchange.traces import Assignment, read_log
     from gantrysim.report.folder import Output, output_folder
@@ -76,13 +78,15 @@ def compare(
         radius, centre = _circle(circle)
         content["circle"] = found.circle(radius, centre)
     folder = out if out is not None else run / "compare"
-    with output_folder(folder, Output("comparison", _SUMMARY, (_SUMMARY, OVERLAY, SPECTRUM))) as scratch:
+    with output_folder(folder, Output("comparison", _SUMMARY, (_SUMMARY, OVERLAY, SPECTRUM, REPORT))) as scratch:
         (scratch / _SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        written = [_SUMMARY, *save_comparison(found, scratch)]
+        written = [_SUMMARY, *save_comparison(found, scratch), REPORT]
+        write_comparison_page(scratch / REPORT, found, saved.job.name, measured.name, content.get("circle"))
     show(_table(found))
     if circle is not None:
         show(_circle_table(content["circle"]))
-    say(_alignment(found), wrap=True)
+    say(headline(found), wrap=True)
+    say(alignment_text(found), wrap=True)
     for peak in found.peaks:
         say(f"unexplained at {peak.frequency:.1f} Hz: {_UM * peak.rms:.2g} µm rms")
     if saved.changed:
@@ -132,19 +136,3 @@ def _circle_table(values: dict[str, dict[str, float]]) -> Table:
     for key in values["measured"]:
         table.add_row(key, *(f"{own[key]:.2f}" for own in values.values()))
     return table
-
-
-def _alignment(found: Comparison) -> str:
-    from gantrysim.metrics.analysis import THOUSANDTH
-
-    alignment, run = found.alignment, found.measured.analysis.run
-    text = f"aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
-    names = {"axes": run.axes, "nozzle": ("x", "y", "z")}
-    units = {"axes": run.units, "nozzle": ("mm",) * 3}
-    for frame, offsets in alignment.offsets.items():
-        places = zip(names[frame], offsets, units[frame], strict=True)
-        text += f"; {frame} offset " + ", ".join(f"{axis} {value:+z.4f} {unit}" for axis, value, unit in places)
-    if alignment.rotation:
-        text += f"; turned by {alignment.rotation:+.4f} deg"
-    kinds = dict.fromkeys(THOUSANDTH[unit] for unit in units["nozzle" if alignment.by == "nozzle" else "axes"])
-    return f"{text}; left {_UM * alignment.residual:.2f} {' and '.join(kinds)} rms."

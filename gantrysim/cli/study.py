@@ -49,8 +49,8 @@ def _main() -> None:
     """Make each study a subcommand, even if there is only one."""
 
 
-def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> None:
-    """Run a study with a progress bar, print its result and list the files written.
+def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> Path:
+    """Run a study with a progress bar, print its result and list the files written; return its folder.
 
     Exit status 130 after Ctrl-C, with a hint on how to resume, and 3 if faults left no case with values.
     """
@@ -92,6 +92,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
     if outcome.failed is not None:
         warn(f"no report: {outcome.failed}; the same command makes it without running a case again", "error")
         raise typer.Exit(INCOMPLETE)
+    return folder
 
 
 def _terminal_table(table: Table) -> RenderableType:

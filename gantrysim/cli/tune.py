@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from gantrysim.cli.options import Model, Settings
 from gantrysim.cli.study import Backend, JobArgument, Out, Seed, Workers, carry_out
+from gantrysim.cli.terminal import say, warn
 
 
 def tune(
@@ -50,6 +52,14 @@ def tune(
         int, typer.Option(metavar="N", help="Machines for the final check of the tuned gains, not in the budget.")
     ] = 32,
     seed: Seed = 1,
+    export: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Write the tuned gains in the words of a controller too: trio, linuxcnc, linuxcnc-ini, softmc or "
+            "fanuc, as gantrysim gains does.",
+        ),
+    ] = None,
     out: Out = None,
     model: Model = None,
     settings: Settings = None,
@@ -60,16 +70,21 @@ def tune(
 
     CMA-ES starts at the job's gains. Every candidate keeps the margin on every axis and machine; candidates with too
     much torque ripple, or a fault, rank behind all others. The result is written as tuned.toml, for gantrysim run
-    --servo, with a report that compares start and tuned. An interrupted search resumes when rerun.
+    --servo, with a report that compares start and tuned. An interrupted search resumes when rerun. --export trio adds
+    tuned-trio.bas, for the controller.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
+    from gantrysim.exchange.gains import exported
     from gantrysim.job.job import Job
     from gantrysim.machine.tolerances import Tolerances
     from gantrysim.tuning.study import TuningStudy
 
+    loaded = Job.load(job, settings or (), model)
+    if export is not None:  # refused before the search, not after
+        exported(export, loaded.built_machine.axes, loaded.built_servo)
     study = TuningStudy(
-        Job.load(job, settings or (), model),
+        loaded,
         law=law,
         metric=metric,
         budget=budget,
@@ -81,4 +96,27 @@ def tune(
         unseen=unseen,
         seed=seed,
     )
-    carry_out(study, out, workers, backend)
+    write_words(carry_out(study, out, workers, backend), export)
+
+
+def write_words(folder: Path, name: str | None) -> None:
+    """Write the tuned gains of a folder in the words of a controller; those of an earlier search are removed."""
+    from gantrysim.exchange.gains import DIALECTS, exported
+    from gantrysim.files import replaced
+    from gantrysim.job.job import Job
+    from gantrysim.report.folder import JOB
+    from gantrysim.tuning.servo import TUNED
+
+    files = {one.name: folder / f"{Path(TUNED).stem}-{one.name}{one.suffix}" for one in DIALECTS.values()}
+    for other, file in files.items():
+        if other != name:
+            file.unlink(missing_ok=True)
+    if name is None:
+        return
+    tuned = Job.load(folder / JOB, servo=folder / TUNED)
+    content, lost = exported(name, tuned.built_machine.axes, tuned.built_servo)
+    with replaced(files[name]) as partial:
+        partial.write_text(content, encoding="utf-8")
+    say(f"written to {files[name]}")
+    for note in (f"assumed of {name}: {DIALECTS[name].assumes}", *lost):
+        warn(f"note: {note}")

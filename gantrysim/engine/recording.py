@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gantrysim import memory
 from gantrysim.arrays import Floats, read_only
@@ -30,6 +30,8 @@ class LogBook:
         position: the same for all the machine's axes, (setpoints, axes) [mm or deg].
         dispenser: its dispenser.
         faults: faults on purpose.
+        leads: of the motors' current loops, (axes,).
+        scales: whether the servo has each axis' position from its load, (axes,) or one for all.
 
     Attributes:
         log: the entries in memory.
@@ -44,7 +46,9 @@ class LogBook:
         dispenser: Dispenser,
         faults: tuple[InjectedFault, ...] = (),
         leads: Floats | None = None,
+        scales: ArrayLike = False,
     ) -> None:
+        self._scales = scales
         self._machine, self._setpoints, self._position, self._dispenser = machine, setpoints, position, dispenser
         self._faults, self._leads = faults, np.zeros(position.shape[1]) if leads is None else leads
         count, axes = position.shape
@@ -146,7 +150,7 @@ class LogBook:
         motor, rigid = array_of(content["motor"]), array_of(content["motor_tip"])
         ideal = array_of(content["nozzle" if table is None else _IDEAL])
         every, parts = list(blocks(len(motor))), []
-        for block, tip in zip(every, errors.tips(motor[block] for block in every), strict=True):
+        for block, tip in zip(every, errors.tips((motor[block] for block in every), self._scales), strict=True):
             columns = {"geometric_tip": tip, "nozzle": ideal[block] + (tip - rigid[block])}
             if table is None:
                 parts.append(columns)

@@ -73,6 +73,7 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
                 commanded_tip=tips["commanded"],
                 encoder_tip=tips["encoder"],
                 motor_tip=tips["encoder"],
+                geometric_tip=None,  # no trace tells it from structure
                 nozzle=nozzle,
                 flow=run.flow[tick],
                 flow_demand=run.flow_demand[tick],

@@ -48,6 +48,7 @@ class Comparison:
         measured, simulated: budgets over the same samples and links.
         links: what is measured.
         alignment: of the trace.
+        machine: of the run.
         notes: what had to be filled in, or was left out.
     """
 
@@ -55,6 +56,7 @@ class Comparison:
     simulated: Budget
     links: tuple[str, ...]
     alignment: Alignment
+    machine: Machine
     notes: tuple[str, ...]
 
     @classmethod
@@ -83,7 +85,7 @@ class Comparison:
             notes.append(f"the trace covers {100 * covered:.1f} % of the time for which the dispenser is on")
         if not evenly(measured.time):
             notes.append("the samples have no even rate: there is no spectrum")
-        return cls(Budget(measured), Budget(simulated), trace.links, found, tuple(notes))
+        return cls(Budget(measured), Budget(simulated), trace.links, found, machine, tuple(notes))
 
     @property
     def parts(self) -> dict[str, str]:

@@ -94,10 +94,12 @@ def element_index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
             mujoco.mjtObj.mjOBJ_BODY: ("body", model.nbody),
             mujoco.mjtObj.mjOBJ_JOINT: ("joint", model.njnt),
         }[kind]
-        present = filter(None, (mujoco.mj_id2name(model, kind, i) for i in range(count)))
+        present = [*filter(None, (mujoco.mj_id2name(model, kind, i) for i in range(count)))]
+        if not present:
+            raise InputError(f'has no {label} named {name!r}, nor any other: add <{label} name="{name}"/> to its body')
         given = f'x = "{name}"' if label == "joint" else f'{name} = "..."'
         raise InputError(
-            f"has no {label} named {name!r}; it has: {', '.join(present) or 'none'}; rename one, or map its name in "
+            f"has no {label} named {name!r}; it has: {', '.join(present)}; rename one, or map its name in "
             f"the job: names = {{ {given} }}"
         )
     return int(index)
@@ -173,7 +175,9 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         raise InputError(f"actuator {i} has no name; it must bear the name of its axis' joint")
     joint = element_index(model, mujoco.mjtObj.mjOBJ_JOINT, name)
     if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[i, 0] != joint:
-        raise InputError(f"actuator {name!r} must drive the joint {name!r}")
+        raise InputError(
+            f'actuator {name!r} must drive the joint {name!r}, as in <motor name="{name}" joint="{name}"/>'
+        )
     unit = {mujoco.mjtJoint.mjJNT_SLIDE: "mm", mujoco.mjtJoint.mjJNT_HINGE: "deg"}.get(
         mujoco.mjtJoint(int(model.jnt_type[joint]))
     )
@@ -277,7 +281,10 @@ def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, Any]:
         or model.actuator_biastype[i] != mujoco.mjtBias.mjBIAS_NONE
         or model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE
     ):
-        raise InputError(f'actuator {name!r} must be a dcmotor with input="ff", or a motor')
+        raise InputError(
+            f'actuator {name!r} must be a dcmotor with input="ff", or a motor: the servo here closes the loops; a '
+            f"position or velocity actuator becomes <motor> without kp, kv and ctrlrange"
+        )
     ideal = {"motor_constant": math.nan, "resistance": math.nan, "lag": 0.0, "bus_voltage": math.inf, "coulomb": 0.0}
     return {**ideal, "peak_torque": peak}
 

@@ -43,4 +43,4 @@ def _geom(model: mujoco.MjModel, geom: int) -> str:
     if name:
         return f"geom {name!r}"
     body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(model.geom_bodyid[geom]))
-    return f"a geom of body {body!r}"
+    return f"a geom of body {body!r}" if body else "a geom of a body without a name"

@@ -36,7 +36,9 @@ def compile_mjcf(
     if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:
         raise InputError("disables its actuators; the servo needs them")
     if compiled.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        raise InputError("integrator RK4 calls the servo four times a step; use Euler, implicit or implicitfast")
+        raise InputError(
+            'integrator RK4 calls the servo four times a step: give <option integrator="implicitfast"/>, or Euler'
+        )
     between("timestep", compiled.opt.timestep, *_TIMESTEPS, "s")
     compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     _no_force_early(compiled)

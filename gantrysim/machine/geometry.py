@@ -11,9 +11,12 @@ PerAxis = float | tuple[float, ...]
 OF_SCREWS = ("travel_error", "periodic_error", "play")  # also of axes that are not x, y or z
 OF_GUIDES = ("straightness", "straightness_vertical", "yaw")  # of each of x, y and z
 SQUARENESS = ("squareness_xy", "squareness_xz", "squareness_yz")
-OF_FRAME = (*SQUARENESS, "racking", "sag")
+BENDING = ("bending_x", "bending_y")  # of the ram
+OF_FRAME = (*SQUARENESS, "racking", "sag", *BENDING)
+LOADS = {"weight": 2, "force": 3}  # on the ram, with the power of its free length by which it bends
 ERRORS = (*OF_SCREWS, *OF_GUIDES, *OF_FRAME)
-_BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0, "sag": 5.0}  # of a magnitude; others 10
+_BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0}  # of a magnitude; others 10
+_BOUNDS |= dict.fromkeys(("sag", *BENDING), 5.0)
 _LEAST = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
 
 # band of the travel within 300 mm and within a turn [um]: C* of JIS B 1192, P* and T* of ISO 3408-3, as catalogues
@@ -36,15 +39,15 @@ SCREWS = {
     "T10": (210.0, 30.0),
 }
 # assumption: what a gantry with screws of a grade is built to. Play and straightness [um], vertical straightness [um],
-# yaw, squareness and racking [um/m], sag [um]
+# yaw, squareness and racking [um/m], sag and bending of the ram [um]
 _MACHINES = {
-    0: (0.0, 1.0, 1.0, 5.0, 5.0, 0.0, 0.5),
-    1: (0.0, 2.0, 2.0, 10.0, 10.0, 2.0, 1.0),
-    2: (1.0, 2.0, 2.0, 15.0, 15.0, 3.0, 1.5),
-    3: (1.0, 3.0, 3.0, 20.0, 20.0, 5.0, 2.0),
-    5: (6.0, 6.0, 6.0, 50.0, 50.0, 20.0, 5.0),
-    7: (16.0, 10.0, 10.0, 100.0, 100.0, 40.0, 10.0),
-    10: (50.0, 30.0, 30.0, 300.0, 300.0, 100.0, 30.0),
+    0: (0.0, 1.0, 1.0, 5.0, 5.0, 0.0, 0.5, 0.5),
+    1: (0.0, 2.0, 2.0, 10.0, 10.0, 2.0, 1.0, 1.0),
+    2: (1.0, 2.0, 2.0, 15.0, 15.0, 3.0, 1.5, 1.5),
+    3: (1.0, 3.0, 3.0, 20.0, 20.0, 5.0, 2.0, 3.0),
+    5: (6.0, 6.0, 6.0, 50.0, 50.0, 20.0, 5.0, 6.0),
+    7: (16.0, 10.0, 10.0, 100.0, 100.0, 40.0, 10.0, 12.0),
+    10: (50.0, 30.0, 30.0, 300.0, 300.0, 100.0, 30.0, 40.0),
 }
 
 
@@ -52,9 +55,10 @@ _MACHINES = {
 class Geometry:
     """Errors of a machine's geometry, in the table [geometry] of a job; what is not given is as the class has it.
 
-    They displace the nozzle; encoders, which are on the motors, do not see them. An error per axis is one number for
-    all axes in mm, or one per axis of the machine in their order. u is the unit of the axis, mm or deg. The formulas
-    are in `gantrysim.machine.kinematic_errors`.
+    They displace the nozzle; encoders on the motors do not see them. A servo with feedback = "load" has a linear scale
+    on the axis: its loop takes the errors of the screw out, and the scale's growth is what is left. An error per axis
+    is one number for all axes in mm, or one per axis of the machine in their order. u is the unit of the axis, mm or
+    deg. The formulas are in `gantrysim.machine.kinematic_errors`.
 
     Attributes:
         accuracy: class: C0, C1, C2, C3, C5, C7 or C10 of JIS B 1192, P0, P1, P3, P5, T3, T5, T7 or T10 of ISO 3408-3;
@@ -70,10 +74,18 @@ class Geometry:
         squareness_yz: lean of z towards y [mm/m].
         racking: rotation of the bridge about the vertical at a reversal [mm/m].
         sag: drop of the nozzle at the middle of the bridge, against its ends [mm].
+        bending_x: deflection of the ram along x, out to the lower end of z's travel, under a lateral load [mm].
+        bending_y: the same along y [mm].
+        bending_load: what bends it: "weight" of a head that is carried beside it, or a lateral "force" at the nozzle.
+        ram: free length of the ram below its guide, at the upper end of z's travel [mm].
         abbe: from the line of the screw to the nozzle, along the other horizontal axis, all axes at zero [mm].
         warming: rise of the screws' temperature over that of the frame [K].
         expansion: thermal expansion of the screws; 11.5e-6 is that of steel [1/K].
         fixed_end: position of the axis at its screw's fixed bearing [mm].
+        scale_warming: rise of the linear scales' temperature over that of the frame; of axes whose servo has
+            feedback = "load" [K].
+        scale_expansion: thermal expansion of the scales; 8e-6 is that of glass [1/K].
+        scale_fixed: position of the axis where its scale is fixed [mm].
 
     Raises:
         InputError: an unknown class, or an error that no machine has.
@@ -91,20 +103,32 @@ class Geometry:
     squareness_yz: float | None = None
     racking: float | None = None
     sag: float | None = None
+    bending_x: float | None = None
+    bending_y: float | None = None
+    bending_load: str = "weight"
+    ram: float = 100.0
     abbe: PerAxis = 0.0
     warming: float = 0.0
     expansion: float = 11.5e-6
     fixed_end: PerAxis = 0.0
+    scale_warming: float = 0.0
+    scale_expansion: float = 8e-6
+    scale_fixed: PerAxis = 0.0
 
     def __post_init__(self) -> None:
         if self.accuracy is not None and self.accuracy not in SCREWS:
             raise unknown("accuracy class", str(self.accuracy), SCREWS)
         for name in ERRORS:
             self._check(name, _LEAST.get(name, -_BOUNDS.get(name, 10.0)), _BOUNDS.get(name, 10.0))
-        for name in ("abbe", "fixed_end"):
+        for name in ("abbe", "fixed_end", "scale_fixed"):
             self._check(name, -1e4, 1e4)
-        between("warming", self.warming, -100, 100, "K")
-        at_least("expansion", self.expansion, 0, "1/K", 1e-3)
+        if self.bending_load not in LOADS:
+            raise unknown("bending_load", str(self.bending_load), LOADS)
+        between("ram", self.ram, 0, 1e4, "mm")
+        for name in ("warming", "scale_warming"):
+            between(name, getattr(self, name), -100, 100, "K")
+        for name in ("expansion", "scale_expansion"):
+            at_least(name, getattr(self, name), 0, "1/K", 1e-3)
 
     def _check(self, name: str, low: float, high: float) -> None:
         value = getattr(self, name)
@@ -130,7 +154,7 @@ class Geometry:
 def typical(accuracy: str) -> dict[str, float]:
     """Return the errors that a class allows, by name, in the units of `Geometry`."""
     travel, turn = SCREWS[accuracy]
-    play, straight, vertical, yaw, square, racking, sag = (_UM * one for one in _MACHINES[int(accuracy[1:])])
+    play, straight, vertical, yaw, square, racking, sag, bending = (_UM * one for one in _MACHINES[int(accuracy[1:])])
     return {
         "travel_error": _UM * travel,
         "periodic_error": 0.5 * _UM * turn,
@@ -141,6 +165,7 @@ def typical(accuracy: str) -> dict[str, float]:
         **dict.fromkeys(SQUARENESS, square),
         "racking": racking,
         "sag": sag,
+        **dict.fromkeys(BENDING, bending),
     }
 
 

@@ -22,5 +22,9 @@ def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
     up = data.xmat[work].reshape(3, 3)[:, 2]
     above = data.xpos[work] + up * (up @ (data.site_xpos[nozzle] - data.xpos[work]))
     distance = mujoco.mj_ray(model, data, above, -up, None, 1, int(model.site_bodyid[nozzle]), geom, None)
-    on_work = geom[0] >= 0 and model.geom_bodyid[geom[0]] == work
+    if geom[0] < 0:
+        return None
+    hit, weld = int(model.geom_bodyid[geom[0]]), model.body_weldid
+    # a work that is a mere frame has the geoms of the body that it is part of
+    on_work = hit == work or (model.body_geomnum[work] == 0 and weld[hit] == weld[work])
     return _MM * float(distance) if on_work else None

@@ -9,16 +9,27 @@ The axis' zero is found moving upwards, and a run begins so:
 
     d_0 = 0,    d_k = clip(d_(k-1) - (x_k - x_(k-1)), 0, b)
 
+An axis that the servo controls by a scale on its load has none of these: its loop takes them out. Its scale, fixed at
+g and warmer by T_s, grows, and the load stands at
+
+    x + alpha_s T_s (x - g)
+
 With u from -1 to 1 over the travel, u0 where the axis is zero, and the nozzle then displaced by, in the work frame,
 
     x:  s_xy y + s_xz z + h_y(y) + h_z(z) - theta_x A_x               h = s (u^2 - u0^2), a guide's bow
     y:  s_yz z + h_x(x) + v_z(z) + theta_y A_y                        theta = yaw (u - u0)
     z:  v_x(x) + v_y(y) - sag ((1 - u^2)^2 - (1 - u0^2)^2)            v: vertical bow; sag of the axis on the bridge
 
-A is the Abbe offset, from the line of the screw to the nozzle: `abbe`, and the other horizontal coordinate unless that
-axis carries this one. Racking adds r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its
-guides. The sag is that of a beam on two supports at the ends of the travel with the load at a of its length L,
-a^2 (L - a)^2 / (3 E I L). All is 0 with the axes at zero, but the growth of a screw fixed elsewhere.
+and by the ram, a cantilever out of its guide by L = ram + (upper end of z) - z, longest L1 at the lower end, where a
+lateral load bends it by b, along x and y:
+
+    b ((L / L1)^p - (L0 / L1)^p)        p = 3: a force F at its end, F L^3 / (3 E I); 2: a moment M, M L^2 / (2 E I)
+
+M is that of the weight of a head whose centre of gravity lies beside the ram. A is the Abbe offset, from the line of
+the screw to the nozzle: `abbe`, and the other horizontal coordinate unless that axis carries this one. Racking adds
+r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its guides. The sag is that of a beam
+on two supports at the ends of the travel with the load at a of its length L, a^2 (L - a)^2 / (3 E I L). All is 0 with
+the axes at zero, but the growth of a screw or scale fixed elsewhere.
 
 First order: errors act at the motors' positions and add up. Lost motion is quasi-static: no coasting of the load
 through the play, no limit cycle of a loop closed on the load.
@@ -36,7 +47,16 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.jit import jit
 from gantrysim.machine.axis import Axis
-from gantrysim.machine.geometry import ERRORS, OF_FRAME, OF_GUIDES, SQUARENESS, Geometry, check_lengths
+from gantrysim.machine.geometry import (
+    BENDING,
+    ERRORS,
+    LOADS,
+    OF_FRAME,
+    OF_GUIDES,
+    SQUARENESS,
+    Geometry,
+    check_lengths,
+)
 
 PRESLIDING = 0.02  # motion over which a bridge racks at a reversal; an assumption [mm]
 _INTERVAL = 300.0  # of the travel error [mm]
@@ -80,20 +100,24 @@ class KinematicErrors:
         check_lengths(geometry, names)
         slides = np.array([axis.unit == "mm" for axis in machine.axes])
         self._at = {name: names.index(name) for name in "xyz" if name in names and carried is not None}
+        above = {} if carried is None else carried
+        self._has_ram = "z" in self._at and not {"x", "y"} & set(above.get("z", ()))
         self.values: dict[str, float] = {}
         for name in ERRORS:
             self._take(machine, geometry, name, factors)
-        if geometry.warming and not slides.any():
+        if (geometry.warming or geometry.scale_warming) and not slides.any():
             raise InputError(_refusal(machine, "growth by warming"))
         self._lead = np.array([2 * np.pi * axis.scale for axis in machine.axes])
         self._growth = geometry.expansion * geometry.warming * factors.get("warming", 1.0) * slides
         self._fixed = np.broadcast_to(np.asarray(geometry.fixed_end, float), len(names))
+        self._scale_growth = geometry.scale_expansion * geometry.scale_warming * factors.get("warming", 1.0) * slides
+        self._scale_fixed = np.broadcast_to(np.asarray(geometry.scale_fixed, float), len(names))
+        self._ram, self._power = geometry.ram, LOADS[geometry.bending_load]
         self._abbe = np.broadcast_to(np.asarray(geometry.abbe, float), len(names))
         low, high = np.array([axis.travel for axis in machine.axes]).T
         limited = np.isfinite(low) & np.isfinite(high)
         self._middle = 0.5 * np.where(limited, low + np.where(limited, high, 0.0), 0.0)
         self._half = np.where(limited, high - self._middle, 1.0)
-        above = {} if carried is None else carried
         # the axis that carries the bridge, and the one on it
         self._bridge = "x" if "y" in above.get("x", ()) else "y"
         self._beam = "y" if self._bridge == "x" else "x"
@@ -105,8 +129,8 @@ class KinematicErrors:
         value, own = geometry.of(name), geometry.given(name)
         if name in OF_FRAME:
             assert isinstance(value, float | int)
-            needs = name.removeprefix("squareness_") if name in SQUARENESS else "x" if name == "sag" else "xy"
-            there = all(axis in self._at for axis in needs)
+            needs = {"sag": "x", "racking": "xy"}.get(name, name.removeprefix("squareness_").removeprefix("bending_"))
+            there = all(axis in self._at for axis in needs) and (name not in BENDING or self._has_ram)
             if value and not there and (own or not self._at):
                 raise InputError(_refusal(machine, name))
             if value and there:
@@ -130,10 +154,11 @@ class KinematicErrors:
     def _check_travel(self, machine: RigidMachine, limited: NDArray[np.bool_]) -> None:
         for name, a in self._at.items():
             own = [f"{error}_{name}" for error in OF_GUIDES] + ["sag"] * (name == self._beam)
+            own += BENDING if name == "z" else ()
             if not limited[a] and any(error in self.values for error in own):
                 raise InputError(
                     f"geometry: axis {name} of machine {machine.name} has no limited travel, over which its "
-                    "straightness, yaw and sag could be: give its joint a range"
+                    "straightness, yaw, sag and bending could be: give its joint a range"
                 )
 
     @property
@@ -141,15 +166,17 @@ class KinematicErrors:
         """Names of the errors that are not 0, such as "play_x" or "squareness_xy"."""
         return tuple(self.values)
 
-    def tips(self, motors: Iterable[Floats]) -> Iterator[Floats]:
+    def tips(self, motors: Iterable[Floats], scales: ArrayLike = False) -> Iterator[Floats]:
         """Yield the nozzle at the motors' positions, (n, 3) [mm], for consecutive blocks of ticks.
 
         Args:
             motors: positions of the motors, (n, axes) [mm or deg], all of a run from its begin.
+            scales: whether the servo has each axis' position from a scale on its load, (axes,) or one for all.
         """
+        on_load = np.broadcast_to(np.asarray(scales, bool), len(self._names))
         play, last = np.zeros(len(self._names)), None
         racked = 0.0
-        width = self._per_axis("play")
+        width = np.where(on_load, 0.0, self._per_axis("play"))
         for motor in motors:
             previous = motor[0] if last is None else last
             lost = np.empty_like(motor)
@@ -160,7 +187,7 @@ class KinematicErrors:
                 b = self._at[self._bridge]
                 _play(motor[:, b], previous[b], racked, PRESLIDING, racking)
             play, racked, last = lost[-1].copy(), float(racking[-1]), motor[-1].copy()
-            moved = motor + self._of_screws(motor) + lost
+            moved = motor + np.where(on_load, self._of_scales(motor), self._of_screws(motor)) + lost
             yield self._tip(moved) + self._of_frame(motor, racking / PRESLIDING)
 
     def _of_screws(self, x: Floats) -> Floats:
@@ -168,6 +195,10 @@ class KinematicErrors:
         travel, periodic = self._per_axis("travel_error"), self._per_axis("periodic_error")
         error = travel * x / _INTERVAL + periodic * np.sin(2 * np.pi * x / self._lead)
         return error + self._growth * (x - self._fixed)
+
+    def _of_scales(self, x: Floats) -> Floats:
+        """Return the same where a scale on the load takes their place, (n, axes) [u]."""
+        return self._scale_growth * (x - self._scale_fixed)
 
     def _of_frame(self, motor: Floats, racked: Floats) -> Floats:
         """Return the displacement of the nozzle by guides and frame, (n, 3) [mm]."""
@@ -179,6 +210,12 @@ class KinematicErrors:
             if square := own.get(name):
                 towards, leaning = sorted(name[-2:])
                 shift[:, "xyz".index(towards)] += _PER_MM * square * at[leaning]
+        for name in BENDING:
+            if bend := own.get(name):
+                a = self._at["z"]
+                upper, longest = self._middle[a] + self._half[a], self._ram + 2 * self._half[a]
+                out, home = (self._ram + upper - at["z"]) / longest, (self._ram + upper) / longest
+                shift[:, "xyz".index(name[-1])] += bend * (out**self._power - home**self._power)
         for name, x in at.items():
             a = self._at[name]
             u, u0 = (x - self._middle[a]) / self._half[a], -self._middle[a] / self._half[a]

@@ -38,9 +38,16 @@ def rename(spec: mujoco.MjSpec, names: Mapping[str, str]) -> None:
 def _rename_axis(spec: mujoco.MjSpec, new: str, old: str) -> None:
     actuator = _found(spec.actuators, "actuator", new, old)
     joint = actuator.target
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
+        raise InputError(
+            f'names.{new}: actuator {old!r} drives no joint, but {joint!r}: give it joint="...", a slide or hinge'
+        )
     for tendon in spec.tendons:
         if any(getattr(wrap.target, "name", None) == joint for wrap in tendon.path):
-            raise InputError(f"names.{new}: joint {joint!r} is part of tendon {tendon.name!r}: rename it in the MJCF")
+            raise InputError(
+                f"names.{new}: joint {joint!r} is part of tendon {tendon.name!r}: rename joint and actuator "
+                f"in the MJCF to {new!r}"
+            )
     for sensor in spec.sensors:
         if sensor.type == mujoco.mjtSensor.mjSENS_ACTUATORPOS and sensor.objname == old:
             _free(spec.sensors, "sensor", new, sensor)
@@ -84,6 +91,8 @@ def _found(elements: Sequence[Any], label: str, new: str, old: str) -> Any:
         if element.name == old:
             _free(elements, label, new, element)
             return element
+    if not any(element.name for element in elements):
+        raise InputError(f'names.{new}: the MJCF names no {label}: add <{label} name="{old}"/>, or a name to one')
     try:
         raise unknown(label, old, [element.name for element in elements if element.name])
     except InputError as error:

@@ -1,6 +1,7 @@
 """The commands `gantrysim tune` and `gantrysim run --servo`, in this process and interrupted in one of their own."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import tomllib
 import pytest
 
 from gantrysim import InputError, Job
+from gantrysim.cli.tune import write_words
 from gantrysim.study.ledger import LEDGER
 from gantrysim.tuning.servo import TUNED
 
@@ -75,12 +77,39 @@ def test_another_search_with_other_settings_replaces_the_folder(gantrysim_comman
     assert first[TUNED] != second[TUNED]
 
 
+def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_command, tmp_path, file):
+    out = tmp_path / "a"
+    few = ("--budget", 8, "--robust", 0, "--unseen", 0, "--workers", 1, "--out", out)
+    status, output, said = gantrysim_command("tune", file, *few, "--export", "trio")
+    assert status == 0
+    words = out / "tuned-trio.bas"
+    assert f"written to {words}" in " ".join(output.split())
+    assert "note: assumed of trio: " in said
+    tuned = tomllib.loads((out / TUNED).read_text())["servo"]
+    assert tuned["kp"] != Job.load(file).servo.kp  # it found others than those that it began with
+    # the manual's unit: a demand of 2048 DAC steps is the torque limit, an error of one encoder edge the resolution
+    gains = [float(one) for one in re.findall(r"^P_GAIN=(.*)$", words.read_text(), re.M)]
+    for gain, kp, edge, most in zip(
+        gains, *(tuned[name] for name in ("kp", "resolution", "torque_limit")), strict=True
+    ):
+        assert gain == pytest.approx(kp * edge * 2048 / most, rel=1e-9)
+    status, _, _ = gantrysim_command("gains", file, "--from", "trio", words, "--out", tmp_path / "back.toml")
+    assert status == 0
+    back = tomllib.loads((tmp_path / "back.toml").read_text())["servo"]
+    assert back["kp"] == pytest.approx(tuned["kp"], rel=1e-9)
+    # another search leaves no words of this one
+    for name, left in (("linuxcnc-ini", {TUNED, "tuned-linuxcnc-ini.ini"}), (None, {TUNED})):
+        write_words(out, name)
+        assert {item.name for item in out.glob("tuned*")} == left
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
         (("--budget", 9), "budget = 9: must be at least 10, start and one candidate per machine"),
         (("--spread", "mass=1"), "unknown tolerance 'mass'"),
         (("--law", "p"), "unknown law 'p': did you mean pd? known: pd, pid"),
+        (("--export", "fanuk"), "unknown controller 'fanuk': did you mean fanuc? known: fanuc, linuxcnc"),
         (("--budget", "many"), "Invalid value for '--budget'"),
     ],
 )

@@ -204,7 +204,8 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
     assert "nozzle in z is not measured" in " ".join(out.split())
     found = json.loads((folder / "compare" / "compare.json").read_text())
     assert found["alignment"]["shift"] == pytest.approx(1.0, abs=FOUND_SHIFT / 800)
-    assert {item.name for item in (folder / "compare").iterdir()} == {"compare.json", "overlay.png", "spectrum.png"}
+    files = {"compare.json", "overlay.png", "spectrum.png", "report.html"}
+    assert {item.name for item in (folder / "compare").iterdir()} == files
     for arguments, message in (
         (("--columns", "time=t,x=nope,y=py"), "unknown column of"),
         (("--columns", columns, "--align", "tim"), "did you mean time"),

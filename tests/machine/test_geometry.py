@@ -47,13 +47,13 @@ def xyz():
     return Machine("xyz")
 
 
-def shift(machine, motor, geometry, *, blocks=1, factors=()):
+def shift(machine, motor, geometry, *, blocks=1, factors=(), scales=False):
     """Displacement of the nozzle at positions of the motors, (n, 3)."""
     motor = np.array(motor, float)
     real = machine.with_geometry(geometry)
     if factors:
         real = real.perturbed(Perturbation(geometry=tuple(factors)))
-    tips = list(real.kinematic_errors.tips(np.array_split(motor, blocks)))
+    tips = list(real.kinematic_errors.tips(np.array_split(motor, blocks), scales))
     return np.concatenate(tips) - machine.tip(motor)
 
 
@@ -161,6 +161,68 @@ def test_the_bridge_sags_as_a_beam_on_two_supports(xy):
     beam = a**2 * (length - a) ** 2 / (length / 2) ** 4  # deflection under a load at a, 1 at the middle
     assert found == pytest.approx(-0.012 * (beam - beam[150]), abs=EXACT)
     assert found[0] == pytest.approx(0.012, abs=EXACT)
+
+
+@pytest.mark.parametrize("load", ["weight", "force"])
+def test_the_ram_bends_as_a_cantilever_out_of_its_guide(xyz, load):
+    # a steel tube of 30 mm and 2 mm wall under 4 N at its end, or under 3 kg whose centre is 40 mm beside it
+    stiffness = 210e9 * np.pi / 64 * (0.030**4 - 0.026**4)  # E I [N·m²]
+    low, high = xyz.axes[2].travel
+    z = np.linspace(low, high, 31)
+    free = 80.0 + (high - z)  # ram out of its guide [mm]
+
+    def tip(length):  # deflection at the end by integrating the curvature twice [mm]
+        s = np.linspace(0, 1e-3 * length, 4001)
+        moment = 3 * 9.81 * 0.04 + 0 * s if load == "weight" else 4.0 * (s[-1] - s)
+        step = s[1] - s[0]
+        slope = np.concatenate([[0], np.cumsum(0.5 * (moment[1:] + moment[:-1]))]) * step / stiffness
+        return 1e3 * step * np.sum(0.5 * (slope[1:] + slope[:-1]))
+
+    bends = np.array([tip(length) for length in free])
+    geometry = Geometry(bending_x=bends[0], bending_y=-0.5 * bends[0], bending_load=load, ram=80.0)
+    found = shift(xyz, columns(7.0, -9.0, z), geometry)
+    expected = bends - tip(80.0 + high)
+    assert found == pytest.approx(columns(expected, -0.5 * expected, 0.0), abs=1e-6 * bends[0])
+    assert np.ptp(expected) > 1e-4
+    assert shift(xyz, [[50, 20, 0]], geometry) == pytest.approx(np.zeros((1, 3)), abs=EXACT)
+
+
+def test_a_class_bends_a_ram_and_nothing_without_one(xy, xyz):
+    found = xyz.with_geometry(Geometry(accuracy="C7")).kinematic_errors.values
+    assert (found["bending_x"], found["bending_y"]) == (0.012, 0.012)
+    assert not {"bending_x", "bending_y"} & set(xy.with_geometry(Geometry(accuracy="C7")).kinematic_errors.columns)
+    job = Job.load("an225-3d", ["accuracy=C5", "geometry.bending_x=0.02", "geometry.bending_load=force"])
+    assert Job(**tomllib.loads(job.toml())).geometry == job.geometry
+    real = job.built_machine
+    drawn = Tolerances().machines(real, 8, 1)
+    factors = [dict(one.geometry)["bending_x"] for one in drawn]
+    assert -1 <= min(factors) < 0 < max(factors) <= 1
+    assert real.perturbed(drawn[3]).kinematic_errors.values["bending_x"] == pytest.approx(0.02 * factors[3])
+
+
+def test_a_scale_on_the_load_takes_the_screw_out_and_grows_itself(xy):
+    motor = [[0.0, 0.0], [120.0, -20.0], [100.0, 30.0]]
+    screw = {"travel_error": 0.05, "periodic_error": 0.006, "play": 0.02, "warming": 5.0}
+    geometry = Geometry(**screw, squareness_xy=0.1, scale_warming=3.0, scale_expansion=8e-6, scale_fixed=(-150.0, 0.0))
+    both = shift(xy, motor, geometry, scales=True)
+    own = 8e-6 * 3 * (np.array(motor) - [-150.0, 0.0])
+    lean = 1e-4 * np.array(motor)[:, 1:]  # guides and frame stay
+    assert both == pytest.approx(np.hstack([own[:, :1] + lean, own[:, 1:], 0 * lean]), abs=EXACT)
+    one = shift(xy, motor, geometry, scales=[True, False])
+    assert one[:, 0] == pytest.approx(both[:, 0], abs=EXACT)
+    assert one[:, 1] == pytest.approx(shift(xy, motor, geometry)[:, 1], abs=EXACT)
+    assert abs(one[:, 1] - both[:, 1]).max() > 0.01
+
+
+def test_a_run_with_its_encoders_on_the_load_shows_the_scales_growth():
+    small = ["turns=1", "diameter=40"]
+    warm = ["geometry.warming=20", "geometry.scale_warming=10", "geometry.scale_fixed=100"]
+    load = Job.load("an225", [*small, *warm, "servo.feedback=load"]).run()
+    expected = 8e-6 * 10 * (load.motor - 100.0)
+    assert (load.geometric_tip - load.motor_tip)[:, :2] == pytest.approx(expected, abs=EXACT)
+    on_motor = Job.load("an225", [*small, *warm]).run()
+    expected = 11.5e-6 * 20 * on_motor.motor
+    assert (on_motor.geometric_tip - on_motor.motor_tip)[:, :2] == pytest.approx(expected, abs=EXACT)
 
 
 def test_an_axis_without_a_limited_travel_has_no_bow_but_all_else(xy):
@@ -308,6 +370,11 @@ def test_machines_of_a_design_vary_within_their_class(xy):
         ("xy", {"play": float("nan")}, "play = nan"),
         ("xy", {"travel_error": (0.01,)}, "geometry.travel_error has 1 values: must be one or 2, of the axes x, y"),
         ("xy", {"squareness_xz": 0.1}, "machine xy with the axes x .mm., y .mm. can have no squareness_xz"),
+        ("xy", {"bending_x": 0.1}, "machine xy .* can have no bending_x"),
+        ("delta", {"bending_y": 0.1}, "machine delta .* can have no bending_y"),
+        ("xyz", {"bending_load": "wind"}, "unknown bending_load 'wind': .*known: force, weight"),
+        ("xyz", {"ram": -1.0}, "ram = -1"),
+        ("delta", {"scale_warming": 1.0}, "machine delta .* can have no growth"),
         ("delta", {"accuracy": "C7"}, "machine delta .* can have no straightness"),
         ("delta", {"play": 0.01}, "can have no play"),
         ("delta", {"warming": 3.0}, "can have no growth"),

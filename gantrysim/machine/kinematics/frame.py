@@ -36,7 +36,11 @@ def check_work_frame(kinematics: Kinematics, at_home: Floats, tip: Callable[[Flo
     offset = nozzle(home)[0] - [placed.get(name, 0.0) for name in "xyz"]
     if np.abs(offset).max() > _TOLERANCE:
         at = f"{_vector(offset)} mm of {'body' if not kinematics.followers else 'its coordinates in body'} 'work'"
-        raise InputError(f"with all axes at zero the nozzle is at {at}: must be its origin")
+        place = " ".join(f"{1e-3 * value:.6g}" for value in offset)
+        remedy = (
+            "" if kinematics.followers else f'; add <body name="work" pos="{place}"/> inside that body, in its place'
+        )
+        raise InputError(f"with all axes at zero the nozzle is at {at}: must be its origin{remedy}")
     # within a closed chain every position has its own reach
     far = [] if kinematics.followers else [coordinate.unit == "mm" for coordinate in coordinates]
     probes = np.concatenate([home, home + _PROBE * unit[far]]) if any(far) else home
@@ -48,11 +52,18 @@ def check_work_frame(kinematics: Kinematics, at_home: Floats, tip: Callable[[Flo
             if moved > _TOLERANCE:
                 raise InputError(
                     f"rotary axis {name!r} moves the nozzle by {moved:.4g} mm "
-                    f"in {turn:g} deg: must turn it about its own tip"
+                    f"in {turn:g} deg: must turn it about its own tip; move the joint's pos there, or the nozzle"
                 )
         if name in "xyz" and np.abs(direction - each["xyz".index(name)]).max() > _TOLERANCE:
+            still = np.abs(direction).max() <= _TOLERANCE
+            remedy = (
+                "as 'work', name a body that this axis does not carry"
+                if still
+                else "turn the joint's axis, or let the names of the axes change places"
+            )
             raise InputError(
-                f"axis {name!r} moves the nozzle along {_vector(direction)} of body 'work': must be along its {name}"
+                f"axis {name!r} moves the nozzle along {_vector(direction)} of body 'work': must be along its {name}; "
+                f"{remedy}"
             )
 
 

@@ -1,0 +1,167 @@
+"""The report of a comparison: budgets, alignment and what the model does not explain, in words, tables and plots."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from gantrysim.exchange.comparison import Comparison
+from gantrysim.exchange.plots import draw_overlay, draw_spectrum
+from gantrysim.metrics.analysis import THOUSANDTH
+from gantrysim.plots.style import COLOURS
+from gantrysim.report.document import Column, Section, Table, write_page
+from gantrysim.report.sections import drawn
+from gantrysim.report.summary import versions
+
+REPORT = "report.html"
+_UM = 1e3
+_WIDE = 10.7  # of a plot across the page [inch]
+_NOTHING = 1e-6  # rms below which an error counts as none [mm]
+
+
+def write_comparison_page(
+    file: str | os.PathLike[str],
+    found: Comparison,
+    run: str,
+    measured: str,
+    circle: Mapping[str, Mapping[str, Any]] | None = None,
+) -> None:
+    """Write the report of a comparison as one HTML file.
+
+    Args:
+        file: to write or replace.
+        found: the comparison.
+        run: name of the run.
+        measured: name of the log.
+        circle: values of a circular test, as `Comparison.circle` returns them.
+    """
+    write_page(file, f"{measured} beside {run}", "A measured trace and its simulation", list(_sections(found, circle)))
+
+
+def _sections(found: Comparison, circle: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Section]:
+    yield Section("Summary", headline(found), facts=_facts(found))
+    yield Section(
+        "Error budgets",
+        "Errors are normal to the requested path. Links that are not measured are left out of both budgets. The "
+        "difference is that of the errors at the same instant, not of the two numbers beside it.",
+        figure=drawn(draw_overlay, found, _WIDE, 2.2 * (len(found.parts) + 2)),
+        table=_budgets(found),
+    )
+    yield Section("Alignment", alignment_text(found), table=_offsets(found))
+    has_spectrum = bool(found.spectrum[0].size)
+    yield Section(
+        "Not explained by the model",
+        unexplained(found),
+        figure=drawn(draw_spectrum, found, _WIDE, 4.6) if has_spectrum else None,
+        table=_peaks(found) if found.peaks else None,
+    )
+    if circle is not None:
+        keys = circle["measured"]
+        rows = [[key, *(float(own[key]) for own in circle.values())] for key in keys]
+        heads = ["value", *(Column(name, ".2f") for name in circle)]
+        yield Section("Circular test", table=Table(heads, rows, "Values of gantrysim study circle"))
+    if found.notes:
+        yield Section("Notes", [f"{note[0].upper()}{note[1:]}." for note in found.notes])
+    yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(found.machine).items()]))
+
+
+def headline(found: Comparison) -> str:
+    """Return both contour errors and how much of the measured one the simulation explains, in one sentence."""
+    measured, simulated = (budget.values.contour.rms for budget in (found.measured, found.simulated))
+    rest = found.unexplained["contour"].rms
+    sizes = f"Contour error: {_UM * measured:.1f} µm rms measured, {_UM * simulated:.1f} µm simulated"
+    if rest < _NOTHING:
+        return f"{sizes}; no difference is left."
+    left = f"{_UM * rest:.1f} µm rms"
+    if rest >= measured:
+        return f"{sizes}; the simulation explains none of it: their difference is {left}."
+    share = 100 * (1 - (rest / measured) ** 2)
+    return f"{sizes}; the simulation explains {share:.1f} % of the measured mean square, {left} is left."
+
+
+def unexplained(found: Comparison) -> list[str]:
+    """Return what the model does not explain, a paragraph each: links, constant and varying part, frequencies."""
+    contour = found.unexplained["contour"]
+    if contour.rms < _NOTHING:
+        return ["The simulation explains all of the measured error."]
+    links = sorted(found.parts, key=lambda name: -found.unexplained[name].rms)
+    sizes = ", ".join(f"{name} {_UM * found.unexplained[name].rms:.2f} µm rms" for name in links)
+    told = [f"Difference by link, largest first: {sizes}. Links can offset one another."]
+    lateral = found.difference["contour"][:, 0]
+    mean, varying = _UM * float(lateral.mean()), _UM * float(lateral.std())
+    side = "left" if mean > 0 else "right"
+    told.append(
+        f"Across the path the measured nozzle lies {abs(mean):.2f} µm further to the {side} on average; the difference "
+        f"varies by {varying:.2f} µm rms about that, and is {_UM * contour.max:.2f} µm at most in any direction."
+    )
+    if found.peaks:
+        named = ", ".join(f"{peak.frequency:.1f} Hz ({_UM * peak.rms:.2g} µm rms)" for peak in found.peaks)
+        told.append(f"Frequencies that the model lacks: {named}.")
+    elif found.spectrum[0].size:
+        told.append("No frequency stands out from the spectrum: what is left is noise, drift or slow.")
+    return told
+
+
+def alignment_text(found: Comparison) -> str:
+    """Return how the trace was aligned, in one sentence."""
+    alignment, run = found.alignment, found.measured.analysis.run
+    text = f"Aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
+    for frame, axis, offset, unit in _placed(found):
+        text += f"; {frame} offset {axis} {offset:+z.4f} {unit}"
+    if alignment.rotation:
+        text += f"; turned by {alignment.rotation:+.4f} deg"
+    units = ("mm",) if alignment.by == "nozzle" else run.units
+    kinds = " and ".join(dict.fromkeys(THOUSANDTH[unit] for unit in units))
+    return f"{text}; left {_UM * alignment.residual:.2f} {kinds} rms."
+
+
+def _placed(found: Comparison) -> Iterator[tuple[str, str, float, str]]:
+    """Yield frame, axis, offset and unit of every offset."""
+    run = found.measured.analysis.run
+    names = {"axes": (run.axes, run.units), "nozzle": ("xyz", ("mm",) * 3)}
+    for frame, offsets in found.alignment.offsets.items():
+        for axis, offset, unit in zip(names[frame][0], offsets.tolist(), names[frame][1], strict=True):
+            yield frame, axis, offset, unit
+
+
+def _facts(found: Comparison) -> list[tuple[str, str, str]]:
+    facts = [
+        (f"Contour error, {name}", f"{_UM * values.rms:.1f} µm", f"max {_UM * values.max:.1f} µm")
+        for name, values in (
+            ("measured", found.measured.values.contour),
+            ("simulated", found.simulated.values.contour),
+            ("difference", found.unexplained["contour"]),
+        )
+    ]
+    return [*facts, ("Time shift", f"{found.alignment.shift:+z.6f} s", f"by {found.alignment.by}")]
+
+
+def _budgets(found: Comparison) -> Table:
+    heads: list[str | Column] = ["link", "span"]
+    heads += [
+        Column(f"{which}, {size} [µm]", ".2f") for which in ("measured", "simulated") for size in ("rms", "95 %", "max")
+    ]
+    heads += [Column(f"difference, {size} [µm]", ".2f") for size in ("rms", "max")]
+    rows = []
+    for name in (*found.parts, "contour"):
+        cells: list[float] = []
+        for budget in (found.measured, found.simulated):
+            part = budget.values.contour if name == "contour" else budget.values.parts[name]
+            cells += [part.rms, part.p95, part.max]
+        rest = found.unexplained[name]
+        span = found.parts.get(name, "requested path to the last link measured")
+        rows.append([name, span, *(_UM * cell for cell in (*cells, rest.rms, rest.max))])
+    return Table(heads, rows, "Error normal to the requested path, measured, simulated, and their difference", COLOURS)
+
+
+def _offsets(found: Comparison) -> Table:
+    rows = [[f"{frame} {axis}", offset, unit] for frame, axis, offset, unit in _placed(found)]
+    rows.insert(0, ["time", found.alignment.shift, "s"])
+    rows.append(["rotation", found.alignment.rotation, "deg"])
+    return Table(["", Column("against the run", ".6f"), "unit"], rows, "Trace against run")
+
+
+def _peaks(found: Comparison) -> Table:
+    rows = [[peak.frequency, _UM * peak.rms] for peak in found.peaks]
+    return Table([Column("frequency [Hz]", ".1f"), Column("rms [µm]", ".3g")], rows, "Peaks of the spectrum")

@@ -1,0 +1,147 @@
+"""The report of a comparison: every number and curve read back out of the page, for a difference that is known."""
+
+import re
+
+import numpy as np
+import pytest
+
+from gantrysim import Budget, Job, Machine
+from gantrysim.exchange.comparison import Comparison
+from gantrysim.exchange.measured import Trace
+from gantrysim.exchange.page import write_comparison_page
+
+from support.jobs import job_run
+from support.pages import Page
+
+MACHINE = Machine("xy")
+OFF, SWING, WAVE = 4.0, 2.0, 80.0  # to the left of the path [µm], its swing [µm] and length along the path [mm]
+
+
+def known(run):
+    """The known difference at every tick [µm], and the unit vectors to the left of the command."""
+    step = np.gradient(run.commanded_tip[:, :2], axis=0)
+    left = np.column_stack([-step[:, 1], step[:, 0], np.zeros(len(step))])
+    left /= np.maximum(np.linalg.norm(left, axis=1), 1e-9)[:, None]
+    s = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(run.commanded_tip, axis=0), axis=1))])
+    return OFF + SWING * np.sin(2 * np.pi * s / WAVE), left
+
+
+@pytest.fixture(scope="module")
+def found():
+    run = job_run("fanuc-spiral")
+    size, left = known(run)
+    rng = np.random.default_rng(3)
+    encoder = run.encoder + rng.normal(scale=5e-4, size=run.encoder.shape)
+    return Comparison.of(
+        Trace(
+            run.time + 0.25, {"commanded": run.commanded, "encoder": encoder}, run.nozzle + 1e-3 * size[:, None] * left
+        ),
+        run,
+        MACHINE,
+        ("time",),
+    )
+
+
+@pytest.fixture(scope="module")
+def page(found, tmp_path_factory):
+    file = tmp_path_factory.mktemp("page") / "report.html"
+    circle = {"measured": {"circular_deviation_um": 12.3456}, "simulated": {"circular_deviation_um": 7.8912}}
+    write_comparison_page(file, found, "spiral", "log.csv", circle)
+    own = Page(file)
+    own.check()
+    return own
+
+
+def test_the_numbers_of_both_budgets(found, page):
+    table = page.tables()["Error normal to the requested path, measured, simulated, and their difference"]
+    assert list(table) == ["generation", "tracking", "structure", "contour"]
+    for name, row in table.items():
+        for which, budget in (("measured", found.measured), ("simulated", found.simulated)):
+            part = budget.values.contour if name == "contour" else budget.values.parts[name]
+            for head, value in (("rms", part.rms), ("95 %", part.p95), ("max", part.max)):
+                assert row[f"{which}, {head} [µm]"] == f"{1e3 * value:.2f}"
+        assert row["difference, rms [µm]"] == f"{1e3 * found.unexplained[name].rms:.2f}"
+        assert row["difference, max [µm]"] == f"{1e3 * found.unexplained[name].max:.2f}"
+    rest = float(table["contour"]["difference, rms [µm]"])
+    assert rest == pytest.approx(np.hypot(OFF, SWING / np.sqrt(2)), rel=0.01)
+    facts = page.facts()
+    for name in ("measured", "simulated", "difference"):
+        told = float(facts[f"Contour error, {name}"][0].split()[0])
+        assert told == pytest.approx(float(table["contour"][f"{name}, rms [µm]"]), abs=0.051)
+    assert facts["Time shift"] == ("+0.250000 s", "by commanded")
+    offsets = page.tables()["Trace against run"]
+    assert offsets["time"] == {"against the run": "0.250000", "unit": "s"}
+    assert offsets["nozzle x"] == {"against the run": "0.000000", "unit": "mm"}
+    assert page.tables()["Values of gantrysim study circle"]["circular_deviation_um"] == {
+        "measured": "12.35",
+        "simulated": "7.89",
+    }
+
+
+def test_the_words_say_how_much_is_left_and_where(found, page):
+    told = page.section("not-explained-by-the-model")
+    mean, side, varying = re.search(
+        r"lies ([\d.]+) µm further to the (\w+) on average; the difference varies by ([\d.]+) µm", told
+    ).groups()
+    assert side == "left"
+    assert float(mean) == pytest.approx(OFF, rel=0.02)
+    assert float(varying) == pytest.approx(SWING / np.sqrt(2), rel=0.02)
+    assert re.search(r"largest first: structure [\d.]+ µm rms, tracking [\d.]+ µm rms, generation 0.00", told)
+    share = float(re.search(r"explains ([\d.]+) % of the measured mean square", page.section("summary"))[1])
+    rows = page.tables()["Error normal to the requested path, measured, simulated, and their difference"]
+    left, whole = (float(rows["contour"][f"{name}, rms [µm]"]) for name in ("difference", "measured"))
+    assert share == pytest.approx(100 * (1 - (left / whole) ** 2), abs=0.3)
+
+
+def test_a_curve_of_the_overlay_is_the_known_difference(found, page):
+    # the last curve of the first plot in the colour of the structure link: measured less simulated
+    plot = page.text.partition("<svg")[2].partition("</svg>")[0]
+    drawn = [one for one in re.findall(r"<path[^>]*>", plot) if "#009e73" in one and "fill: none" in one][-1]
+    points = np.array(re.findall(r"[ML] (-?[\d.]+) (-?[\d.]+)", drawn), float)
+    ticks = found.measured.analysis.ticks
+    run = found.measured.analysis.run
+    s = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(run.commanded_tip, axis=0), axis=1))])[ticks]
+    x = (points[:, 0] - points[0, 0]) / np.ptp(points[:, 0]) * (s[-1] - s[0]) + s[0]
+    expected = np.interp(x, s, known(job_run("fanuc-spiral"))[0][ticks])
+    assert np.corrcoef(expected, -points[:, 1])[0, 1] > 0.99
+    assert np.polyfit(expected, points[:, 1], 1)[0] < 0  # an SVG counts downwards
+
+
+def test_frequencies_that_the_model_lacks_are_named(tmp_path):
+    run = job_run("fanuc-spiral")
+    nozzle = run.nozzle + 0.01 * np.sin(2 * np.pi * 87.0 * run.time)[:, None] * [1, 1, 0]
+    found = Comparison.of(Trace(run.time, {}, nozzle), run, MACHINE)
+    write_comparison_page(tmp_path / "a.html", found, "spiral", "log.csv")
+    page = Page(tmp_path / "a.html")
+    frequency, rms = next(iter(page.tables()["Peaks of the spectrum"].items()))
+    assert float(frequency) == pytest.approx(87, abs=2)
+    assert float(rms["rms [µm]"]) == pytest.approx(10 / np.sqrt(2), rel=0.15)
+    assert f"Frequencies that the model lacks: {frequency} Hz (" in page.section("not-explained-by-the-model")
+    assert "Circular test" not in page.text
+
+
+def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path):
+    run = job_run("fanuc-spiral")
+    exact = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
+    far = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
+    far.difference["contour"][:] = 10 * far.measured.values.contour.max
+    told = []
+    for found in (exact, far):
+        write_comparison_page(tmp_path / "a.html", found, "spiral", "log.csv")
+        told.append(Page(tmp_path / "a.html").section("summary"))
+    assert "no difference is left" in told[0]
+    assert "explains none of it" in told[1]
+
+
+def test_errors_of_the_geometry_belong_to_structure_on_both_sides():
+    job = Job.load("fanuc-spiral", ["accuracy=C7"])
+    run = job.run()
+    thin = slice(None, None, 3)  # another number of samples than the run's
+    found = Comparison.of(
+        Trace(run.time[thin], {"encoder": run.encoder[thin]}, run.nozzle[thin]), run, job.built_machine
+    )
+    expected = Budget(run)
+    for budget in (found.measured, found.simulated):
+        assert "geometry" not in budget.values.parts
+        rest = sum(expected.parts[name].lateral for name in ("measurement", "geometry", "structure"))
+        assert budget.values.parts["structure"].rms == pytest.approx(np.sqrt(np.mean(rest**2)), rel=0.05)
