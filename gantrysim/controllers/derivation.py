@@ -10,7 +10,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.law import GAIN_NAMES, compensator
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.friction import Friction
+from gantrysim.controllers.laws.linear import linear_law
+from gantrysim.controllers.laws.parameters import CONTOUR, FRICTION, LEARNING, OBSERVER, PID, PREVIEW, ZV, ZVD
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Margins, Plant
@@ -22,6 +25,12 @@ LARGEST_PEAK = 2.0  # of its |S|
 # Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
 NOTCH_WIDTH = 0.35
 NOTCH_DEPTH = 0.1
+
+OBSERVER_SHARE = 0.5  # of the natural frequency, the observer's cut-off
+CONTOUR_GAIN = 1.0
+PREVIEW_SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
+LEARNING_SHARE = 4.0  # times the natural frequency, the cut-off of the learning
+SWINGS = 0.3  # damping ratio below which a closed loop's mode is to be left out by input shaping
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]
 
@@ -57,6 +66,10 @@ class AxisDynamics(Protocol):
     @property
     def resolution(self) -> float:
         """Axis travel per encoder count, 0 for an exact measurement [mm]."""
+
+    @property
+    def friction(self) -> Friction:
+        """Friction at the motor."""
 
     @property
     def motion(self) -> Motion | None:
@@ -112,6 +125,7 @@ def loop(
     damping: float,
     integral_time: float,
     lags: Lags,
+    law: tuple[str, ...] = (PID,),
 ) -> Loop:
     """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
 
@@ -127,8 +141,9 @@ def loop(
         damping: damping ratio zeta.
         integral_time: kp / ki [s].
         lags: what makes the loops late.
+        law: names of the laws in the loops.
     """
-    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a)) for a, axis in enumerate(axes)]
+    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a), law) for a, axis in enumerate(axes)]
     if frequency is not None:
         at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
@@ -157,17 +172,26 @@ def loop(
 class _AxisLoop:
     """The loop of one axis, by its natural frequency and with or without a notch."""
 
-    def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, lags: Lags) -> None:
-        self.axis, self.period, self.lags = axis, period, lags
+    def __init__(
+        self,
+        axis: AxisDynamics,
+        period: float,
+        damping: float,
+        integral_time: float,
+        lags: Lags,
+        names: tuple[str, ...] = (PID,),
+    ) -> None:
+        self.axis, self.period, self.lags, self._names = axis, period, lags, names
         self._damping, self._integral_time = damping, integral_time
         self._plant = None if axis.motion is None else Plant(axis.motion, period, lags.delay, lags.drives)
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
         gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
-        law = compensator(tuple(gains.get(name, 0.0) for name in GAIN_NAMES), self.period)
-        filtered = law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period))
-        return filtered.delayed(self.lags.feedback)
+        own = tuple(gains.get(name, 0.0) for name in GAIN_NAMES)
+        filter = notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period)
+        values = law_values(self._names, self.axis, frequency, self.lags)
+        return linear_law(self._names, own, filter, values, self.period, self.lags.delay, self.lags.feedback)
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
@@ -193,6 +217,19 @@ class _AxisLoop:
         if found.gain < LEAST_GAIN_MARGIN:
             return f"{name} has a gain margin of {found.gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"
         return f"{name} has a peak of |S| of {found.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
+
+    def slowest_swing(self, frequency: float, mode: float) -> tuple[float, float]:
+        """Return frequency [Hz] and damping ratio of the closed loop's slowest mode that swings, 0 without one."""
+        if self._plant is None:
+            return 0.0, 0.0
+        roots = np.log(self._plant.poles(self._laws(frequency, mode)).astype(complex) + 1e-300) / self.period
+        swings = roots[
+            (roots.imag > 0) & (-roots.real < SWINGS * np.abs(roots)) & (roots.imag * self.period < 0.9 * math.pi)
+        ]
+        if not swings.size:
+            return 0.0, 0.0
+        slowest = swings[np.abs(swings).argmin()]
+        return float(np.abs(slowest)) / (2 * math.pi), max(float(-slowest.real / np.abs(slowest)), 0.0)
 
     def _usable(self, mode: float) -> bool:
         return 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
@@ -249,6 +286,66 @@ def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time
     w = 2 * math.pi * frequency
     kp = axis.inertia * w**2
     return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
+
+
+def law_values(law: Sequence[str], axis: AxisDynamics, frequency: float, lags: Lags) -> dict[str, float]:
+    """Return the parameters of an axis' laws in the tick, see `LAW_PARAMETERS`.
+
+    Args:
+        law: names.
+        axis: the axis.
+        frequency: natural frequency of the loop [Hz].
+        lags: of the axis.
+    """
+    values: dict[str, float] = {}
+    if FRICTION in law:
+        own = axis.friction
+        values |= {
+            "friction_torque": own.coulomb,
+            "friction_static": own.static,
+            "friction_speed": own.speed,
+            "friction_stiffness": own.stiffness,
+        }
+    if OBSERVER in law:
+        values |= {
+            "observer_bandwidth": OBSERVER_SHARE * frequency,
+            "observer_inertia": axis.inertia,
+            "observer_viscous": axis.viscous,
+            "observer_lag": lags.winding(axis),
+        }
+    if CONTOUR in law:
+        values["contour_gain"] = CONTOUR_GAIN
+    return values
+
+
+def sent_values(
+    law: Sequence[str],
+    axis: AxisDynamics,
+    found: Loop,
+    a: int,
+    period: float,
+    damping: float,
+    integral_time: float,
+    lags: Lags,
+) -> dict[str, float]:
+    """Return the parameters of an axis' laws that act on what is sent, see `LAW_PARAMETERS`.
+
+    Args:
+        law: names.
+        axis: the axis.
+        found: loop of all axes.
+        a: number of the axis.
+        period, damping, integral_time, lags: as of `loop`, the lags of the axis.
+    """
+    values: dict[str, float] = {}
+    if PREVIEW in law:
+        values["preview_bandwidth"] = PREVIEW_SHARE / period
+    if LEARNING in law:
+        values["learning_bandwidth"] = min(LEARNING_SHARE * found.frequency, PREVIEW_SHARE / period)
+    if ZV in law or ZVD in law:
+        one = _AxisLoop(axis, period, damping, integral_time, lags, tuple(law))
+        values["shaper_frequency"], values["shaper_damping"] = one.slowest_swing(found.frequency, found.notches[a])
+    return values
 
 
 def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:

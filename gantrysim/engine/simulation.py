@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.parameters import PREVIEW
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
+from gantrysim.controllers.shaping import shaped
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
-from gantrysim.engine.positions import axis_positions, check_supervision
+from gantrysim.engine.laws import law_entries
+from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.errors import GantryError, InputError
 from gantrysim.faults import InjectedFault, check_faults
@@ -56,6 +60,8 @@ class Simulation:
         injected: those that act in the servo tick, (entries,) of `INJECTED`.
         later: the models with the friction of stuck axes, each with the number of physics steps before it, ascending.
         drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.
+        laws: at their start, (axes,) of `LAW`; None where PID does alone.
+        torque: sent with the setpoints, (n, axes) [N·m]; None for none.
     """
 
     machine: Machine
@@ -70,6 +76,8 @@ class Simulation:
     injected: NDArray[np.void] = field(default_factory=no_entries)
     later: tuple[tuple[int, mujoco.MjModel], ...] = ()
     drives: NDArray[np.void] | None = None
+    laws: NDArray[np.void] | None = None
+    torque: Floats | None = None
 
     @classmethod
     def of(
@@ -83,6 +91,7 @@ class Simulation:
         faults: Sequence[InjectedFault] = (),
     ) -> Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
+        setpoints = shaped(servo, setpoints)
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
         if machine.kinematics.followers:
@@ -98,6 +107,10 @@ class Simulation:
         _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
         drives = drive_entries(machine, servo, servo.period / substeps)
+        torque = axis_torques(machine, setpoints)
+        if PREVIEW in servo.law:
+            fed = Inverse(machine.motion(), servo).preview(position)
+            torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(
             machine,
@@ -112,6 +125,18 @@ class Simulation:
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, model, servo.period, substeps),
             drives,
+            law_entries(servo, torque),
+            torque,
+        )
+
+    def with_torque(self, torque: Floats) -> Simulation:
+        """Return the simulation with other torques sent with the setpoints, (n, axes) [N·m]."""
+        leads = None if self.drives is None else self.drives["lead"]
+        return replace(
+            self,
+            book=LogBook(self.machine, self.setpoints, self.position, self.dispenser, self.faults, leads),
+            laws=law_entries(self.servo, torque),
+            torque=torque,
         )
 
     @property
@@ -128,8 +153,10 @@ class Simulation:
         self._supervise(row)
         drives = None if self.drives is None else self.drives.copy()
         row["drives"] = 0 if drives is None else drives.ctypes.data
+        laws = None if self.laws is None else self.laws.copy()
+        row["laws"] = 0 if laws is None else laws.ctypes.data
         row["magic"] = magic()  # the last, for it arms the servo
-        return Started(self, row, drives)
+        return Started(self, row, drives, laws)
 
     def _fill(self, row: np.void) -> None:
         machine, servo = self.machine, self.servo
@@ -177,12 +204,13 @@ class Started:
     Attributes:
         simulation: the simulation, kept alive as the row holds addresses of its arrays.
         row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
-        drives: state of the drives, kept alive as the row holds its address.
+        drives, laws: their states, kept alive as the row holds their addresses.
     """
 
     simulation: Simulation
     row: np.void
     drives: NDArray[np.void] | None = None
+    laws: NDArray[np.void] | None = None
 
     @property
     def steps(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any
 
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.derivation import loop
+from gantrysim.controllers.laws.parameters import PD
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
@@ -181,14 +183,15 @@ class Job(JobContent):
         given = [name for name in _SHAPING if getattr(self.servo, name) is not None]
         if given:
             return f"{', '.join(given)} as given"
-        servo = self.servo
+        servo, built = self.servo, self.built_servo
         return loop(
             self.built_machine.axes,
             servo.period,
             servo.frequency,
             servo.damping,
-            servo.integral_time,
-            self.built_servo.lags,
+            math.inf if PD in built.law else servo.integral_time,
+            built.lags,
+            built.law,
         ).reason
 
     @cached_property

@@ -15,7 +15,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from gantrysim.jit import inner_jit
-from gantrysim.native.row import DRIVE, INJECTED, LOG_AXIS, LOG_TICK, ROW
+from gantrysim.native.row import DRIVE, INJECTED, LAW, LOG_AXIS, LOG_TICK, ROW
 
 _MANY = 2**31  # nothing is checked against it
 _TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
@@ -62,6 +62,11 @@ def _injected_entries(context: Any, address: Any) -> Any:
 @intrinsic
 def _drive_entries(context: Any, address: Any) -> Any:
     return _typed_pointer(numba.from_dtype(DRIVE))
+
+
+@intrinsic
+def _law_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(LAW))
 
 
 def _typed_pointer(target: types.Type) -> Any:
@@ -111,3 +116,9 @@ def injected_faults(row):
 def drives_of(row):
     """Return the drives, a view, (axes,)."""
     return numba.carray(_drive_entries(row.drives), (row.axes,))
+
+
+@inner_jit
+def laws_of(row):
+    """Return the laws, a view, (axes,)."""
+    return numba.carray(_law_entries(row.laws), (row.axes,))
