@@ -11,9 +11,10 @@ import numpy as np
 
 from gantrysim.controllers import notch
 from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.defaults import law_values
 from gantrysim.controllers.laws.friction import Friction
 from gantrysim.controllers.laws.linear import linear_law
-from gantrysim.controllers.laws.parameters import CONTOUR, FRICTION, LEARNING, OBSERVER, PID, PREVIEW, ZV, ZVD
+from gantrysim.controllers.laws.parameters import PID, ZV, ZVD
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Margins, Plant
@@ -26,10 +27,6 @@ LARGEST_PEAK = 2.0  # of its |S|
 NOTCH_WIDTH = 0.35
 NOTCH_DEPTH = 0.1
 
-OBSERVER_SHARE = 0.5  # of the natural frequency, the observer's cut-off
-CONTOUR_GAIN = 1.0
-PREVIEW_SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
-LEARNING_SHARE = 4.0  # times the natural frequency, the cut-off of the learning
 SWINGS = 0.3  # damping ratio below which a closed loop's mode is to be left out by input shaping
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]
@@ -190,8 +187,12 @@ class _AxisLoop:
         gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
         own = tuple(gains.get(name, 0.0) for name in GAIN_NAMES)
         filter = notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period)
-        values = law_values(self._names, self.axis, frequency, self.lags)
+        values = self.law_values(frequency)
         return linear_law(self._names, own, filter, values, self.period, self.lags.delay, self.lags.feedback)
+
+    def law_values(self, frequency: float) -> dict[str, float]:
+        """Return the parameters of the laws at a natural frequency."""
+        return law_values(self._names, self.axis, frequency, self.lags.winding(self.axis), self.period)
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
@@ -288,64 +289,31 @@ def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time
     return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
 
 
-def law_values(law: Sequence[str], axis: AxisDynamics, frequency: float, lags: Lags) -> dict[str, float]:
-    """Return the parameters of an axis' laws in the tick, see `LAW_PARAMETERS`.
-
-    Args:
-        law: names.
-        axis: the axis.
-        frequency: natural frequency of the loop [Hz].
-        lags: of the axis.
-    """
-    values: dict[str, float] = {}
-    if FRICTION in law:
-        own = axis.friction
-        values |= {
-            "friction_torque": own.coulomb,
-            "friction_static": own.static,
-            "friction_speed": own.speed,
-            "friction_stiffness": own.stiffness,
-        }
-    if OBSERVER in law:
-        values |= {
-            "observer_bandwidth": OBSERVER_SHARE * frequency,
-            "observer_inertia": axis.inertia,
-            "observer_viscous": axis.viscous,
-            "observer_lag": lags.winding(axis),
-        }
-    if CONTOUR in law:
-        values["contour_gain"] = CONTOUR_GAIN
-    return values
-
-
-def sent_values(
-    law: Sequence[str],
-    axis: AxisDynamics,
+def derived_laws(
+    axes: Sequence[AxisDynamics],
     found: Loop,
-    a: int,
+    law: tuple[str, ...],
     period: float,
     damping: float,
     integral_time: float,
     lags: Lags,
-) -> dict[str, float]:
-    """Return the parameters of an axis' laws that act on what is sent, see `LAW_PARAMETERS`.
+) -> list[dict[str, float]]:
+    """Return the parameters of each axis' laws, see `LAW_PARAMETERS`.
 
     Args:
+        axes: the machine's axes.
+        found: their loop.
         law: names.
-        axis: the axis.
-        found: loop of all axes.
-        a: number of the axis.
-        period, damping, integral_time, lags: as of `loop`, the lags of the axis.
+        period, damping, integral_time, lags: as of `loop`.
     """
-    values: dict[str, float] = {}
-    if PREVIEW in law:
-        values["preview_bandwidth"] = PREVIEW_SHARE / period
-    if LEARNING in law:
-        values["learning_bandwidth"] = min(LEARNING_SHARE * found.frequency, PREVIEW_SHARE / period)
-    if ZV in law or ZVD in law:
-        one = _AxisLoop(axis, period, damping, integral_time, lags, tuple(law))
-        values["shaper_frequency"], values["shaper_damping"] = one.slowest_swing(found.frequency, found.notches[a])
-    return values
+    each = []
+    for a, (axis, mode) in enumerate(zip(axes, found.notches, strict=True)):
+        own = _AxisLoop(axis, period, damping, integral_time, lags.of_axis(a), law)
+        values = own.law_values(found.frequency)
+        if ZV in law or ZVD in law:
+            values["shaper_frequency"], values["shaper_damping"] = own.slowest_swing(found.frequency, mode)
+        each.append(values)
+    return each
 
 
 def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:

@@ -14,10 +14,9 @@ from gantrysim.controllers.derivation import (
     NOTCH_WIDTH,
     AxisDynamics,
     Lags,
-    law_values,
+    derived_laws,
     loop,
     pd_gains,
-    sent_values,
 )
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter
 from gantrysim.controllers.laws.linear import linear_law
@@ -240,13 +239,7 @@ class Servo(LawParameters, Shown):
         if PD in names:
             integral_time, share = math.inf, 0.0
         found = loop(axes, period, frequency, zeta, integral_time, lags, names)
-        own = [
-            {
-                **law_values(names, axis, found.frequency, lags.of_axis(a)),
-                **sent_values(names, axis, found, a, period, zeta, integral_time, lags.of_axis(a)),
-            }
-            for a, axis in enumerate(axes)
-        ]
+        own = derived_laws(axes, found, names, period, zeta, integral_time, lags)
         pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
         derived: dict[str, list[float]] = {
             **{name: [own[name] for own in pd] for name in ("kp", "ki", "kd")},

@@ -73,6 +73,11 @@ def simulate_batch(
 
     def run(several: Sequence[Simulation]) -> list[Started]:
         nonlocal before
+
+        def report(sent: int) -> None:
+            if progress is not None:
+                progress((before + sent) / total)
+
         done: dict[int, Started] = {}
         groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
         for number, simulation in enumerate(several):
@@ -80,7 +85,7 @@ def simulate_batch(
         for numbers in groups.values():
             batch = Batch(several[numbers[0]].machine, len(numbers), threads)
             batch.load({place: several[number] for place, number in enumerate(numbers)})
-            batch.advance(progress=None if progress is None else lambda sent: progress((before + sent) / total))
+            batch.advance(progress=report)
             before += sum(len(several[number].position) for number in numbers)
             done |= {number: batch.runs[place] for place, number in enumerate(numbers)}
         return [done[number] for number in range(len(several))]

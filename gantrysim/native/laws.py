@@ -13,7 +13,7 @@ from gantrysim.jit import inner_jit
 from gantrysim.native.pointers import floats, laws_of, tick_log
 from gantrysim.native.row import TOLD
 
-LAWS = (cascade, contour, friction, observer)  # modules whose functions become part of the tick
+LAWS = (law, notch, cascade, contour, friction, observer)  # modules whose functions become part of the tick
 
 _law, _cascaded = inner_jit(law.law), inner_jit(cascade.cascaded)
 _filtered = inner_jit(notch.filtered)
