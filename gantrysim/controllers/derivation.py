@@ -316,6 +316,13 @@ def derived_laws(
     return each
 
 
+def nominal_motions(axes: Sequence[AxisDynamics]) -> tuple[Motion, ...]:
+    """Return the motion of each axis alone, or of all axes in one where a chain couples them; none if unknown."""
+    if axes[0].chain is not None:
+        return (axes[0].chain,)
+    return tuple(axis.motion for axis in axes if axis.motion is not None)
+
+
 def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
     """Return the natural frequency at which a PD loop with a lag keeps a share of its phase margin [Hz].
 

@@ -11,7 +11,6 @@ from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.laws.linear import linear_law
 from gantrysim.controllers.servo import Servo
 from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.motion import Motion
 
 _TAPS = 2**13  # of a zero-phase filter, on either side
 _LIMIT = 1e-2  # angle at which the limit of a filter at rest is taken, relative to the grid's first
@@ -39,19 +38,21 @@ class Inverse:
     frequencies and truncated to 2^13 periods on either side.
 
     Args:
-        motion: of all axes.
-        servo: the servo.
+        servo: the servo, with the motions of its nominal machine.
     """
 
-    def __init__(self, motion: Motion, servo: Servo) -> None:
+    def __init__(self, servo: Servo) -> None:
         self._servo, n = servo, servo.axes
         self._theta = np.linspace(0, np.pi, _TAPS + 1)
         self._theta[0] = _LIMIT * self._theta[1]
         self._z = z = np.exp(1j * self._theta)
         self._inverse: Complexes = np.zeros((len(z), n, n), complex)
-        for system in motion.driven(servo.drives).sampled(servo.period, servo.delay):
-            P = system.response(z) * z[:, None, None] ** -servo.feedback_delay
-            self._inverse[np.ix_(range(len(z)), system.axes, system.axes)] = np.linalg.inv(P)
+        for first, motion in enumerate(servo.motions):
+            drives = servo.drives.of_axis(first) if len(servo.motions) > 1 else servo.drives
+            for system in motion.driven(drives).sampled(servo.period, servo.delay):
+                P = system.response(z) * z[:, None, None] ** -servo.feedback_delay
+                axes = [first + axis for axis in system.axes]
+                self._inverse[np.ix_(range(len(z)), axes, axes)] = np.linalg.inv(P)
 
     def preview(self, position: Floats) -> Floats:
         """Return the torques with which the encoders of the linear machine read Q of their setpoints, (n, axes) [N·m].

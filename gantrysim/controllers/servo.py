@@ -16,11 +16,12 @@ from gantrysim.controllers.derivation import (
     Lags,
     derived_laws,
     loop,
+    nominal_motions,
     pd_gains,
 )
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter
 from gantrysim.controllers.laws.linear import linear_law
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, PD, PID, LawParameters, law_names
+from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, LEARNING, PD, PID, PREVIEW, LawParameters, law_names
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
@@ -269,6 +270,7 @@ class Servo(LawParameters, Shown):
             encoder_seed=encoder_seed,
             law=names,
             learning_repeats=learning_repeats,
+            motions=nominal_motions(axes) if PREVIEW in names or LEARNING in names else (),
             **{name: tuple(values) for name, values in derived.items()},
         )
 
@@ -280,7 +282,7 @@ _UNLESS_GIVEN: dict[str, float | str] = {
     **{parameter.name: 0.0 for parameter in (*DRIVE, *LAW_PARAMETERS)},
     "feedback": FEEDBACKS[0],
 }
-_COMMON = ("period", "delay", "feedback_delay", "encoder_seed", "law", "learning_repeats")
+_COMMON = ("period", "delay", "feedback_delay", "encoder_seed", "law", "learning_repeats", "motions")
 _LAW_NAMES = frozenset(parameter.name for parameter in LAW_PARAMETERS)
 _DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
 

@@ -45,7 +45,7 @@ def learnt(
         InputError: a run too long to be learnt from.
     """
     kept = list(simulations)
-    inverses = {k: Inverse(one.machine.motion(), one.servo) for k, one in enumerate(kept) if LEARNING in one.servo.law}
+    inverses = {k: Inverse(one.servo) for k, one in enumerate(kept) if LEARNING in one.servo.law}
     for repeat in range(max((kept[k].servo.learning_repeats for k in inverses), default=0)):
         learning = [k for k in inverses if repeat < kept[k].servo.learning_repeats]
         for k, done in zip(learning, run([kept[k] for k in learning]), strict=True):

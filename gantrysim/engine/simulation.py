@@ -109,7 +109,7 @@ class Simulation:
         drives = drive_entries(machine, servo, servo.period / substeps)
         torque = axis_torques(machine, setpoints)
         if PREVIEW in servo.law:
-            fed = Inverse(machine.motion(), servo).preview(position)
+            fed = Inverse(servo).preview(position)
             torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(

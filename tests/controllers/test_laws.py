@@ -116,7 +116,9 @@ def response(servo, axis, z):
     return law * z**-servo.feedback_delay
 
 
-@pytest.mark.parametrize("law", [["pid"], ["p-pi"], ["observer"], ["p-pi", "observer"], ["contour"], ["p-pi", "contour"]])
+@pytest.mark.parametrize(
+    "law", [["pid"], ["p-pi"], ["observer"], ["p-pi", "observer"], ["contour"], ["p-pi", "contour"]]
+)
 @pytest.mark.parametrize("late", [{}, {"delay": 4e-4, "feedback_delay": 2}])
 def test_the_compensator_of_every_law_is_its_transfer_function(axes, law, late):
     servo = Servo.derive(axes, law=law, integral_time=0.05, **late)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gantrysim.controllers.law import Parameter
 from gantrysim.errors import InputError, between, unknown, whole
+from gantrysim.stability.motion import Motion
 
 PD, PID, CASCADE = "pd", "pid", "p-pi"
 FRICTION, OBSERVER, CONTOUR = "friction", "observer", "contour"
@@ -53,6 +54,8 @@ class LawParameters:
     Attributes:
         law: names, one of `BASES` first and any of `ADDITIONS`.
         learning_repeats: number of runs from which the law learning learns.
+        motions: linear motion of each axis alone, or of all in one, by which preview and learning invert the machine;
+            that of the nominal machine, as are the gains.
     """
 
     law: tuple[str, ...] = (PID,)
@@ -70,6 +73,7 @@ class LawParameters:
     shaper_frequency: tuple[float, ...] = ()
     shaper_damping: tuple[float, ...] = ()
     learning_repeats: int = 5
+    motions: tuple[Motion, ...] = ()
 
     def law_values(self, axis: int) -> dict[str, float]:
         """Return the parameters of one axis by name."""
@@ -98,6 +102,10 @@ class LawParameters:
             for name in ("ki", "velocity_ff", "acceleration_ff"):
                 if any(values := getattr(self, name)):
                     raise InputError(f"{name} = {_list(values)}: must be 0 in law 'pd'; use 'pid'")
+        if (PREVIEW in self.law or LEARNING in self.law) and not self.motions:
+            raise InputError(
+                "laws 'preview' and 'learning' need motions: take them from Servo.derive, of a machine without delays"
+            )
         between("learning_repeats", whole("learning_repeats", self.learning_repeats, 1), 1, MOST_REPEATS)
 
 
