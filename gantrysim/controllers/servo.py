@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from gantrysim.controllers import notch
 from gantrysim.controllers.derivation import (
     NOTCH_DEPTH,
@@ -20,8 +22,9 @@ from gantrysim.controllers.derivation import (
     pd_gains,
 )
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter
-from gantrysim.controllers.laws.linear import linear_law
+from gantrysim.controllers.laws.linear import closed, linear_law
 from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, LEARNING, PD, PID, PREVIEW, LawParameters, law_names
+from gantrysim.controllers.laws.user import UserLaw, linearised, resolved
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
@@ -173,11 +176,26 @@ class Servo(LawParameters, Shown):
         return Lags(self.delay, self.feedback_delay, self.drives)
 
     def compensators(self) -> tuple[Compensator, ...]:
-        """Return law, notch and feedback delay of each axis as the stability of its loop depends on them."""
+        """Return law, notch and feedback delay of each axis as the stability of its loop depends on them.
+
+        Raises:
+            UnknownLoopError: a user's own law that is not linear or couples axes.
+        """
+        if self.own_law is not None:
+            return self._own_compensators()
         gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
             linear_law(self.law, own, filter, self.law_values(a), self.period, self.delay, self.feedback_delay)
             for a, (own, filter) in enumerate(zip(gains, self.filters, strict=True))
+        )
+
+    def _own_compensators(self) -> tuple[Compensator, ...]:
+        own, gains = resolved(self.own_law), np.array([getattr(self, name) for name in GAIN_NAMES]).T.copy()
+        return tuple(
+            closed(
+                linearised(own, gains, a, self.period), self.law_values(a), self.period, self.delay, self.feedback_delay
+            )
+            for a in range(self.axes)
         )
 
     @classmethod
@@ -195,7 +213,7 @@ class Servo(LawParameters, Shown):
         feedback: str | Sequence[str] = FEEDBACKS[0],
         feedback_delay: int = 0,
         encoder_seed: int = 0,
-        law: str | Sequence[str] = PID,
+        law: str | UserLaw | Sequence[str | UserLaw] = PID,
         learning_repeats: int = LawParameters.learning_repeats,
         **given: float | Sequence[float] | None,
     ) -> Servo:

@@ -20,7 +20,7 @@ def law_entries(servo: Servo, torque: Floats | None) -> NDArray[np.void] | None:
         servo: the servo.
         torque: sent with the setpoints, contiguous and kept alive by the caller, (n, axes) [N·m]; None for none.
     """
-    if torque is None and not any(name in servo.law for name in IN_THE_TICK):
+    if torque is None and servo.own_law is None and not any(name in servo.law for name in IN_THE_TICK):
         return None
     entries = np.zeros(servo.axes, LAW)
     entries["cascade"] = CASCADE in servo.law

@@ -13,6 +13,7 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.laws.parameters import PREVIEW
+from gantrysim.controllers.laws.user import STATE, resolved
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.controllers.shaping import shaped
@@ -40,6 +41,7 @@ from gantrysim.native.row import (
     Log,
 )
 from gantrysim.native.tick import magic
+from gantrysim.native.user import CalledLaw
 from gantrysim.run import Fault, Run
 
 
@@ -155,8 +157,13 @@ class Simulation:
         row["drives"] = 0 if drives is None else drives.ctypes.data
         laws = None if self.laws is None else self.laws.copy()
         row["laws"] = 0 if laws is None else laws.ctypes.data
+        own = None
+        if laws is not None and self.servo.own_law is not None:
+            state = np.zeros(STATE)
+            own = CalledLaw(resolved(self.servo.own_law), state)
+            laws["user"], laws["state_at"] = own.address, state.ctypes.data
         row["magic"] = magic()  # the last, for it arms the servo
-        return Started(self, row, drives, laws)
+        return Started(self, row, drives, laws, own)
 
     def _fill(self, row: np.void) -> None:
         machine, servo = self.machine, self.servo
@@ -204,13 +211,14 @@ class Started:
     Attributes:
         simulation: the simulation, kept alive as the row holds addresses of its arrays.
         row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
-        drives, laws: their states, kept alive as the row holds their addresses.
+        drives, laws, own: their states, kept alive as the row holds their addresses; own is a user's law.
     """
 
     simulation: Simulation
     row: np.void
     drives: NDArray[np.void] | None = None
     laws: NDArray[np.void] | None = None
+    own: CalledLaw | None = None
 
     @property
     def steps(self) -> int:
@@ -244,7 +252,9 @@ class Started:
 
     @property
     def done(self) -> bool:
-        """Whether the last setpoint is sent, or a fault has ended the run."""
+        """Whether the last setpoint is sent, or a fault has ended the run; what a user's law raised is raised here."""
+        if self.own is not None and self.own.raised:
+            raise self.own.raised[0]
         return self.sent >= len(self.simulation.position) or bool(self.row["fault"])
 
     @property

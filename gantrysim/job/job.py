@@ -23,7 +23,7 @@ from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
-from gantrysim.job.overrides import absolute_machine, known_keys, override, place
+from gantrysim.job.overrides import absolute_law, absolute_machine, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
@@ -86,6 +86,9 @@ class Job(JobContent):
                 raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
         if servo is not None:
             content["servo"] = servo_table(Path(servo))
+        if "law" in content.get("servo", {}):
+            beside = folder if servo is None else Path(servo).parent
+            content["servo"] = {**content["servo"], "law": absolute_law(content["servo"]["law"], beside)}
         place(content, placement or {}, known_keys(content))
         for setting in overrides:
             override(content, setting, known_keys(content))

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import numba
+import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import law, notch
 from gantrysim.controllers.laws import cascade, contour, friction, observer
 from gantrysim.jit import inner_jit
-from gantrysim.native.pointers import floats, laws_of, tick_log
+from gantrysim.native.pointers import call, floats, laws_of, tick_log
 from gantrysim.native.row import TOLD
 
 LAWS = (law, notch, cascade, contour, friction, observer)  # modules whose functions become part of the tick
@@ -25,45 +26,23 @@ _FRICTION, _TAPS = len(friction.Friction._fields), observer.TAPS
 
 
 @inner_jit
-def apply_laws(row):
+def apply_laws(row, userdata):
     """Set the torque demands of all axes at a tick."""
     laws, n = laws_of(row), row.axes
+    own_law = laws[0].user != 0
+    if own_law:
+        row.torque[:n] = np.nan
+        call(laws[0].user, userdata, laws[0].state_at)
     if laws[0].contour > 0.0:
         _tangents(row.demand_velocity, row.linear, laws.tangent, n)
     for a in range(n):
         own = laws[a]
-        gains = to_fixed_tuple(row.gains[a], _GAINS)
-        error, change = row.error[a], row.error_change[a]
-        if own.contour > 0.0 and row.linear[a] > 0.0:
-            across = own.contour * _error_across(row.error, laws.tangent, row.linear, a, n)
-            change += (across - own.across) / row.period
-            own.across = across
-            error += across
-        error_sum = row.error_sum[a] + error * row.period
-        if own.cascade != 0:
-            torque, speed_sum = _cascaded(
-                error,
-                own.speed_sum,
-                row.demand_velocity[a],
-                row.demand_acceleration[a],
-                row.measured_velocity[a],
-                gains,
-                row.period,
-            )
+        error = row.error[a]
+        error_sum, speed_sum = row.error_sum[a], own.speed_sum
+        if own_law:
+            torque = row.torque[a]
         else:
-            speed_sum = 0.0
-            torque = _law(
-                error,
-                error_sum,
-                change,
-                row.demand_velocity[a],
-                row.demand_acceleration[a],
-                row.measured_velocity[a],
-                gains,
-            )
-        torque, row.notch_first[a], row.notch_second[a] = _filtered(
-            torque, to_fixed_tuple(row.notch[a], _COEFFICIENTS), row.notch_first[a], row.notch_second[a]
-        )
+            torque, error, error_sum, speed_sum = _base(row, laws, a)
         resisted = _friction(row, own, a)
         torque += resisted + _sent_along(row, own, a) - _disturbance(row, own, a)
         row.torque[a] = torque
@@ -73,6 +52,28 @@ def apply_laws(row):
         if abs(torque) <= limit or torque * error < 0.0:
             row.error_sum[a] = error_sum
             own.speed_sum = speed_sum
+
+
+@inner_jit
+def _base(row, laws, a):
+    """Return the torque of PID or P-PI through the notch, the error it answers to, and the sums after it."""
+    own, gains = laws[a], to_fixed_tuple(row.gains[a], _GAINS)
+    error, change = row.error[a], row.error_change[a]
+    if own.contour > 0.0 and row.linear[a] > 0.0:
+        across = own.contour * _error_across(row.error, laws.tangent, row.linear, a, row.axes)
+        change += (across - own.across) / row.period
+        own.across = across
+        error += across
+    error_sum, speed_sum = row.error_sum[a] + error * row.period, 0.0
+    velocity, acceleration, measured = row.demand_velocity[a], row.demand_acceleration[a], row.measured_velocity[a]
+    if own.cascade != 0:
+        torque, speed_sum = _cascaded(error, own.speed_sum, velocity, acceleration, measured, gains, row.period)
+    else:
+        torque = _law(error, error_sum, change, velocity, acceleration, measured, gains)
+    torque, row.notch_first[a], row.notch_second[a] = _filtered(
+        torque, to_fixed_tuple(row.notch[a], _COEFFICIENTS), row.notch_first[a], row.notch_second[a]
+    )
+    return torque, error, error_sum, speed_sum
 
 
 @inner_jit

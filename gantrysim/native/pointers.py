@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import numba
+from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
@@ -67,6 +68,19 @@ def _drive_entries(context: Any, address: Any) -> Any:
 @intrinsic
 def _law_entries(context: Any, address: Any) -> Any:
     return _typed_pointer(numba.from_dtype(LAW))
+
+
+@intrinsic
+def call(context: Any, address: Any, first: Any, second: Any) -> Any:
+    """Call the C function at an address with two integers."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        function = ir.FunctionType(ir.VoidType(), [word, word])
+        builder.call(builder.inttoptr(args[0], function.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), codegen
 
 
 def _typed_pointer(target: types.Type) -> Any:

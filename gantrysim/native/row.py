@@ -154,6 +154,8 @@ TOLD = MOST_SHIFT + TAPS + 1
 LAW = np.dtype(
     [
         ("cascade", np.int64),  # 1 for P-PI, 0 for PID
+        ("user", np.int64),  # address of a user's own law, of the first axis; 0 for none
+        ("state_at", np.int64),  # address of its state
         ("feed", np.int64),  # address of the torques sent with the setpoints, one per setpoint and axis; 0 for none
         ("contour", np.float64),  # factor on the error across the path
         ("friction", np.float64, (len(Friction._fields),)),

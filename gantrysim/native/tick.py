@@ -157,9 +157,9 @@ def _sample(data, userdata):
 
 
 @inner_jit
-def _apply_law(row):
+def _apply_law(row, userdata):
     if row.laws != 0:
-        apply_laws(row)
+        apply_laws(row, userdata)
         return
     for a in range(row.axes):
         error_sum = row.error_sum[a] + row.error[a] * row.period
@@ -251,7 +251,7 @@ def _step(model, data, nuserdata_at, userdata_at, row_size, key):
     if row.magic != key:
         return
     if _sample(data, userdata):
-        _apply_law(row)
+        _apply_law(row, userdata)
         _command(data, userdata)
     _output(data, userdata)
 

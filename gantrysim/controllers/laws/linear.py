@@ -42,9 +42,15 @@ def linear_law(
         own = (p + (more - 1) * kp, more * i, kd, *rest)
     else:
         own = (more * kp, more * ki, more * kd, *rest)
-    own_law = compensator(own, period).then(filter)
+    return closed(compensator(own, period).then(filter), values, period, delay, feedback_delay)
+
+
+def closed(
+    law: Compensator, values: Mapping[str, float], period: float, delay: float, feedback_delay: int
+) -> Compensator:
+    """Return a law with a disturbance observer, if there is one, and with the feedback's delay; see `linear_law`."""
     if values.get("observer_bandwidth"):
         inertia, viscous = values["observer_inertia"], values["observer_viscous"]
         lag = delay + feedback_delay * period + values["observer_lag"]
-        own_law = observing(own_law, values["observer_bandwidth"], inertia, viscous, lag, period)
-    return own_law.delayed(feedback_delay)
+        law = observing(law, values["observer_bandwidth"], inertia, viscous, lag, period)
+    return law.delayed(feedback_delay)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gantrysim.controllers.law import Parameter
+from gantrysim.controllers.laws.user import UserLaw
 from gantrysim.errors import InputError, between, unknown, whole
 from gantrysim.stability.motion import Motion
 
@@ -52,13 +53,13 @@ class LawParameters:
     """The laws of a servo and their parameters, one value per axis.
 
     Attributes:
-        law: names, one of `BASES` first and any of `ADDITIONS`.
+        law: names, one of `BASES` or a user's own first, and any of `ADDITIONS`.
         learning_repeats: number of runs from which the law learning learns.
         motions: linear motion of each axis alone, or of all in one, by which preview and learning invert the machine;
             that of the nominal machine, as are the gains.
     """
 
-    law: tuple[str, ...] = (PID,)
+    law: tuple[str | UserLaw, ...] = (PID,)
     friction_torque: tuple[float, ...] = ()
     friction_static: tuple[float, ...] = ()
     friction_speed: tuple[float, ...] = ()
@@ -74,6 +75,11 @@ class LawParameters:
     shaper_damping: tuple[float, ...] = ()
     learning_repeats: int = 5
     motions: tuple[Motion, ...] = ()
+
+    @property
+    def own_law(self) -> str | UserLaw | None:
+        """A user's own law, None without one."""
+        return self.law[0] if is_own(self.law[0]) else None
 
     def law_values(self, axis: int) -> dict[str, float]:
         """Return the parameters of one axis by name."""
@@ -119,25 +125,39 @@ def _list(values: Sequence[float]) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
-def law_names(given: str | Sequence[str]) -> tuple[str, ...]:
+def law_names(given: str | UserLaw | Sequence[str | UserLaw]) -> tuple[str | UserLaw, ...]:
     """Return the names of a law in one order, its base first.
 
     Args:
-        given: names of additions, and of at most one base, by default pid.
+        given: names of additions, and of at most one base, by default pid; a base may be a user's own law, a function
+            or its name as "module:function" or "path/to/file.py:function".
 
     Raises:
         InputError: an unknown name, one that is given twice, or two that exclude each other.
     """
-    names = (given,) if isinstance(given, str) else tuple(given)
+    names = (given,) if isinstance(given, str) or callable(given) else tuple(given)
     known = (*BASES, *ADDITIONS)
     for name in names:
-        if name not in known:
+        if not is_own(name) and name not in known:
             raise unknown("law", str(name), known)
     if len(set(names)) < len(names):
-        raise InputError(f"law = {list(names)}: must name each law once")
-    for few in (tuple(BASES), (ZV, ZVD)):
-        chosen = [name for name in names if name in few]
-        if len(chosen) > 1:
-            raise InputError(f"law = {list(names)}: must have at most one of {', '.join(few)}")
-    base = next((name for name in names if name in BASES), PID)
+        raise InputError(f"law = {_words(names)}: must name each law once")
+    bases = [name for name in names if name in BASES or is_own(name)]
+    if len(bases) > 1:
+        raise InputError(f"law = {_words(names)}: must have at most one of {', '.join(BASES)} and of your own")
+    if ZV in names and ZVD in names:
+        raise InputError(f"law = {_words(names)}: must have at most one of zv, zvd")
+    base = bases[0] if bases else PID
+    misfits = [name for name in (CONTOUR, PREVIEW, LEARNING) if name in names]
+    if is_own(base) and misfits:
+        raise InputError(f"law = {_words(names)}: {misfits[0]} needs a base whose answer it knows, {', '.join(BASES)}")
     return (base, *(name for name in ADDITIONS if name in names))
+
+
+def is_own(law: str | UserLaw) -> bool:
+    """Return whether a law is a user's own."""
+    return not isinstance(law, str) or ":" in law
+
+
+def _words(names: Sequence[str | UserLaw]) -> str:
+    return ", ".join(name if isinstance(name, str) else getattr(name, "__name__", repr(name)) for name in names)
