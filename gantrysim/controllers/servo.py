@@ -23,7 +23,17 @@ from gantrysim.controllers.derivation import (
 )
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter
 from gantrysim.controllers.laws.linear import closed, linear_law
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, LEARNING, PD, PID, PREVIEW, LawParameters, law_names
+from gantrysim.controllers.laws.parameters import (
+    LAW_PARAMETERS,
+    LEARNING,
+    NOT_PD,
+    PD,
+    PID,
+    PREVIEW,
+    LawParameters,
+    law_names,
+    words,
+)
 from gantrysim.controllers.laws.user import UserLaw, linearised, resolved
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
@@ -146,7 +156,7 @@ class Servo(LawParameters, Shown):
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
         gains = {f"{p.name} [{p.unit}]": " ".join(f"{value:.4g}" for value in getattr(self, p.name)) for p in shown}
-        return {"period": f"{1e3 * self.period:g} ms", "axes": str(self.axes), **gains}
+        return {"period": f"{1e3 * self.period:g} ms", "axes": str(self.axes), "law": words(self.law), **gains}
 
     @property
     def axes(self) -> int:
@@ -275,6 +285,8 @@ class Servo(LawParameters, Shown):
             **{one.name: [values.get(one.name, 0.0) for values in own] for one in LAW_PARAMETERS},
         }
         for name, value in given.items():
+            if PD in names and name in NOT_PD and value is not None and np.any(value):
+                raise InputError(f"{name} = {value}: must be 0 in law 'pd'; use 'pid'")
             if name not in derived:
                 raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
             if value is None:

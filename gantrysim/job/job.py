@@ -133,7 +133,7 @@ class Job(JobContent):
         """Check that the lists of a servo file have as many values as the machine has axes."""
         axes = self.built_machine.axis_names
         for name, value in self.servo:
-            if isinstance(value, list) and len(value) != len(axes):
+            if name != "law" and isinstance(value, list) and len(value) != len(axes):
                 raise InputError(
                     f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
                     f"{', '.join(axes)} of machine {self.built_machine.name}"

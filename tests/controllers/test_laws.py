@@ -60,7 +60,7 @@ def test_names_that_are_wrong_are_refused_in_one_line(axes, law, text):
         ({"law": "observer", "observer_bandwidth": 600.0}, "below half the servo's, 500 Hz"),
         ({"law": "observer", "observer_bandwidth": 0.0}, "must be above 0"),
         ({"law": "preview", "preview_bandwidth": -1.0}, "must be at least 0"),
-        ({"law": "pd", "ki": 1.0}, "ki = 1 1: must be 0 in law 'pd'"),
+        ({"law": "pd", "ki": 1.0}, "ki = 1.0: must be 0 in law 'pd'"),
         ({"law": "zv", "shaper_damping": 1.0}, "must be below 1"),
         ({"law": "learning", "learning_repeats": 0}, "must be at least 1"),
         ({"law": "learning", "learning_repeats": 1.5}, "must be a whole number"),

@@ -28,6 +28,7 @@ ADDITIONS = {
     ZV: "input shaping by two impulses",
     ZVD: "input shaping by three impulses",
 }
+NOT_PD = ("ki", "velocity_ff", "acceleration_ff")  # gains that PD has not
 MOST_REPEATS = 1000
 IN_THE_TICK = (CASCADE, FRICTION, OBSERVER, CONTOUR)  # the others change what is sent
 
@@ -104,10 +105,6 @@ class LawParameters:
                 raise InputError(f"{name} = {_list(values)}: has no effect without law = {law[0]!r}; name it in law")
         if max(self.shaper_damping) >= 1:
             raise InputError(f"shaper_damping = {_list(self.shaper_damping)}: must be below 1")
-        if PD in self.law:
-            for name in ("ki", "velocity_ff", "acceleration_ff"):
-                if any(values := getattr(self, name)):
-                    raise InputError(f"{name} = {_list(values)}: must be 0 in law 'pd'; use 'pid'")
         if (PREVIEW in self.law or LEARNING in self.law) and not self.motions:
             raise InputError(
                 "laws 'preview' and 'learning' need motions: take them from Servo.derive, of a machine without delays"
@@ -141,16 +138,16 @@ def law_names(given: str | UserLaw | Sequence[str | UserLaw]) -> tuple[str | Use
         if not is_own(name) and name not in known:
             raise unknown("law", str(name), known)
     if len(set(names)) < len(names):
-        raise InputError(f"law = {_words(names)}: must name each law once")
+        raise InputError(f"law = {words(names)}: must name each law once")
     bases = [name for name in names if name in BASES or is_own(name)]
     if len(bases) > 1:
-        raise InputError(f"law = {_words(names)}: must have at most one of {', '.join(BASES)} and of your own")
+        raise InputError(f"law = {words(names)}: must have at most one of {', '.join(BASES)} and of your own")
     if ZV in names and ZVD in names:
-        raise InputError(f"law = {_words(names)}: must have at most one of zv, zvd")
+        raise InputError(f"law = {words(names)}: must have at most one of zv, zvd")
     base = bases[0] if bases else PID
     misfits = [name for name in (CONTOUR, PREVIEW, LEARNING) if name in names]
     if is_own(base) and misfits:
-        raise InputError(f"law = {_words(names)}: {misfits[0]} needs a base whose answer it knows, {', '.join(BASES)}")
+        raise InputError(f"law = {words(names)}: {misfits[0]} needs a base whose answer it knows, {', '.join(BASES)}")
     return (base, *(name for name in ADDITIONS if name in names))
 
 
@@ -159,5 +156,6 @@ def is_own(law: str | UserLaw) -> bool:
     return not isinstance(law, str) or ":" in law
 
 
-def _words(names: Sequence[str | UserLaw]) -> str:
+def words(names: Sequence[str | UserLaw]) -> str:
+    """Return the names of laws as text."""
     return ", ".join(name if isinstance(name, str) else getattr(name, "__name__", repr(name)) for name in names)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.laws.parameters import LEARNING, PD
+from gantrysim.controllers.laws.parameters import LEARNING, NOT_PD, PD
 from gantrysim.errors import at_least, positive
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
@@ -36,7 +36,6 @@ REPEATS = (1, 2, 3, 5, 10)  # of learning
 NOMINAL, EXACT, LOADED, RUBBING, REPEATED = "nominal", "exact encoder", "payload", "friction", "repeats"
 AFTER = 0.1  # time after a reversal in which its peak is sought [s]
 _UM = 1e3
-_NOT_PD = ("ki", "velocity_ff", "acceleration_ff")
 
 
 def laws_row(case: Case) -> Row:
@@ -121,7 +120,7 @@ class LawsStudy(Study):
 
     def overrides(self, law: tuple[str, ...]) -> dict[str, Any]:
         """Return the values that give the job a law, by their dotted keys; PD leaves out what it does not have."""
-        without = {f"servo.{name}": None for name in _NOT_PD if getattr(self.job.servo, name) is not None}
+        without = {f"servo.{name}": None for name in NOT_PD if getattr(self.job.servo, name) is not None}
         return {"servo.law": list(law), **(without if PD in law else {})}
 
     @property
