@@ -220,3 +220,24 @@ def repeat(
 
     loaded = Job.load(job, settings or (), model)
     carry_out(RepeatStudy(loaded, repeats=repeats, friction=friction, seed=seed), out, workers, backend)
+
+
+@study_app.command()
+def laws(
+    job: JobArgument = "softmc-arc",
+    payload: Annotated[float, typer.Option(help="Mass added to the machine for the sensitivity [kg].")] = 0.5,
+    friction: Annotated[float, typer.Option(help="Factor on its friction for the sensitivity.")] = 1.5,
+    out: Out = None,
+    model: Model = None,
+    settings: Settings = None,
+    workers: Workers = None,
+    backend: Backend = None,
+) -> None:
+    """Compare the servo's laws on a job, each against PD.
+
+    Tracking, peaks at reversals, contour error, torque ripple, margins, and sensitivity to payload and friction.
+    """
+    from gantrysim.job.job import Job
+    from gantrysim.study.laws import LawsStudy
+
+    carry_out(LawsStudy(Job.load(job, settings or (), model), payload, friction), out, workers, backend)

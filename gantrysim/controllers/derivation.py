@@ -10,7 +10,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.law import GAIN_NAMES, compensator
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.defaults import law_values
+from gantrysim.controllers.laws.friction import Friction
+from gantrysim.controllers.laws.linear import linear_law
+from gantrysim.controllers.laws.parameters import PID, ZV, ZVD
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Margins, Plant
@@ -22,6 +26,8 @@ LARGEST_PEAK = 2.0  # of its |S|
 # Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
 NOTCH_WIDTH = 0.35
 NOTCH_DEPTH = 0.1
+
+SWINGS = 0.3  # damping ratio below which a closed loop's mode is to be left out by input shaping
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]
 
@@ -57,6 +63,10 @@ class AxisDynamics(Protocol):
     @property
     def resolution(self) -> float:
         """Axis travel per encoder count, 0 for an exact measurement [mm]."""
+
+    @property
+    def friction(self) -> Friction:
+        """Friction at the motor."""
 
     @property
     def motion(self) -> Motion | None:
@@ -112,6 +122,7 @@ def loop(
     damping: float,
     integral_time: float,
     lags: Lags,
+    law: tuple[str, ...] = (PID,),
 ) -> Loop:
     """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
 
@@ -127,8 +138,9 @@ def loop(
         damping: damping ratio zeta.
         integral_time: kp / ki [s].
         lags: what makes the loops late.
+        law: names of the laws in the loops.
     """
-    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a)) for a, axis in enumerate(axes)]
+    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a), law) for a, axis in enumerate(axes)]
     if frequency is not None:
         at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
@@ -157,17 +169,30 @@ def loop(
 class _AxisLoop:
     """The loop of one axis, by its natural frequency and with or without a notch."""
 
-    def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, lags: Lags) -> None:
-        self.axis, self.period, self.lags = axis, period, lags
+    def __init__(
+        self,
+        axis: AxisDynamics,
+        period: float,
+        damping: float,
+        integral_time: float,
+        lags: Lags,
+        names: tuple[str, ...] = (PID,),
+    ) -> None:
+        self.axis, self.period, self.lags, self._names = axis, period, lags, names
         self._damping, self._integral_time = damping, integral_time
         self._plant = None if axis.motion is None else Plant(axis.motion, period, lags.delay, lags.drives)
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
         gains = pd_gains(self.axis, frequency, self._damping, self._integral_time)
-        law = compensator(tuple(gains.get(name, 0.0) for name in GAIN_NAMES), self.period)
-        filtered = law.then(notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period))
-        return filtered.delayed(self.lags.feedback)
+        own = tuple(gains.get(name, 0.0) for name in GAIN_NAMES)
+        filter = notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, self.period)
+        values = self.law_values(frequency)
+        return linear_law(self._names, own, filter, values, self.period, self.lags.delay, self.lags.feedback)
+
+    def law_values(self, frequency: float) -> dict[str, float]:
+        """Return the parameters of the laws at a natural frequency."""
+        return law_values(self._names, self.axis, frequency, self.lags.winding(self.axis), self.period)
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
@@ -193,6 +218,19 @@ class _AxisLoop:
         if found.gain < LEAST_GAIN_MARGIN:
             return f"{name} has a gain margin of {found.gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"
         return f"{name} has a peak of |S| of {found.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
+
+    def slowest_swing(self, frequency: float, mode: float) -> tuple[float, float]:
+        """Return frequency [Hz] and damping ratio of the closed loop's slowest mode that swings, 0 without one."""
+        if self._plant is None:
+            return 0.0, 0.0
+        roots = np.log(self._plant.poles(self._laws(frequency, mode)).astype(complex) + 1e-300) / self.period
+        swings = roots[
+            (roots.imag > 0) & (-roots.real < SWINGS * np.abs(roots)) & (roots.imag * self.period < 0.9 * math.pi)
+        ]
+        if not swings.size:
+            return 0.0, 0.0
+        slowest = swings[np.abs(swings).argmin()]
+        return float(np.abs(slowest)) / (2 * math.pi), max(float(-slowest.real / np.abs(slowest)), 0.0)
 
     def _usable(self, mode: float) -> bool:
         return 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
@@ -249,6 +287,40 @@ def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time
     w = 2 * math.pi * frequency
     kp = axis.inertia * w**2
     return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
+
+
+def derived_laws(
+    axes: Sequence[AxisDynamics],
+    found: Loop,
+    law: tuple[str, ...],
+    period: float,
+    damping: float,
+    integral_time: float,
+    lags: Lags,
+) -> list[dict[str, float]]:
+    """Return the parameters of each axis' laws, see `LAW_PARAMETERS`.
+
+    Args:
+        axes: the machine's axes.
+        found: their loop.
+        law: names.
+        period, damping, integral_time, lags: as of `loop`.
+    """
+    each = []
+    for a, (axis, mode) in enumerate(zip(axes, found.notches, strict=True)):
+        own = _AxisLoop(axis, period, damping, integral_time, lags.of_axis(a), law)
+        values = own.law_values(found.frequency)
+        if ZV in law or ZVD in law:
+            values["shaper_frequency"], values["shaper_damping"] = own.slowest_swing(found.frequency, mode)
+        each.append(values)
+    return each
+
+
+def nominal_motions(axes: Sequence[AxisDynamics]) -> tuple[Motion, ...]:
+    """Return the motion of each axis alone, or of all axes in one where a chain couples them; none if unknown."""
+    if axes[0].chain is not None:
+        return (axes[0].chain,)
+    return tuple(axis.motion for axis in axes if axis.motion is not None)
 
 
 def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:

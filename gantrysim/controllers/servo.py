@@ -8,9 +8,33 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from gantrysim.controllers import notch
-from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, Lags, loop, pd_gains
-from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
+from gantrysim.controllers.derivation import (
+    NOTCH_DEPTH,
+    NOTCH_WIDTH,
+    AxisDynamics,
+    Lags,
+    derived_laws,
+    loop,
+    nominal_motions,
+    pd_gains,
+)
+from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter
+from gantrysim.controllers.laws.linear import closed, linear_law
+from gantrysim.controllers.laws.parameters import (
+    LAW_PARAMETERS,
+    LEARNING,
+    NOT_PD,
+    PD,
+    PID,
+    PREVIEW,
+    LawParameters,
+    law_names,
+    words,
+)
+from gantrysim.controllers.laws.user import UserLaw, linearised, resolved
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
@@ -47,13 +71,14 @@ DERIVED = (
     *GAINS,
     *NOTCH,
     *DRIVE,
+    *LAW_PARAMETERS,
     Parameter("torque_limit", "N·m", "largest torque demand, the drive's own"),
     Parameter("resolution", "u", "axis travel per encoder count, the machine's own; 0 for an exact encoder"),
 )
 
 
 @dataclass(frozen=True, repr=False)
-class Servo(Shown):
+class Servo(LawParameters, Shown):
     """Period, gains and limits of a sampled servo; every gain has one value per axis.
 
     The output is computed once per period from the quantised position, takes effect `delay` later and is
@@ -74,6 +99,7 @@ class Servo(Shown):
             compliance.
         feedback_delay: from the encoder's sample to the servo, in servo periods.
         encoder_seed: of the noise.
+        law and its parameters: as in `LawParameters`.
     """
 
     period: float
@@ -101,6 +127,7 @@ class Servo(Shown):
 
     def __post_init__(self) -> None:
         _check_period(self.period)
+        object.__setattr__(self, "law", law_names(self.law))
         for name, value in _UNLESS_GIVEN.items():
             if not getattr(self, name):
                 object.__setattr__(self, name, (value,) * len(self.kp))
@@ -124,11 +151,12 @@ class Servo(Shown):
                 )
         _check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
         _check_whole("encoder_seed", self.encoder_seed, _LARGEST_SEED)
+        self.check_laws(self.period)
 
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
         gains = {f"{p.name} [{p.unit}]": " ".join(f"{value:.4g}" for value in getattr(self, p.name)) for p in shown}
-        return {"period": f"{1e3 * self.period:g} ms", "axes": str(self.axes), **gains}
+        return {"period": f"{1e3 * self.period:g} ms", "axes": str(self.axes), "law": words(self.law), **gains}
 
     @property
     def axes(self) -> int:
@@ -158,11 +186,26 @@ class Servo(Shown):
         return Lags(self.delay, self.feedback_delay, self.drives)
 
     def compensators(self) -> tuple[Compensator, ...]:
-        """Return law, notch and feedback delay of each axis as the stability of its loop depends on them."""
+        """Return law, notch and feedback delay of each axis as the stability of its loop depends on them.
+
+        Raises:
+            UnknownLoopError: a user's own law that is not linear or couples axes.
+        """
+        if self.own_law is not None:
+            return self._own_compensators()
         gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
-            compensator(own, self.period).then(filter).delayed(self.feedback_delay)
-            for own, filter in zip(gains, self.filters, strict=True)
+            linear_law(self.law, own, filter, self.law_values(a), self.period, self.delay, self.feedback_delay)
+            for a, (own, filter) in enumerate(zip(gains, self.filters, strict=True))
+        )
+
+    def _own_compensators(self) -> tuple[Compensator, ...]:
+        own, gains = resolved(self.own_law), np.array([getattr(self, name) for name in GAIN_NAMES]).T.copy()
+        return tuple(
+            closed(
+                linearised(own, gains, a, self.period), self.law_values(a), self.period, self.delay, self.feedback_delay
+            )
+            for a in range(self.axes)
         )
 
     @classmethod
@@ -180,6 +223,8 @@ class Servo(Shown):
         feedback: str | Sequence[str] = FEEDBACKS[0],
         feedback_delay: int = 0,
         encoder_seed: int = 0,
+        law: str | UserLaw | Sequence[str | UserLaw] = PID,
+        learning_repeats: int = LawParameters.learning_repeats,
         **given: float | Sequence[float] | None,
     ) -> Servo:
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
@@ -202,6 +247,8 @@ class Servo(Shown):
             feedback: "motor" or "load", for all axes or one per axis.
             feedback_delay: from the encoder to the servo, in servo periods.
             encoder_seed: of the encoders' noise.
+            law: names, of `BASES` and `ADDITIONS`.
+            learning_repeats: number of runs from which the law learning learns.
             given: any of `DERIVED` to override, one value or one per axis.
         """
         axes = tuple(axes)
@@ -217,7 +264,11 @@ class Servo(Shown):
         widths = _per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
         _check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
         lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths))
-        found = loop(axes, period, frequency, zeta, integral_time, lags)
+        names = law_names(law)
+        if PD in names:
+            integral_time, share = math.inf, 0.0
+        found = loop(axes, period, frequency, zeta, integral_time, lags, names)
+        own = derived_laws(axes, found, names, period, zeta, integral_time, lags)
         pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
         derived: dict[str, list[float]] = {
             **{name: [own[name] for own in pd] for name in ("kp", "ki", "kd")},
@@ -231,8 +282,11 @@ class Servo(Shown):
             "notch_depth": [NOTCH_DEPTH for _ in axes],
             "following_error_limit": [following_error_limit for _ in axes],
             **{parameter.name: [0.0 for _ in axes] for parameter in DRIVE},
+            **{one.name: [values.get(one.name, 0.0) for values in own] for one in LAW_PARAMETERS},
         }
         for name, value in given.items():
+            if PD in names and name in NOT_PD and value is not None and np.any(value):
+                raise InputError(f"{name} = {value}: must be 0 in law 'pd'; use 'pid'")
             if name not in derived:
                 raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
             if value is None:
@@ -244,6 +298,9 @@ class Servo(Shown):
             feedback=places,
             feedback_delay=feedback_delay,
             encoder_seed=encoder_seed,
+            law=names,
+            learning_repeats=learning_repeats,
+            motions=nominal_motions(axes) if PREVIEW in names or LEARNING in names else (),
             **{name: tuple(values) for name, values in derived.items()},
         )
 
@@ -252,10 +309,11 @@ _UNLESS_GIVEN: dict[str, float | str] = {
     "notch_frequency": notch.NONE,
     "notch_width": NOTCH_WIDTH,
     "notch_depth": NOTCH_DEPTH,
-    **{parameter.name: 0.0 for parameter in DRIVE},
+    **{parameter.name: 0.0 for parameter in (*DRIVE, *LAW_PARAMETERS)},
     "feedback": FEEDBACKS[0],
 }
-_COMMON = ("period", "delay", "feedback_delay", "encoder_seed")
+_COMMON = ("period", "delay", "feedback_delay", "encoder_seed", "law", "learning_repeats", "motions")
+_LAW_NAMES = frozenset(parameter.name for parameter in LAW_PARAMETERS)
 _DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
 
 
@@ -287,6 +345,8 @@ def _checked(name: str, value: Any) -> Any:
         if value not in FEEDBACKS:
             raise InputError(f"servo feedback = {value!r}: must be one of {', '.join(map(repr, FEEDBACKS))}")
         return value
+    if name in _LAW_NAMES:
+        return at_least(name, value, 0)
     if name in _DRIVE_NAMES:
         return between(name, value, 0, _LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)
     if name in ("torque_limit", "following_error_limit"):

@@ -63,6 +63,7 @@ class Setpoints:
         requested: the requested path as exact geometry.
         supervision: limits that the controller monitors.
         gates: ascending indices of setpoints at which the stream waits until all axes have settled, (m,); read-only.
+        torque: torque demands that the servo adds to its own, (n, axes) [N·m]; read-only; None for none.
     """
 
     period: float
@@ -72,6 +73,7 @@ class Setpoints:
     requested: Path
     supervision: Supervision = Supervision()
     gates: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    torque: Floats | None = None
 
     def __post_init__(self) -> None:
         positive("period", self.period, "s")
@@ -90,6 +92,12 @@ class Setpoints:
         for name, array in (("position", position), ("dispense", dispense), ("gates", gates)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if self.torque is not None:
+            torque = np.array(self.torque, float)
+            if torque.shape != position.shape or not np.isfinite(torque).all():
+                raise InputError(f"torques of shape {torque.shape}: must be {position.shape}, all finite")
+            torque.flags.writeable = False
+            object.__setattr__(self, "torque", torque)
 
     @property
     def time(self) -> Floats:
@@ -132,7 +140,11 @@ class Setpoints:
         check_ticks(total, f"hold of {added:g} s in periods of {self.period:g} s", "hold for a shorter time")
         position = np.pad(self.position, ((before, after), (0, 0)), "edge")
         return replace(
-            self, position=position, dispense=np.pad(self.dispense, (before, after)), gates=self.gates + before
+            self,
+            position=position,
+            dispense=np.pad(self.dispense, (before, after)),
+            gates=self.gates + before,
+            torque=None if self.torque is None else np.pad(self.torque, ((before, after), (0, 0)), "edge"),
         )
 
     @classmethod

@@ -13,9 +13,11 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import advance
+from gantrysim.engine.learning import learnt
 from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.faults import InjectedFault
@@ -66,24 +68,29 @@ def simulate_batch(
         dispenser=dispenser,
         faults=_per_simulation(faults),
     )
-    groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
-    for number, simulation in enumerate(simulations):
-        groups.setdefault(simulation.machine.source, []).append(number)
-    total = sum(len(simulation.position) for simulation in simulations)
-    records: dict[int, Run] = {}
-    before = 0
+    repeats = max((one.servo.learning_repeats for one in simulations if LEARNING in one.servo.law), default=0)
+    total, before = (repeats + 1) * sum(len(simulation.position) for simulation in simulations), 0
 
-    def report(sent: int) -> None:
-        if progress is not None:
-            progress((before + sent) / total)
+    def run(several: Sequence[Simulation]) -> list[Started]:
+        nonlocal before
 
-    for numbers in groups.values():
-        batch = Batch(simulations[numbers[0]].machine, len(numbers), threads)
-        batch.load({place: simulations[number] for place, number in enumerate(numbers)})
-        batch.advance(progress=report)
-        before += sum(len(simulations[number].position) for number in numbers)
-        records |= {number: batch.runs[place].record() for place, number in enumerate(numbers)}
-    return [records[number] for number in range(len(simulations))]
+        def report(sent: int) -> None:
+            if progress is not None:
+                progress((before + sent) / total)
+
+        done: dict[int, Started] = {}
+        groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
+        for number, simulation in enumerate(several):
+            groups.setdefault(simulation.machine.source, []).append(number)
+        for numbers in groups.values():
+            batch = Batch(several[numbers[0]].machine, len(numbers), threads)
+            batch.load({place: several[number] for place, number in enumerate(numbers)})
+            batch.advance(progress=report)
+            before += sum(len(several[number].position) for number in numbers)
+            done |= {number: batch.runs[place] for place, number in enumerate(numbers)}
+        return [done[number] for number in range(len(several))]
+
+    return [one.record() for one in run(learnt(simulations, run))]
 
 
 def _per_simulation(faults: Sequence[Any]) -> Any:

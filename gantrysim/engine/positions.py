@@ -100,6 +100,24 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     return read_only(position)
 
 
+def axis_torques(machine: Machine, setpoints: Setpoints) -> Floats | None:
+    """Return the torques sent with the setpoints, for all the machine's axes, (n, axes) [N·m]; None for none.
+
+    Raises:
+        InputError: setpoints in coordinates that are not the machine's axes.
+    """
+    if setpoints.torque is None:
+        return None
+    if not set(setpoints.axes) <= set(machine.axis_names):
+        raise InputError(
+            f"setpoints of {', '.join(setpoints.axes)} with torques: must be of the axes of machine {machine.name}, "
+            f"{', '.join(machine.axis_names)}"
+        )
+    torque = np.zeros((len(setpoints.position), len(machine.axes)))
+    torque[:, [machine.axis_names.index(name) for name in setpoints.axes]] = setpoints.torque
+    return torque
+
+
 @jit
 def _extremes(position: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return the rows of each axis' lowest and highest position, and of its fastest step to the next row, (axes,)."""

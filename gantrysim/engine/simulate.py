@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from gantrysim.controllers.law import PlainLaw
+from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
+from gantrysim.engine.learning import learnt
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
-from gantrysim.engine.simulation import Simulation, checked_dispenser
+from gantrysim.engine.simulation import Simulation, Started, checked_dispenser
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
@@ -53,9 +55,20 @@ def simulate(
             machine cannot have.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
-    stepper, count = Stepper(simulation), len(simulation.position)
-    stepper.advance(law=law, progress=None if progress is None else lambda sent: progress(sent / count))
-    return stepper.run.record()
+    runs = servo.learning_repeats + 1 if LEARNING in servo.law and law is None else 1
+    done, count = 0, runs * len(simulation.position)
+
+    def run(simulations: Sequence[Simulation]) -> list[Started]:
+        nonlocal done
+        (one,) = simulations
+        stepper = Stepper(one)
+        stepper.advance(law=law, progress=None if progress is None else lambda sent: progress((done + sent) / count))
+        done += len(one.position)
+        return [stepper.run]
+
+    if law is None:
+        (simulation,) = learnt([simulation], run)
+    return run([simulation])[0].record()
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.parameters import PREVIEW
+from gantrysim.controllers.laws.user import STATE, resolved
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
+from gantrysim.controllers.shaping import shaped
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
-from gantrysim.engine.positions import axis_positions, check_supervision
+from gantrysim.engine.laws import law_entries
+from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.errors import GantryError, InputError
 from gantrysim.faults import InjectedFault, check_faults
@@ -36,6 +41,7 @@ from gantrysim.native.row import (
     Log,
 )
 from gantrysim.native.tick import magic
+from gantrysim.native.user import CalledLaw
 from gantrysim.run import Fault, Run
 
 _NO_GLUE = Dispenser()
@@ -58,6 +64,8 @@ class Simulation:
         injected: those that act in the servo tick, (entries,) of `INJECTED`.
         later: the models with the friction of stuck axes, each with the number of physics steps before it, ascending.
         drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.
+        laws: at their start, (axes,) of `LAW`; None where PID does alone.
+        torque: sent with the setpoints, (n, axes) [N·m]; None for none.
     """
 
     machine: Machine
@@ -72,6 +80,8 @@ class Simulation:
     injected: NDArray[np.void] = field(default_factory=no_entries)
     later: tuple[tuple[int, mujoco.MjModel], ...] = ()
     drives: NDArray[np.void] | None = None
+    laws: NDArray[np.void] | None = None
+    torque: Floats | None = None
 
     @classmethod
     def of(
@@ -85,6 +95,7 @@ class Simulation:
         faults: Sequence[InjectedFault] = (),
     ) -> Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
+        setpoints = shaped(servo, setpoints)
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
         if machine.kinematics.followers:
@@ -100,6 +111,10 @@ class Simulation:
         _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
         drives = drive_entries(machine, servo, servo.period / substeps)
+        torque = axis_torques(machine, setpoints)
+        if PREVIEW in servo.law:
+            fed = Inverse(servo).preview(position)
+            torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(
             machine,
@@ -122,6 +137,18 @@ class Simulation:
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, model, servo.period, substeps),
             drives,
+            law_entries(servo, torque),
+            torque,
+        )
+
+    def with_torque(self, torque: Floats) -> Simulation:
+        """Return the simulation with other torques sent with the setpoints, (n, axes) [N·m]."""
+        leads = None if self.drives is None else self.drives["lead"]
+        return replace(
+            self,
+            book=LogBook(self.machine, self.setpoints, self.position, self.dispenser, self.faults, leads),
+            laws=law_entries(self.servo, torque),
+            torque=torque,
         )
 
     @property
@@ -138,8 +165,15 @@ class Simulation:
         self._supervise(row)
         drives = None if self.drives is None else self.drives.copy()
         row["drives"] = 0 if drives is None else drives.ctypes.data
+        laws = None if self.laws is None else self.laws.copy()
+        row["laws"] = 0 if laws is None else laws.ctypes.data
+        own = None
+        if laws is not None and self.servo.own_law is not None:
+            state = np.zeros(STATE)
+            own = CalledLaw(resolved(self.servo.own_law), state)
+            laws["user"], laws["state_at"] = own.address, state.ctypes.data
         row["magic"] = magic()  # the last, for it arms the servo
-        return Started(self, row, drives)
+        return Started(self, row, drives, laws, own)
 
     def _fill(self, row: np.void) -> None:
         machine, servo = self.machine, self.servo
@@ -187,12 +221,14 @@ class Started:
     Attributes:
         simulation: the simulation, kept alive as the row holds addresses of its arrays.
         row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
-        drives: state of the drives, kept alive as the row holds its address.
+        drives, laws, own: their states, kept alive as the row holds their addresses; own is a user's law.
     """
 
     simulation: Simulation
     row: np.void
     drives: NDArray[np.void] | None = None
+    laws: NDArray[np.void] | None = None
+    own: CalledLaw | None = None
 
     @property
     def steps(self) -> int:
@@ -226,7 +262,9 @@ class Started:
 
     @property
     def done(self) -> bool:
-        """Whether the last setpoint is sent, or a fault has ended the run."""
+        """Whether the last setpoint is sent, or a fault has ended the run; what a user's law raised is raised here."""
+        if self.own is not None and self.own.raised:
+            raise self.own.raised[0]
         return self.sent >= len(self.simulation.position) or bool(self.row["fault"])
 
     @property

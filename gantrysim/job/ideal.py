@@ -103,5 +103,6 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
         requested=setpoints.requested,
         supervision=replace(setpoints.supervision, position_error_delay=delay),
         gates=n * setpoints.gates,
+        torque=None if setpoints.torque is None else np.repeat(setpoints.torque, n, axis=0)[: len(position)],
     )
     return replace(servo, period=period, delay=0.0, feedback_delay=0), fine

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any
 
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.derivation import loop
+from gantrysim.controllers.laws.parameters import PD
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
@@ -21,7 +23,7 @@ from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
-from gantrysim.job.overrides import absolute_machine, known_keys, override, place
+from gantrysim.job.overrides import absolute_law, absolute_machine, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
@@ -84,6 +86,9 @@ class Job(JobContent):
                 raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
         if servo is not None:
             content["servo"] = servo_table(Path(servo))
+        if "law" in content.get("servo", {}):
+            beside = folder if servo is None else Path(servo).parent
+            content["servo"] = {**content["servo"], "law": absolute_law(content["servo"]["law"], beside)}
         place(content, placement or {}, known_keys(content))
         for setting in overrides:
             override(content, setting, known_keys(content))
@@ -128,7 +133,7 @@ class Job(JobContent):
         """Check that the lists of a servo file have as many values as the machine has axes."""
         axes = self.built_machine.axis_names
         for name, value in self.servo:
-            if isinstance(value, list) and len(value) != len(axes):
+            if name != "law" and isinstance(value, list) and len(value) != len(axes):
                 raise InputError(
                     f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
                     f"{', '.join(axes)} of machine {self.built_machine.name}"
@@ -181,14 +186,15 @@ class Job(JobContent):
         given = [name for name in _SHAPING if getattr(self.servo, name) is not None]
         if given:
             return f"{', '.join(given)} as given"
-        servo = self.servo
+        servo, built = self.servo, self.built_servo
         return loop(
             self.built_machine.axes,
             servo.period,
             servo.frequency,
             servo.damping,
-            servo.integral_time,
-            self.built_servo.lags,
+            math.inf if PD in built.law else servo.integral_time,
+            built.lags,
+            built.law,
         ).reason
 
     @cached_property

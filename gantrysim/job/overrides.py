@@ -101,6 +101,14 @@ def absolute_machine(machine: str, folder: Path) -> str:
     return str((folder / expanded(machine)).absolute())
 
 
+def absolute_law(law: Any, folder: Path) -> Any:
+    """Return a law's names, with the path of a file in `folder` as an absolute path."""
+    if isinstance(law, list):
+        return [absolute_law(one, folder) for one in law]
+    place, separator, name = law.rpartition(":") if isinstance(law, str) else ("", "", "")
+    return f"{(folder / expanded(place)).absolute()}:{name}" if separator and place.endswith(".py") else law
+
+
 def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
     """Return the table that holds a key, created if missing, and the last part of the key."""
     *sections, leaf = key.split(".")

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from gantrysim.controllers.laws.parameters import ADDITIONS, BASES, LawParameters
 from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
@@ -35,6 +36,12 @@ class _Derivation(BaseModel):
     feedback: _Feedback | list[_Feedback] = _setting("motor", "where the encoders are: on the motor or on the load")
     feedback_delay: int = _setting(0, "from the encoder's sample to the servo, in servo periods")
     encoder_seed: int = _setting(0, "of the encoders' noise")
+    law: str | list[str] = _setting(
+        "pid", f"names of its laws: one of {', '.join(BASES)}, and any of {', '.join(ADDITIONS)}"
+    )
+    learning_repeats: int = _setting(
+        LawParameters.learning_repeats, "number of runs from which the law learning learns"
+    )
 
 
 def _per_axis(parameter: Parameter) -> Any:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.laws.friction import Friction
 from gantrysim.errors import InputError
 from gantrysim.machine.linear_motion import linear_motion
 from gantrysim.stability.motion import Motion, UnknownLoopError
@@ -43,6 +44,7 @@ class Axis:
         resolution: axis travel per encoder count; 0 for an exact measurement [u].
         motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
             has a delay of its own.
+        friction: model of its friction; all zero without one.
         chain: that of all axes, where a closed chain couples them; else None.
     """
 
@@ -60,6 +62,7 @@ class Axis:
     peak_torque: float
     declared_speed: float
     resolution: float
+    friction: Friction = field(default=Friction(), repr=False)
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
 
@@ -191,6 +194,8 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
     scale = per_si / gear
     dof = int(model.jnt_dofadr[joint])
     drive = _drive(model, i, name)
+    static, stribeck = (float(value) for value in model.actuator_biasprm[i, 4:6])
+    bristles = float(model.actuator_dynprm[i, 5])
     low, high = (float(end) * per_si for end in model.jnt_range[joint])
     declared = float(model.jnt_user[joint, 0]) * per_si if model.nuser_jnt else 0.0
     damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
@@ -204,6 +209,7 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),
         **drive,
+        friction=Friction(drive["coulomb"], static, stribeck * scale, bristles / scale),
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
     where = (

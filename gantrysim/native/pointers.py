@@ -11,11 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 import numba
+from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
 from gantrysim.jit import inner_jit
-from gantrysim.native.row import DRIVE, INJECTED, LOG_AXIS, LOG_TICK, ROW
+from gantrysim.native.row import DRIVE, INJECTED, LAW, LOG_AXIS, LOG_TICK, ROW
 
 _MANY = 2**31  # nothing is checked against it
 _TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
@@ -62,6 +63,24 @@ def _injected_entries(context: Any, address: Any) -> Any:
 @intrinsic
 def _drive_entries(context: Any, address: Any) -> Any:
     return _typed_pointer(numba.from_dtype(DRIVE))
+
+
+@intrinsic
+def _law_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(LAW))
+
+
+@intrinsic
+def call(context: Any, address: Any, first: Any, second: Any) -> Any:
+    """Call the C function at an address with two integers."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        function = ir.FunctionType(ir.VoidType(), [word, word])
+        builder.call(builder.inttoptr(args[0], function.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), codegen
 
 
 def _typed_pointer(target: types.Type) -> Any:
@@ -111,3 +130,9 @@ def injected_faults(row):
 def drives_of(row):
     """Return the drives, a view, (axes,)."""
     return numba.carray(_drive_entries(row.drives), (row.axes,))
+
+
+@inner_jit
+def laws_of(row):
+    """Return the laws, a view, (axes,)."""
+    return numba.carray(_law_entries(row.laws), (row.axes,))

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.controllers.law import GAINS
+from gantrysim.controllers.laws.friction import Friction
+from gantrysim.controllers.laws.observer import MOST_SHIFT, TAPS
 from gantrysim.controllers.notch import Coefficients
 from gantrysim.controllers.servo import MAX_FEEDBACK_DELAY
 from gantrysim.native.layout import offsets
@@ -73,6 +75,7 @@ _WHOLE = [
     "injected",  # address of the INJECTED entries, one per fault on purpose and axis
     "injected_count",
     "drives",  # address of the DRIVE entries, one per axis; 0 where every drive is a plain one
+    "laws",  # address of the LAW entries, one per axis; 0 where the law is PID alone
     "within",  # ticks in a row within the settle error at this gate
     "waited",  # ticks at this gate
     "fault",  # index into FAULTS
@@ -144,6 +147,32 @@ DRIVE = np.dtype(
         ("history", np.float64, (MAX_FEEDBACK_DELAY + 1,)),  # of the encoder [u]
         ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 for no current loop
         ("constant", np.float64),  # of the motor [N·m/A]
+    ]
+)
+
+TOLD = MOST_SHIFT + TAPS + 1
+LAW = np.dtype(
+    [
+        ("cascade", np.int64),  # 1 for P-PI, 0 for PID
+        ("user", np.int64),  # address of a user's own law, of the first axis; 0 for none
+        ("state_at", np.int64),  # address of its state
+        ("feed", np.int64),  # address of the torques sent with the setpoints, one per setpoint and axis; 0 for none
+        ("contour", np.float64),  # factor on the error across the path
+        ("friction", np.float64, (len(Friction._fields),)),
+        ("inertia", np.float64),  # of the observer; 0 for no observer
+        ("viscous", np.float64),
+        ("shift", np.int64),  # see `torque_taps`
+        ("taps", np.float64, (TAPS,)),
+        ("filter", np.float64, (len(Coefficients._fields),)),
+        # state
+        ("speed_sum", np.float64),  # of the cascade [N·m·s]
+        ("across", np.float64),  # error across the path at the last tick [mm]
+        ("tangent", np.float64),  # of the path, while it last moved
+        ("friction_torque", np.float64),
+        ("velocity", np.float64),  # measured at the last tick
+        ("first", np.float64),  # states of the filter
+        ("second", np.float64),
+        ("told", np.float64, (TOLD,)),  # torque demands, by tick modulo their number
     ]
 )
 

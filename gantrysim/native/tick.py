@@ -18,10 +18,11 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.controllers import law, notch
 from gantrysim.jit import cached, inner_jit
-from gantrysim.native import drives, injection, pointers, supervision
+from gantrysim.native import drives, injection, laws, pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.drives import delayed, follow_demands, read
 from gantrysim.native.injection import interrupt, limit_voltage, received, reported, turned
+from gantrysim.native.laws import LAWS, apply_laws
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
 from gantrysim.native.pointers import axis_log, field, floats, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
@@ -46,7 +47,18 @@ def magic() -> int:
     """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
     source = "".join(
         inspect.getsource(module)
-        for module in (sys.modules[__name__], pointers, supervision, drives, injection, row_layout, law, notch)
+        for module in (
+            sys.modules[__name__],
+            pointers,
+            supervision,
+            drives,
+            injection,
+            laws,
+            row_layout,
+            law,
+            notch,
+            *LAWS,
+        )
     )
     return zlib.crc32(source.encode())
 
@@ -145,7 +157,10 @@ def _sample(data, userdata):
 
 
 @inner_jit
-def _apply_law(row):
+def _apply_law(row, userdata):
+    if row.laws != 0:
+        apply_laws(row, userdata)
+        return
     for a in range(row.axes):
         error_sum = row.error_sum[a] + row.error[a] * row.period
         torque = _law(
@@ -236,7 +251,7 @@ def _step(model, data, nuserdata_at, userdata_at, row_size, key):
     if row.magic != key:
         return
     if _sample(data, userdata):
-        _apply_law(row)
+        _apply_law(row, userdata)
         _command(data, userdata)
     _output(data, userdata)
 

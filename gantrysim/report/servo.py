@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from gantrysim.controllers.law import GAINS
+from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, words
 from gantrysim.controllers.servo import NOTCH, Servo
 from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
@@ -20,7 +21,7 @@ def servo_section(job: Job, machine: Machine, run: Run) -> Section:
     margins, reason = job.margins, job.servo_reason
     return Section(
         "Servo",
-        [_text(machine, margins), f"{reason[0].upper()}{reason[1:]}."],
+        [_text(machine, margins), f"Law: {words(job.built_servo.law)}.", f"{reason[0].upper()}{reason[1:]}."],
         table=[_gains(machine, job.built_servo), _margins(machine, margins, run)],
     )
 
@@ -55,7 +56,8 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
 
 
 def _gains(machine: Machine, servo: Servo) -> Table:
-    shown = (*GAINS, *(one for one in NOTCH if any(servo.notch_frequency)))
+    laws = (one for one in LAW_PARAMETERS if any(getattr(servo, one.name)))
+    shown = (*GAINS, *(one for one in NOTCH if any(servo.notch_frequency)), *laws)
     rows = [
         [axis.name, axis.unit, *(getattr(servo, one.name)[a] for one in shown)] for a, axis in enumerate(machine.axes)
     ]
@@ -65,7 +67,10 @@ def _gains(machine: Machine, servo: Servo) -> Table:
 
 def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
     if margins is None:
-        return "Stability margins are unknown: an actuator of the machine has a delay of its own."
+        return (
+            "Stability margins are unknown: an actuator of the machine has a delay of its own, or the servo a law of "
+            "the user's that is not linear."
+        )
     by_axis = dict(zip((axis.name for axis in machine.axes), margins, strict=True))
     unstable = [name for name, axis_margins in by_axis.items() if not axis_margins.stable]
     if unstable:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gantrysim.arrays import Complexes, Floats
 
@@ -36,6 +37,25 @@ class Compensator:
         if not ki:
             return cls(np.zeros((1, 1)), np.ones(1), np.array([-kd / period]), D)
         return cls(np.diag([0.0, 1.0]), np.array([1.0, period]), np.array([-kd / period, ki]), D)
+
+    @classmethod
+    def fir(cls, taps: Floats) -> Compensator:
+        """Return the law taps[0] e[k] + taps[1] e[k-1] + ..., of two taps or more."""
+        n = len(taps) - 1
+        return cls(np.eye(n, k=-1), np.eye(n)[0], np.asarray(taps[1:], float), float(taps[0]))
+
+    def beside(self, other: Compensator) -> Compensator:
+        """Return the sum of two laws of the same error."""
+        A = block_diag(self.A, other.A)
+        return Compensator(A, np.append(self.B, other.B), np.append(self.C, other.C), self.D + other.D)
+
+    def around(self, feedback: Compensator) -> Compensator:
+        """Return u = self(e) + feedback(u), where the feedback has no gain at once."""
+        A = block_diag(self.A, feedback.A)
+        C = np.append(self.C, feedback.C)
+        n = len(self.A)
+        A[n:] += np.outer(feedback.B, C)
+        return Compensator(A, np.append(self.B, feedback.B * self.D), C, self.D)
 
     def then(self, filter: tuple[float, float, float, float, float]) -> Compensator:
         """Return this law followed by (b0 + b1/z + b2/z^2) / (1 + a1/z + a2/z^2), given b0, b1, b2, a1, a2."""

@@ -214,12 +214,11 @@ class Plant:
 
 
 def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:
-    """Return the margins of each axis with its servo, or None if the machine cannot be linearised."""
+    """Return the margins of each axis with its servo, or None if the machine or the law cannot be linearised."""
     try:
-        plant = Plant.of(machine, servo.period, servo.delay, drives=servo.drives)
+        return Plant.of(machine, servo.period, servo.delay, drives=servo.drives).margins(servo)
     except UnknownLoopError:
         return None
-    return plant.margins(servo)
 
 
 def _margins(loops: Loops) -> list[Margins]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
+from gantrysim.controllers.laws.parameters import NOT_PD, PD, PID
 from gantrysim.controllers.servo import DERIVED, Servo
 from gantrysim.job.job import Job
 
@@ -28,6 +29,7 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
     """
     axes = job.built_machine.axes
     units = [axis.unit for axis in axes]
+    law = [PID if name == PD and any(any(getattr(servo, gain)) for gain in NOT_PD) else name for name in servo.law]
     lines = [
         *(f"# {comment}" for comment in comments),
         f"# One value per axis: {', '.join(f'{axis.name} [{axis.unit}]' for axis in axes)}.",
@@ -38,6 +40,8 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
         f"feedback = {json.dumps(servo.feedback)}",
         f"feedback_delay = {servo.feedback_delay}  # in servo periods",
         f"encoder_seed = {servo.encoder_seed}",
+        f"law = {json.dumps(law)}",
+        f"learning_repeats = {servo.learning_repeats}",
         f"following_error_limit = {job.servo.following_error_limit!r}  # [{unit_of('resolution', units)}]",
     ]
     for name in UNITS:

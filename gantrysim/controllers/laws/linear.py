@@ -1,0 +1,56 @@
+"""The laws of the tick as a linear system, for the stability of their loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from gantrysim.controllers.law import compensator
+from gantrysim.controllers.laws.cascade import as_pid
+from gantrysim.controllers.laws.observer import observing
+from gantrysim.controllers.laws.parameters import CASCADE
+from gantrysim.stability.compensator import Compensator
+
+
+def linear_law(
+    law: Sequence[str],
+    gains: tuple[float, ...],
+    filter: tuple[float, float, float, float, float],
+    values: Mapping[str, float],
+    period: float,
+    delay: float,
+    feedback_delay: int,
+) -> Compensator:
+    """Return the laws of one axis as they answer to a position alone, with all demands at zero.
+
+    P-PI and the disturbance observer are in it exactly. Cross-coupling is in it as it is where the path runs across
+    the axis, where it multiplies the gains on the error most. Friction compensation and torques that are sent with
+    the setpoints do not answer to a position.
+
+    Args:
+        law: names.
+        gains: in the order of `GAINS`.
+        filter: the notch.
+        values: of the axis' other parameters, by name.
+        period: servo period [s].
+        delay: from sample to output [s].
+        feedback_delay: from the encoder to the servo [servo periods].
+    """
+    more = 1 + values.get("contour_gain", 0.0)
+    kp, ki, kd, *rest = gains
+    if CASCADE in law:  # its velocity loop knows no error of position
+        p, i, *_ = as_pid(gains)
+        own = (p + (more - 1) * kp, more * i, kd, *rest)
+    else:
+        own = (more * kp, more * ki, more * kd, *rest)
+    return closed(compensator(own, period).then(filter), values, period, delay, feedback_delay)
+
+
+def closed(
+    law: Compensator, values: Mapping[str, float], period: float, delay: float, feedback_delay: int
+) -> Compensator:
+    """Return a law with a disturbance observer, if there is one, and with the feedback's delay; see `linear_law`."""
+    if values.get("observer_bandwidth"):
+        inertia, viscous = values["observer_inertia"], values["observer_viscous"]
+        lag = delay + feedback_delay * period + values["observer_lag"]
+        law = observing(law, values["observer_bandwidth"], inertia, viscous, lag, period)
+    return law.delayed(feedback_delay)

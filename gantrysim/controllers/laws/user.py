@@ -1,0 +1,141 @@
+"""A user's own law: a function in plain Python, or compiled by numba, that the servo calls at every tick."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import hankel
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError, text_of
+from gantrysim.stability.compensator import Compensator
+from gantrysim.stability.motion import UnknownLoopError
+
+STATE = 64  # numbers that a law keeps from tick to tick, 0 at the start of a run
+_ORDER = 24  # largest of a linear law
+_KICK = 1e-3  # error by which a law is linearised [u]
+_LINEAR = 1e-6  # of a response, relative to its largest value
+_RANK = 1e-9
+_REST = 5  # ticks before a kick
+
+
+class UserTick(NamedTuple):
+    """What a law is given at one servo tick. The arrays are those of the servo: a law must not change them.
+
+    Attributes:
+        axes: number of axes.
+        time: of the tick [s].
+        period: servo period T [s].
+        commanded: DPOS, (axes,) [u].
+        measured: MPOS, (axes,) [u].
+        error: DPOS - MPOS, (axes,) [u].
+        demand_velocity: dDPOS/T, (axes,) [u/s].
+        demand_acceleration: ddDPOS/T^2, (axes,) [u/s²].
+        measured_velocity: dMPOS/T, (axes,) [u/s].
+        gains: of the servo, in the order of `GAINS`, (axes, gains).
+    """
+
+    axes: int
+    time: float
+    period: float
+    commanded: Floats
+    measured: Floats
+    error: Floats
+    demand_velocity: Floats
+    demand_acceleration: Floats
+    measured_velocity: Floats
+    gains: Floats
+
+
+# law(tick, state, torque): sets the torque demands of all axes, (axes,) [N·m]; state is (64,)
+UserLaw = Callable[[UserTick, Floats, Floats], None]
+
+
+def resolved(law: str | UserLaw) -> UserLaw:
+    """Return the function that "module:function" or "path/to/file.py:function" names, or the function itself.
+
+    Raises:
+        InputError: there is none, or its module cannot be imported.
+    """
+    if not isinstance(law, str):
+        return law
+    place, _, name = law.rpartition(":")
+    try:
+        module = _file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except Exception as error:  # whatever the user's module raises
+        raise InputError(f"law {law!r}: {place} cannot be imported: {text_of(error)}") from None
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise InputError(f"law {law!r}: {place} has no function {name!r}")
+    return function  # type: ignore[no-any-return]
+
+
+def _file(path: Path) -> Any:
+    """Return the module in a file, imported once as long as the file does not change."""
+    name = f"gantrysim_law_{path.resolve()}_{path.stat().st_mtime_ns}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{path} is no Python file")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        sys.modules[name] = module
+    return sys.modules[name]
+
+
+def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compensator:
+    """Return a linear law as it answers to the position of one axis, from its response to a kick.
+
+    A realisation of the least order that has the law's impulse response (Ho and Kalman, Regelungstechnik 14, 1966).
+
+    Args:
+        law: the law.
+        gains: of all axes, (axes, gains).
+        axis: number of the axis.
+        period: servo period [s].
+
+    Raises:
+        UnknownLoopError: a law that is not linear, depends on time, couples axes, or is of an order above 24.
+    """
+    once, twice, late = (
+        _kicked(law, gains, axis, period, size, before)
+        for size, before in ((_KICK, _REST), (2 * _KICK, _REST), (_KICK, 2 * _REST))
+    )
+    size = np.abs(once).max()
+    steady = np.allclose(twice, 2 * once, rtol=0, atol=_LINEAR * size) and np.allclose(
+        late[_REST:], once[:-_REST], rtol=0, atol=_LINEAR * size
+    )
+    if not (steady and np.isfinite(once).all()):
+        raise UnknownLoopError("a law of the user's that is not linear, or not the same at all times, has no margins")
+    if np.abs(np.delete(once, axis, axis=1)).max(initial=0.0) > _LINEAR * size:
+        raise UnknownLoopError("a law of the user's that couples axes has no margins")
+    response = once[_REST:, axis] / _KICK
+    H = hankel(response[1 : _ORDER + 1], response[_ORDER : 2 * _ORDER])  # noqa: N806
+    shifted = hankel(response[2 : _ORDER + 2], response[_ORDER + 1 : 2 * _ORDER + 1])
+    left, values, right = np.linalg.svd(H)
+    rank = max(int(np.count_nonzero(values > _RANK * max(values[0], abs(response[0])))), 1)
+    if rank > _ORDER - 2:
+        raise UnknownLoopError(f"a law of the user's of an order above {_ORDER - 2} has no margins")
+    root = np.sqrt(np.maximum(values[:rank], np.finfo(float).tiny))
+    observe, reach = left[:, :rank] * root, root[:, None] * right[:rank]
+    A = (left[:, :rank] / root).T @ shifted @ (right[:rank].T / root)  # noqa: N806
+    return Compensator(A, reach[:, 0], observe[0], float(response[0]))
+
+
+def _kicked(law: UserLaw, gains: Floats, axis: int, period: float, size: float, before: int) -> Floats:
+    """Return the torques of a law at rest to an axis that is off at one tick, (ticks, axes)."""
+    ticks, n = 2 * _ORDER + 16, len(gains)
+    state, out, zero = np.zeros(STATE), np.zeros((ticks, n)), np.zeros(n)
+    last = zero
+    for k in range(ticks):
+        measured = np.zeros(n)
+        measured[axis] = -size if k == before else 0.0
+        velocity, last = (measured - last) / period, measured
+        law(UserTick(n, k * period, period, zero, measured, -measured, zero, zero, velocity, gains), state, out[k])
+    return out

@@ -1,0 +1,89 @@
+"""A user's own law as a function that the servo tick can call, by its address."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+from numba.core.errors import NumbaError
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.laws.user import STATE, UserLaw, UserTick
+from gantrysim.errors import InputError
+from gantrysim.native.pointers import floats, row_at
+from gantrysim.native.row import ROW
+
+_CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+_GIVEN = UserTick._fields[3:]
+
+
+class CalledLaw:
+    """A user's law for one run.
+
+    Args:
+        law: the function; one that numba has compiled runs without Python.
+        state: the law's own, (STATE,).
+
+    Attributes:
+        address: of a C function (userdata, state).
+        raised: what the law has raised, in plain Python.
+
+    Raises:
+        InputError: a law for numba that does not compile.
+    """
+
+    def __init__(self, law: UserLaw, state: Floats) -> None:
+        self.raised: list[BaseException] = []
+        self._state = state  # kept alive
+        if hasattr(law, "py_func"):
+            self._kept = _compiled(law)
+            self.address = int(self._kept.address)
+            return
+
+        def call(userdata: int, _state: int) -> None:
+            if self.raised:
+                return
+            try:
+                # in a batch, the state lies elsewhere at every step
+                memory = (ctypes.c_char * ROW.itemsize).from_address(userdata)
+                row = np.frombuffer(memory, ROW)[0]
+                n, period = int(row["axes"]), float(row["period"])
+                given = [row[name][:n] for name in _GIVEN]
+                law(UserTick(n, float(row["tick"]) * period, period, *given), state, row["torque"][:n])
+            except BaseException as error:  # must not unwind through C frames
+                self.raised.append(error)  # the torque remains no number, which ends the run
+
+        self._kept = _CALLED(call)
+        self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
+
+
+@cache
+def _compiled(law: Any) -> Any:
+    def call(userdata, state):
+        row = row_at(userdata)
+        n = row.axes
+        tick = UserTick(
+            n,
+            row.tick * row.period,
+            row.period,
+            row.commanded[:n],
+            row.measured[:n],
+            row.error[:n],
+            row.demand_velocity[:n],
+            row.demand_acceleration[:n],
+            row.measured_velocity[:n],
+            row.gains[:n],
+        )
+        law(tick, numba.carray(floats(state), (STATE,)), row.torque[:n])
+
+    try:
+        return numba.cfunc(types.void(types.int64, types.int64), error_model="numpy")(call)
+    except NumbaError as error:
+        words = " ".join(str(error).split())
+        raise InputError(f"law {law.__name__} does not compile with numba: {words:.300}") from None

@@ -1,0 +1,187 @@
+"""The report of a study of laws."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
+from gantrysim.report.document import Column, Table
+from gantrysim.study.cases import OK, Row
+from gantrysim.study.drawing import logarithmic
+from gantrysim.study.laws.study import EXACT, LOADED, NOMINAL, REPEATED, RUBBING, LawsStudy, chosen
+from gantrysim.study.study import Plot, Report
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_PAYS = 0.95  # of PID's value: what a law must come below to pay
+_PD, _PID = "pd", "pid"
+_SHOWN = {"following_rms_um": "tracking", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
+_VALUES = {
+    "tracking, rms": ("following_rms_um", COLOURS["tracking"]),
+    "largest after a reversal": ("reversal_max_um", COLOURS["generation"]),
+    "contour, rms": ("contour_rms_um", INK),
+}
+_LEFT_OUT = (
+    "Margins are exact for pd, pid, p-pi and observer; those of contour hold where the path runs across the axis. "
+    "Friction and its compensation, torques sent along, encoder counts and limits are not in them."
+)
+
+
+def report(study: LawsStudy, rows: list[Row]) -> Report:
+    """Return what each law gains over PD, and which do not pay."""
+    nominal = chosen(rows, NOMINAL)
+    if _PD not in nominal:
+        failed = next(row for row in rows if row["law"] == _PD)
+        return Report(f"PD has no values to compare with: {failed['status']}")
+    pd = nominal[_PD]
+    best = min(nominal, key=lambda law: _value(nominal[law], "following_rms_um"))
+    least = _value(nominal[best], "following_rms_um")
+    headline = (
+        f"Law {best} tracks best: {least:.3g} µm rms, {_value(pd, 'following_rms_um') / least:.3g} times better than PD "
+        f"at {_value(pd, 'following_rms_um'):.3g} µm."
+    )
+    plots = [
+        Plot(
+            "ladder",
+            "Errors by law",
+            "Following error of the linear axes together, its peak within 0.1 s after a reversal, and the distance of "
+            "the nozzle from the requested path, with the job's own encoder.",
+            _draw(nominal),
+        ),
+        Plot(
+            "robustness",
+            "Sensitivity",
+            f"Following error on the nominal machine, with an exact encoder, with {study.payload:g} kg more, and with "
+            f"{study.friction:g} times the friction.",
+            _draw_variations(study, rows),
+        ),
+    ]
+    repeats = [row for row in rows if row["variation"] == REPEATED and row["status"] == OK]
+    if repeats:
+        plots.append(
+            Plot(
+                "repeats",
+                "Learning over repeats",
+                "With an exact encoder.",
+                _draw_repeats(repeats, chosen(rows, EXACT)),
+            )
+        )
+    failed = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
+    return Report(headline, [_table(nominal), _variations(study, rows)], [*_paying(nominal), _LEFT_OUT, *failed], plots)
+
+
+def _value(row: Row, name: str) -> float:
+    value = row.get(name)
+    return float(value) if isinstance(value, float) else float("nan")
+
+
+def _paying(nominal: dict[str, Row]) -> list[str]:
+    """Return for each value which laws do not bring it below PID's."""
+    if _PID not in nominal:
+        return []
+    notes = []
+    for name, words in _SHOWN.items():
+        own = _value(nominal[_PID], name)
+        idle = [law for law, row in nominal.items() if law not in (_PD, _PID) and not _value(row, name) < _PAYS * own]
+        if idle:
+            notes.append(f"No gain of 5 % over pid in {words}: {', '.join(idle)}.")
+    return notes
+
+
+def _table(nominal: dict[str, Row]) -> Table:
+    columns: list[str | Column] = [
+        "law",
+        Column("tracking rms [µm]", ".3g"),
+        Column("PD / law", ".3g"),
+        Column("reversals max [µm]", ".3g"),
+        Column("contour rms [µm]", ".4g"),
+        Column("contour max [µm]", ".4g"),
+        Column("torque ripple [mN·m]", ".3g"),
+        Column("gain margin", ".3g"),
+        Column("phase margin [deg]", ".3g"),
+        Column("peak of |S|", ".3g"),
+    ]
+    names = (
+        "reversal_max_um",
+        "contour_rms_um",
+        "contour_max_um",
+        "torque_ripple_Nm",
+        "gain_margin",
+        "phase_margin_deg",
+        "sensitivity",
+    )
+    pd = _value(nominal[_PD], "following_rms_um")
+    cells = []
+    for law, row in nominal.items():
+        own = _value(row, "following_rms_um")
+        rest = [row[name] if row[name] is None else _value(row, name) for name in names]
+        rest[3] = 1e3 * _value(row, "torque_ripple_Nm")
+        cells.append([law, own, pd / own, *rest])
+    return Table(columns, cells, caption="Each law on the nominal machine.")
+
+
+def _variations(study: LawsStudy, rows: list[Row]) -> Table:
+    each = {variation: chosen(rows, variation) for variation in (NOMINAL, EXACT, LOADED, RUBBING)}
+    columns: list[str | Column] = [
+        "law",
+        Column("nominal", ".3g"),
+        Column("exact encoder", ".3g"),
+        Column(f"{study.payload:g} kg more", ".3g"),
+        Column(f"friction x {study.friction:g}", ".3g"),
+    ]
+    cells = [
+        [law, *(_value(found[law], "following_rms_um") if law in found else None for found in each.values())]
+        for law in each[NOMINAL]
+    ]
+    return Table(columns, cells, caption="Tracking error, rms [µm], on machines that differ from the laws' models.")
+
+
+def _draw(nominal: dict[str, Row]) -> Figure:
+    shown = {
+        label: ([_value(row, name) for row in nominal.values()], colour) for label, (name, colour) in _VALUES.items()
+    }
+    return _bars(list(nominal), shown, "error [µm]")
+
+
+def _draw_variations(study: LawsStudy, rows: list[Row]) -> Figure:
+    labels = {
+        NOMINAL: "nominal",
+        EXACT: "exact encoder",
+        LOADED: f"{study.payload:g} kg more",
+        RUBBING: f"friction x {study.friction:g}",
+    }
+    laws, shown = list(chosen(rows, NOMINAL)), {}
+    for (variation, label), colour in zip(labels.items(), AXIS_COLOURS, strict=False):
+        found = chosen(rows, variation)
+        values = [_value(found[law], "following_rms_um") if law in found else float("nan") for law in laws]
+        shown[label] = (values, colour)
+    return _bars(laws, shown, "following error, rms [µm]")
+
+
+def _bars(laws: list[str], shown: dict[str, tuple[list[float], str]], label: str) -> Figure:
+    """Return points by law, from the top, on a logarithmic scale."""
+    with sheet(9.0, 0.42 * len(laws) + 1.6) as figure:
+        axes = figure.add_subplot()
+        places, every = np.arange(len(laws))[::-1], []
+        for name, (values, colour) in shown.items():
+            axes.plot(values, places, "o", ms=6, color=colour, label=name)
+            every += [value for value in values if value > 0]
+        axes.set_yticks(places, laws)
+        logarithmic(axes, "x", every)
+        axes.set(xlabel=label)
+        figure.legend(loc="outside lower center", ncols=len(shown))
+    return figure
+
+
+def _draw_repeats(rows: list[Row], exact: dict[str, Row]) -> Figure:
+    with sheet(9.0, 4.2) as figure:
+        axes = figure.add_subplot()
+        counts = [0, *(int(str(row["repeats"])) for row in rows)]
+        values = [_value(exact.get(_PID, {}), "following_rms_um"), *(_value(row, "following_rms_um") for row in rows)]
+        axes.plot(counts, values, "o-", color=COLOURS["tracking"])
+        logarithmic(axes, "y", [value for value in values if value > 0])
+        axes.set(xlabel="repeats learnt from", ylabel="following error, rms [µm]")
+    return figure

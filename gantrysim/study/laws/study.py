@@ -1,0 +1,152 @@
+"""`gantrysim study laws`: the servo's laws on one job, each against PD."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.laws.parameters import LEARNING, NOT_PD, PD
+from gantrysim.errors import at_least, positive
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.analysis import torque_ripple
+from gantrysim.run import Run
+from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row
+from gantrysim.study.runner import Measure
+from gantrysim.study.study import Rounds, Study
+
+LAWS = (
+    ("pd",),
+    ("pid",),
+    ("p-pi",),
+    ("pid", "contour"),
+    ("pid", "observer"),
+    ("pid", "friction"),
+    ("pid", "friction", "observer"),
+    ("pid", "friction", "preview"),
+    ("pid", "learning"),
+    ("pid", "friction", "preview", "learning"),
+    ("pid", "friction", "zvd"),
+)
+REPEATS = (1, 2, 3, 5, 10)  # of learning
+NOMINAL, EXACT, LOADED, RUBBING, REPEATED = "nominal", "exact encoder", "payload", "friction", "repeats"
+AFTER = 0.1  # time after a reversal in which its peak is sought [s]
+_UM = 1e3
+
+
+def laws_row(case: Case) -> Row:
+    """Return the row of a case: status, margins of the nominal machine, and values of its run.
+
+    Besides the values of `values_row`: following_rms_um of the linear axes together, and without them of all;
+    reversal_max_um, their largest error within 0.1 s after a reversal; torque_ripple_Nm of the axis with the largest;
+    and the smallest gain_margin and phase_margin_deg and largest sensitivity of all axes, None where unknown.
+    """
+
+    def values(run: Run) -> Row:
+        job = case.job()
+        error = _UM * (run.commanded - run.encoder)[:, _linear(run)]
+        turned = reversals(run.commanded[:, _linear(run)])
+        window = round(AFTER / run.period)
+        peaks = [float(np.abs(error[k : k + window, a]).max()) for k, a in turned]
+        row: Row = {
+            "following_rms_um": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+            "reversals": len(peaks),
+            "reversal_max_um": max(peaks) if peaks else None,
+            "torque_ripple_Nm": float(torque_ripple(run).max()),
+            "gain_margin": None,
+            "phase_margin_deg": None,
+            "sensitivity": None,
+        }
+        if job.margins is not None:
+            row["gain_margin"] = _number(min(min(one.gain, one.together) for one in job.margins))
+            row["phase_margin_deg"] = min(one.phase for one in job.margins)
+            row["sensitivity"] = _number(max(one.sensitivity for one in job.margins))
+        return row | values_row(run, job.bead)
+
+    return judged(lambda: simulated(case), values)
+
+
+def _linear(run: Run) -> list[int]:
+    return [a for a, unit in enumerate(run.units) if unit == "mm"] or list(range(len(run.axes)))
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def reversals(commanded: Floats) -> list[tuple[int, int]]:
+    """Return tick and axis of every reversal: the first tick at which an axis moves against its last motion.
+
+    Args:
+        commanded: positions, (n, axes) [mm or deg].
+    """
+    found = []
+    for a in range(commanded.shape[1]):
+        moved = np.sign(np.diff(commanded[:, a]))
+        moving: NDArray[np.intp] = np.flatnonzero(moved)
+        turned = moving[1:][moved[moving[1:]] != moved[moving[:-1]]]
+        found += [(int(k) + 1, a) for k in turned]
+    return found
+
+
+@dataclass(frozen=True)
+class LawsStudy(Study):
+    """The servo's laws on one job: nominal, with an exact encoder, with a payload, with more friction, over repeats.
+
+    Every law keeps the derivation's margins. Payload and friction are those of the machine; gains and models of the
+    laws remain those of the nominal one. Learning learns on the machine that it runs on.
+
+    Args:
+        job: whose servo gets the laws.
+        payload: added to the machine [kg].
+        friction: factor on its friction.
+        measure: from a case to its row.
+    """
+
+    payload: float = 0.5
+    friction: float = 1.5
+    measure: Measure = laws_row
+
+    name = "laws"
+    plots = ("ladder", "robustness", "repeats")
+
+    def __post_init__(self) -> None:
+        at_least("payload", self.payload, 0, "kg")
+        positive("friction", self.friction)
+
+    def overrides(self, law: tuple[str, ...]) -> dict[str, Any]:
+        """Return the values that give the job a law, by their dotted keys; PD leaves out what it does not have."""
+        without = {f"servo.{name}": None for name in NOT_PD if getattr(self.job.servo, name) is not None}
+        return {"servo.law": list(law), **(without if PD in law else {})}
+
+    @property
+    def expected(self) -> int:
+        return 4 * len(LAWS) + len(REPEATS)
+
+    def rounds(self) -> Rounds:
+        """Yield every law in every variation, and learning over a growing number of repeats."""
+        self.measure(Case.of(self.job, mode="perfect follower"))
+        loaded, rubbing = Perturbation(payload=self.payload), Perturbation(friction=self.friction)
+        cases = []
+        for law in LAWS:
+            own, name = self.overrides(law), "+".join(law)
+            cases += [
+                Case.of(self.job, own, law=name, variation=NOMINAL),
+                Case.of(self.job, {**own, "servo.resolution": 0.0}, law=name, variation=EXACT),
+                Case.of(self.job, own, perturbation=loaded, law=name, variation=LOADED),
+                Case.of(self.job, own, perturbation=rubbing, law=name, variation=RUBBING),
+            ]
+        for repeats in REPEATS:
+            law = ("pid", LEARNING)
+            own = {**self.overrides(law), "servo.resolution": 0.0, "servo.learning_repeats": repeats}
+            cases.append(Case.of(self.job, own, law="+".join(law), variation=REPEATED, repeats=repeats))
+        yield cases
+
+
+def chosen(rows: list[Row], variation: str) -> dict[str, Row]:
+    """Return the rows of a variation that have values, by law."""
+    return {str(row["law"]): row for row in rows if row["variation"] == variation and row["status"] == OK}

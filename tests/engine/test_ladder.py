@@ -1,0 +1,286 @@
+"""The ladder of laws in the servo tick: against laws in plain Python, linear theory, and one another."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import butter, filtfilt
+
+from gantrysim import InputError, Job, Machine, Servo, simulate, simulate_batch
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.laws import law_entries
+from gantrysim.engine.learning import learnt
+from gantrysim.engine.simulation import Simulation
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.stability.margins import margins_of
+
+from support.runs import PERIOD, ramp, smooth
+
+SAME = 1e-9  # of two computations of one law [N·m]
+NEAR = 0.03  # distance from a margin at which a kick grows or decays, relative
+FINE = 1.25e-5  # physics step where motion is held against linear theory [s]
+LINEAR = 0.02  # of an error that linear theory foresees, relative to the largest
+
+
+@pytest.fixture(scope="module")
+def frictionless():
+    return Machine("xy").perturbed(Perturbation(friction=1e-15))
+
+
+def curve(duration=0.4, wait=0.1, size=1.0):
+    """A way round a half circle and back a little, at rest before and after."""
+    u = np.concatenate([np.zeros(round(wait / PERIOD)), smooth(duration), np.ones(round(wait / PERIOD))])
+    angle = np.pi * u
+    position = 30 * size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    position[:, 0] += 4 * size * np.sin(2 * angle)
+    return Setpoints(PERIOD, ("x", "y"), position, np.zeros(len(u), bool), ramp(50.0).requested)
+
+
+def by_hand(servo, names):
+    """The laws in plain Python, by other recursions than those of the tick."""
+    T, n, past, told = servo.period, servo.axes, [], []
+    state = {"speed": np.zeros(n), "sum": np.zeros(n), "bristle": np.zeros(n), "across": None, "tangent": None}
+    kp, ki, kd = (np.array(getattr(servo, name)) for name in ("kp", "ki", "kd"))
+    Q = [butter(2, 2 * T * f) if f else None for f in servo.observer_bandwidth]
+    raw, smoothed = [], []
+
+    def law(tick):
+        past.append(tick.measured)
+        v, error = tick.demand_velocity, tick.error
+        change = v - tick.measured_velocity
+        if "contour" in names:
+            if np.any(v):
+                state["tangent"] = v / np.linalg.norm(v)
+            t = state["tangent"]
+            across = np.zeros(n) if t is None else (np.eye(n) - np.outer(t, t)) @ error
+            before = across if state["across"] is None else state["across"]
+            state["across"] = across if t is not None else np.zeros(n)
+            gain = np.array(servo.contour_gain)
+            error, change = error + gain * across, change + gain * (state["across"] - before) / T
+        if "p-pi" in names:
+            speed_error = kp / kd * error + v - tick.measured_velocity
+            state["speed"] += T * speed_error
+            torque = kd * speed_error + kd * ki / kp * state["speed"]
+        else:
+            state["sum"] += T * error
+            torque = kp * error + ki * state["sum"] + kd * change
+        torque += np.array(servo.velocity_ff) * v + np.array(servo.acceleration_ff) * tick.demand_acceleration
+        rub = np.zeros(n)
+        if "friction" in names:
+            for a in range(n):
+                fc, fs, vs, stiffness = (
+                    getattr(servo, f"friction_{name}")[a] for name in ("torque", "static", "speed", "stiffness")
+                )
+                level = fc + (fs - fc) * math.exp(-((v[a] / vs) ** 2))
+                z, travel = state["bristle"][a], v[a] * T
+                if travel:
+                    decay = math.exp(-stiffness * abs(travel) / level)
+                    z = z * decay + math.copysign(level, travel) * (1 - decay)
+                state["bristle"][a] = rub[a] = z
+            torque = torque + rub
+        if "observer" in names:
+            # positions fitted by a parabola, the torques by where they act
+            y = [*[past[0]] * 2, *past][-3:]
+            acted = np.array(servo.observer_inertia) * (y[0] - 2 * y[1] + y[2]) / T**2
+            acted += np.array(servo.observer_viscous) * (y[2] - y[1]) / T
+            for a in range(n):
+                late = servo.delay / T + servo.feedback_delay + servo.observer_lag[a] / T
+                for j, u in enumerate(reversed(told), 1):
+                    acted[a] -= pulse(j - late) * u[a]
+            raw.append(acted)
+            seen = np.array(raw)
+            out = np.zeros(n)
+            for a in range(n):
+                b, c = Q[a]
+                terms = sum(b[k] * seen[-1 - k, a] for k in range(min(3, len(seen))))
+                terms -= sum(c[k] * smoothed[-k][a] for k in range(1, min(3, len(smoothed) + 1)))
+                out[a] = terms
+            smoothed.append(out)
+            torque = torque - out
+        told.append(np.clip(torque, -np.array(servo.torque_limit), servo.torque_limit) - rub)
+        return torque
+
+    return law
+
+
+def pulse(age):
+    """Share in a second difference of a torque held for a period that began `age` periods ago (a quadratic B-spline)."""
+    x = abs(age - 1.5)
+    if x < 0.5:
+        return 0.75 - x**2
+    return 0.5 * (1.5 - x) ** 2 if x < 1.5 else 0.0
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["p-pi"],
+        ["pid", "friction"],
+        ["pid", "observer"],
+        ["pid", "contour"],
+        ["p-pi", "friction", "observer", "contour"],
+    ],
+    ids="+".join,
+)
+def test_the_tick_computes_the_laws(xy, names):
+    late = {"delay": 2.5e-4} if "observer" in names else {}
+    servo = Servo.derive(xy.axes, law=names, notch_frequency=0.0, integral_time=0.1, **late)
+    compiled = simulate(xy, servo, curve())
+    by_python = simulate(xy, servo, curve(), law=by_hand(servo, names))
+    assert compiled.fault is None
+    np.testing.assert_allclose(by_python.demand, compiled.demand, rtol=0, atol=SAME)
+    plain = simulate(xy, dataclasses.replace(Servo.derive(xy.axes, notch_frequency=0.0, integral_time=0.1)), curve())
+    assert np.abs(plain.demand - compiled.demand).max() > 1e-3
+
+
+def test_pid_alone_needs_no_entries(xy):
+    assert law_entries(Servo.derive(xy.axes), None) is None
+    assert law_entries(Servo.derive(xy.axes, law="pd"), None) is None
+
+
+def kicked(machine, servo, factor):
+    """Whether a kick grows where the motors give a multiple of their torque."""
+    strong = machine.perturbed(Perturbation(friction=1e-15, motor_constant=factor))
+    position = np.zeros((900, 2))
+    position[1:] = 1e-6
+    setpoints = dataclasses.replace(curve(), position=position, dispense=np.zeros(900, bool))
+    run = simulate(strong, servo, setpoints, physics_step=FINE)
+    error = np.abs(run.commanded - run.motor)
+    return run.fault is not None or np.any(error[-60:].max(axis=0) > error[400:460].max(axis=0))
+
+
+@pytest.mark.parametrize("law", ["p-pi", "observer"])
+def test_margins_are_those_of_the_loop_with_its_law(xy, law):
+    """The gain margin is where a kick begins to grow."""
+    given = {"law": law, "resolution": 0.0, "notch_frequency": 0.0, "frequency": 10.0, "integral_time": 0.01}
+    servo = Servo.derive(xy.axes, feedforward=0.0, **given)
+    if law == "observer":
+        servo = dataclasses.replace(servo, observer_bandwidth=(150.0, 150.0))
+    gain = min(margins.gain for margins in margins_of(xy, servo))
+    plain = Servo.derive(xy.axes, feedforward=0.0, **{**given, "law": "pid"})
+    assert gain < (1 - 1.5 * NEAR) * min(margins.gain for margins in margins_of(xy, plain))
+    assert not kicked(xy, servo, gain * (1 - NEAR))
+    assert kicked(xy, servo, gain * (1 + NEAR))
+
+
+def test_an_observer_takes_a_constant_disturbance_away_where_pd_does_not(rigid):
+    """Under a constant force F, here of a tilted machine, PD rests at F / kp."""
+
+    def tilt(spec):
+        spec.option.gravity = [0.5, 0, 0]
+
+    machine = rigid().edited(tilt)
+    force = 0.5 * 1e-3 * machine.axes[0].scale * machine.physics.body("carriage").mass[0]  # N·m at the motor, mm/rad
+    still = dataclasses.replace(curve(), position=np.zeros((900, 2)), dispense=np.zeros(900, bool))
+    ends = {}
+    for law in ("pd", ["pd", "observer"]):
+        servo = Servo.derive(machine.axes, law=law, resolution=0.0)
+        ends[str(law)] = simulate(machine, servo, still).encoder[-1, 0]
+    assert ends["pd"] == pytest.approx(force / servo.kp[0], rel=1e-3)
+    assert abs(ends["['pd', 'observer']"]) < 1e-4 * ends["pd"]
+
+
+def without_phase(values, bandwidth):
+    """Butterworth of second order, forwards and backwards over values at rest at both ends."""
+    padded = np.pad(values, ((600, 600), (0, 0)), "edge")
+    return filtfilt(*butter(2, 2 * PERIOD * bandwidth), padded, axis=0, padlen=0)[600:-600]
+
+
+@pytest.mark.parametrize("given", [{}, {"law": ["p-pi"], "delay": 5e-4, "feedback_delay": 1}, {"feedback": "load"}])
+def test_preview_makes_the_encoders_read_their_filtered_setpoints(frictionless, given):
+    law = [*given.get("law", []), "preview"]
+    given = {**given, "law": law, "preview_bandwidth": 40.0, "resolution": 0.0, "integral_time": 0.1}
+    servo = Servo.derive(frictionless.axes, **given)
+    setpoints = curve(0.2, size=0.4)
+    plain = simulate(frictionless, dataclasses.replace(servo, law=servo.law[:1], preview_bandwidth=()), setpoints)
+    run = simulate(frictionless, servo, setpoints, physics_step=FINE)
+    wanted = without_phase(setpoints.position, 40.0)
+    before = np.abs(plain.encoder - wanted).max()
+    assert np.abs(setpoints.position - wanted).max() > 4e-3
+    assert np.abs(run.encoder - wanted).max() < 0.1 * before
+    assert np.abs(run.encoder - wanted).max() < 5e-4
+
+
+def test_learning_takes_away_of_a_linear_machine_s_error_what_q_passes(frictionless):
+    """e after j repeats is (1 - Q)^j e before the first."""
+    servo = Servo.derive(
+        frictionless.axes, law="learning", feedforward=0.0, resolution=0.0, learning_bandwidth=30.0, learning_repeats=3
+    )
+    setpoints = curve(0.2, size=0.4)
+    from gantrysim.engine.advance import Stepper
+
+    traces = []
+
+    def run(simulations):
+        done = []
+        for one in simulations:
+            stepper = Stepper(one)
+            stepper.advance()
+            done.append(stepper.run)
+        return done
+
+    simulation = Simulation.of(frictionless, servo, setpoints, physics_step=FINE)
+    learnt([simulation], run, lambda _, __, error: traces.append(error))
+    assert len(traces) == 3
+    expected = traces[0]
+    for seen in traces[1:]:
+        expected = expected - without_phase(expected, 30.0)
+        np.testing.assert_allclose(seen, expected, atol=LINEAR * np.abs(traces[0]).max())
+    assert np.abs(traces[1]).max() < 0.2 * np.abs(traces[0]).max()
+
+
+def test_a_batch_learns_and_previews_as_runs_alone_do(xy):
+    servos = [
+        Servo.derive(xy.axes, law=law, learning_repeats=repeats)
+        for law, repeats in ((["learning", "friction"], 1), (["preview"], 1), (["pid"], 1), (["learning"], 2))
+    ]
+    told = []
+    runs = simulate_batch(xy, servos, curve(), progress=told.append)
+    for servo, run in zip(servos, runs, strict=True):
+        np.testing.assert_array_equal(run.encoder, simulate(xy, servo, curve()).encoder)
+    assert told[-1] <= 1
+    assert told == sorted(told)
+    shares = []
+    simulate(xy, servos[3], curve(), progress=shares.append)
+    assert shares[-1] == 1
+    assert shares == sorted(shares)
+
+
+def test_torques_sent_along_reach_the_demand_and_the_axis_they_are_of(xy):
+    given = np.zeros((len(curve().position), 2))
+    given[40:60, 1] = 0.01
+    servo = Servo.derive(xy.axes)
+    plain, fed = (simulate(xy, servo, dataclasses.replace(curve(), torque=torque)) for torque in (None, given))
+    np.testing.assert_array_equal(fed.demand[:40], plain.demand[:40])
+    np.testing.assert_allclose((fed.demand - plain.demand)[40], [0, 0.01], atol=1e-15)
+    swapped = dataclasses.replace(curve(), axes=("y", "x"), position=curve().position[:, ::-1], torque=given[:, ::-1])
+    np.testing.assert_array_equal(simulate(xy, servo, swapped).demand, fed.demand)
+    with pytest.raises(InputError, match="torques of shape"):
+        dataclasses.replace(curve(), torque=given[1:])
+
+
+def test_shaping_calms_the_load_at_its_own_mode(frictionless):
+    """What swings on after a short move, at a mode that the feedback from the motor does not damp."""
+    left = {}
+    setpoints = curve(0.06, 0.2, 0.05)
+    for law in ("pid", "zvd"):
+        servo = Servo.derive(frictionless.axes, law=law, resolution=0.0)
+        run = simulate(frictionless, servo, setpoints, physics_step=FINE)
+        swing = (run.nozzle[:, :2] - run.motor)[-195:]
+        left[law] = np.ptp(swing, axis=0).max()
+    assert servo.shaper_frequency[0] > 100
+    assert left["zvd"] < 0.5 * left["pid"]
+
+
+def test_friction_compensation_halves_the_peaks_and_learning_leaves_the_encoder_s_counts():
+    """On a job as it is: counts of 1 µm have an rms of 0.29 µm."""
+    rms, peak = {}, {}
+    for law in ("pd", "pid", "friction", "learning"):
+        job = Job.load("softmc-arc", [f'servo.law="{law}"'])
+        error = 1e3 * (lambda run: run.commanded - run.encoder)(job.run())
+        rms[law], peak[law] = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    assert rms["pd"] > 10 * rms["friction"]
+    assert peak["pid"] > 2 * peak["friction"]
+    assert rms["pid"] > 5 * rms["learning"]
+    assert 0.29 < rms["learning"] < 0.8

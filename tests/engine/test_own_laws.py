@@ -1,0 +1,135 @@
+"""A user's own law, in plain Python or compiled: alone, in batches, jobs, margins, studies, tuner and environment."""
+
+import dataclasses
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Job, Servo, simulate, simulate_batch
+from gantrysim.controllers.laws.user import resolved
+from gantrysim.stability.margins import margins_of
+
+from support import own_laws
+from support.runs import ramp
+
+SAME = 1e-10  # of two computations of one law
+HERE = Path(own_laws.__file__)
+FILE = f"{HERE}:compiled_pd"
+
+
+@pytest.fixture(scope="module")
+def pd(xy):
+    return Servo.derive(xy.axes, law="pd", notch_frequency=0.0)
+
+
+@pytest.mark.parametrize(
+    "law", [own_laws.pd, own_laws.compiled_pd, "support.own_laws:pd", "support.own_laws:compiled_pd", FILE], ids=str
+)
+def test_a_user_s_pd_is_pd(xy, pd, law):
+    own = dataclasses.replace(pd, law=(law,))
+    setpoints = ramp(50.0, 20.0)
+    reference = simulate(xy, pd, setpoints)
+    np.testing.assert_allclose(simulate(xy, own, setpoints).demand, reference.demand, rtol=0, atol=SAME)
+    for margins, known in zip(margins_of(xy, own), margins_of(xy, pd), strict=True):
+        assert margins.gain == pytest.approx(known.gain, rel=1e-6)
+        assert margins.phase == pytest.approx(known.phase, rel=1e-6)
+
+
+def test_runs_of_a_batch_have_each_their_own_state(xy, pd):
+    laws = [own_laws.pd, own_laws.compiled_pd, "pd", own_laws.pd]
+    servos = [
+        dataclasses.replace(pd, law=(law,), kp=tuple((1 + 0.1 * k) * g for g in pd.kp)) for k, law in enumerate(laws)
+    ]
+    setpoints = ramp(50.0, 10.0)
+    runs = simulate_batch(xy, servos, setpoints, threads=2)
+    for servo, run in zip(servos, runs, strict=True):
+        np.testing.assert_array_equal(run.encoder, simulate(xy, servo, setpoints).encoder)
+    alike = dataclasses.replace(servos[3], law=("pd",))
+    np.testing.assert_allclose(runs[3].demand, simulate(xy, alike, setpoints).demand, rtol=0, atol=SAME)
+
+
+def test_friction_is_added_to_a_user_s_law(xy, pd):
+    laws = ("pd", "friction"), (own_laws.compiled_pd, "friction")
+    servos = [Servo.derive(xy.axes, law=law, notch_frequency=0.0) for law in laws]
+    known, own = (simulate(xy, servo, ramp(50.0, 10.0)) for servo in servos)
+    np.testing.assert_allclose(own.demand, known.demand, rtol=0, atol=SAME)
+    assert np.abs(own.demand - simulate(xy, pd, ramp(50.0, 10.0)).demand).max() > 1e-3
+
+
+def test_margins_of_a_linear_law_are_exact(xy, pd):
+    """PID with a lag: its transfer function, written anew."""
+    servo = dataclasses.replace(pd, law=(own_laws.lagged_pid,))
+    z, T = np.exp(1j * np.linspace(0.01, np.pi, 30)), servo.period  # noqa: N806
+    for a, law in enumerate(servo.compensators()):
+        raw = servo.kp[a] * (1 + 20.0 * T / (1 - 1 / z)) + servo.kd[a] * (1 - 1 / z) / T
+        np.testing.assert_allclose(law.response(z), raw * 0.7 / (1 - 0.3 / z), rtol=1e-6)
+        assert len(law.A) <= 3
+
+
+@pytest.mark.parametrize("law", [own_laws.cubic, own_laws.coupled])
+def test_margins_of_others_are_unknown(xy, pd, law):
+    assert margins_of(xy, dataclasses.replace(pd, law=(law,))) is None
+
+
+def test_what_a_law_raises_reaches_the_caller_of_a_run_and_of_a_batch(xy, pd):
+    servo = dataclasses.replace(pd, law=(own_laws.broken,))
+    for work in (
+        lambda: simulate(xy, servo, ramp(50.0, 10.0)),
+        lambda: simulate_batch(xy, [pd, servo], ramp(50.0, 10.0)),
+    ):
+        with pytest.raises(ZeroDivisionError, match="gain of nothing"):
+            work()
+    assert simulate(xy, pd, ramp(50.0, 5.0)).fault is None  # nothing is left behind
+
+
+def test_a_torque_that_is_no_number_is_a_fault(xy, pd):
+    fault = simulate(xy, dataclasses.replace(pd, law=(own_laws.nothing,)), ramp(50.0, 5.0)).fault
+    assert fault.kind == "diverged"
+
+
+@pytest.mark.parametrize(
+    ("law", "text"),
+    [
+        ("no_such_module_at_all:pd", "no_such_module_at_all cannot be imported"),
+        ("support.own_laws:missing", "support.own_laws has no function 'missing'"),
+        ("support.own_laws:number", "has no function 'number'"),
+        ("/nowhere/laws.py:pd", "cannot be imported: FileNotFoundError"),
+        (own_laws.uncompilable, "does not compile with numba"),
+    ],
+)
+def test_a_law_that_cannot_be_had_is_one_line(xy, pd, law, text):
+    with pytest.raises(InputError) as caught:
+        simulate(xy, dataclasses.replace(pd, law=(law,)), ramp(50.0, 5.0))
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_does_not_fit_a_user_s_law_is_refused(xy):
+    for law in ([own_laws.pd, "preview"], [own_laws.pd, "learning"], ["support.own_laws:pd", "contour"]):
+        with pytest.raises(InputError, match="needs a base whose answer it knows"):
+            Servo.derive(xy.axes, law=law)
+    with pytest.raises(InputError, match="must have at most one of"):
+        Servo.derive(xy.axes, law=[own_laws.pd, "pid"])
+
+
+def test_a_job_names_its_law_by_a_file_beside_it(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(HERE.read_text())
+    text = Job.load("an225", ["turns=1"]).toml().replace('law = "pid"', 'law = ["mine.py:compiled_pd", "friction"]')
+    (tmp_path / "job.toml").write_text(text)
+    monkeypatch.chdir("/")
+    job = Job.load(tmp_path / "job.toml")
+    run = job.run()
+    assert run.fault is None
+    assert job.margins[0].stable
+    again = pickle.loads(pickle.dumps(job))
+    np.testing.assert_array_equal(again.run().demand, run.demand)
+    other = Job.load(tmp_path / "job.toml", ['servo.law=["pd", "friction"]', "integral_time=inf"])
+    assert job.digest != other.digest
+
+
+def test_names_stand_for_functions():
+    assert resolved("support.own_laws:pd") is own_laws.pd
+    assert resolved(own_laws.pd) is own_laws.pd
+    assert resolved(FILE) is resolved(FILE)

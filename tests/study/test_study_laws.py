@@ -1,0 +1,125 @@
+"""The study of laws, and laws of the ladder and of the user in studies, tuner and environment."""
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.study import Case, run_study
+from gantrysim.study.laws import LAWS, LawsStudy, laws_row, reversals
+from gantrysim.tuning import TuningStudy
+from gantrysim.tuning.servo import servo_toml
+
+from support import own_laws
+from support.tunings import circle
+
+FILE = f"{own_laws.__file__}:compiled_pd"
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory):
+    """A study of a small circle, which every axis reverses on."""
+    study = LawsStudy(circle(period=0.001), payload=0.3)
+    return study, run_study(study, tmp_path_factory.mktemp("laws") / "out", workers=1)
+
+
+def test_reversals_are_where_the_demand_turns():
+    x = np.array([0, 0, 1, 2, 2, 2, 1, 0, 1, 1, 2.0])
+    assert reversals(np.column_stack([x, 0 * x, -x])) == [(6, 0), (8, 0), (6, 2), (8, 2)]
+
+
+def test_the_ladder_gains_what_it_promises(studied):
+    _, outcome = studied
+    rows = {(row["law"], row["variation"]): row for row in outcome.rows}
+    assert all(row["status"] == "ok" for row in outcome.rows)
+
+    def value(law, name="following_rms_um", variation="nominal"):
+        return rows[law, variation][name]
+
+    assert value("pd") > 10 * value("pid+friction")
+    assert value("pid", "reversal_max_um") > 2 * value("pid+friction", "reversal_max_um")
+    exact = "exact encoder"
+    best = value("pid+friction+preview+learning", variation=exact)
+    assert value("pid+friction", variation=exact) > 5 * best
+    assert value("pid+friction", variation="friction") > 1.5 * value("pid+friction")
+    repeats = [row["following_rms_um"] for row in outcome.rows if row["variation"] == "repeats"]
+    assert repeats == sorted(repeats, reverse=True)
+    for law in ("pid+observer", "p-pi"):
+        assert value(law, "gain_margin") < value("pd", "gain_margin")
+
+
+def test_a_row_of_the_study_is_that_of_its_run(studied):
+    study, outcome = studied
+    row = next(row for row in outcome.rows if (row["law"], row["variation"]) == ("pid+friction", "nominal"))
+    run = study.job.changed(study.overrides(("pid", "friction"))).run()
+    error = 1e3 * (run.commanded - run.encoder)
+    assert row["following_rms_um"] == pytest.approx(np.sqrt((error**2).sum(axis=1).mean()), rel=1e-12)
+    speed = np.diff(run.commanded, axis=0)
+    assert row["reversals"] == sum(np.count_nonzero(np.diff(np.sign(v[v != 0]))) for v in speed.T)
+    assert 0 < row["reversal_max_um"] <= np.abs(error).max()
+
+
+def test_the_report_says_which_law_is_best_and_which_does_not_pay(studied):
+    study, outcome = studied
+    report = outcome.report
+    nominal = {row["law"]: row["following_rms_um"] for row in outcome.rows if row["variation"] == "nominal"}
+    best = min(nominal, key=nominal.get)
+    assert report.headline.startswith(f"Law {best} tracks best: ")
+    assert [row[0] for row in report.tables[0].rows] == ["+".join(law) for law in LAWS]
+    idle = [law for law in nominal if law not in ("pd", "pid") and nominal[law] >= 0.95 * nominal["pid"]]
+    said = next((note for note in report.notes if note.startswith("No gain of 5 % over pid in tracking")), ": .")
+    assert set(said.partition(": ")[2].rstrip(".").split(", ")) - {""} == set(idle)
+    assert {plot.name for plot in report.plots} == set(study.plots)
+
+
+def test_pd_leaves_out_what_the_job_gives_of_pid():
+    job = Job.load("softmc-arc", ["ki=[1.0, 1.0]", "velocity_ff=[0.1, 0.1]"])
+    servo = job.changed(LawsStudy(job).overrides(("pd",))).built_servo
+    assert not any((*servo.ki, *servo.velocity_ff))
+    with pytest.raises(InputError, match="payload"):
+        LawsStudy(job, payload=-1)
+
+
+def test_a_case_of_a_study_takes_a_user_s_law():
+    row = laws_row(Case.of(circle(), {"servo.law": [FILE, "friction"], "servo.notch_frequency": 0.0}))
+    same = laws_row(Case.of(circle(), {"servo.law": ["pd", "friction"], "servo.notch_frequency": 0.0}))
+    assert row["following_rms_um"] == pytest.approx(same["following_rms_um"], rel=1e-6)
+    assert row["gain_margin"] == pytest.approx(same["gain_margin"], rel=1e-6)
+
+
+@pytest.mark.parametrize("law", [["p-pi", "friction"], [FILE, "friction"]], ids=["p-pi", "user"])
+def test_the_tuner_tunes_a_law_and_writes_it(law, tmp_path):
+    study = TuningStudy(circle(law=law), budget=12, robust=0, unseen=1, law="pd" if FILE in law else "pid")
+    outcome = run_study(study, tmp_path / "out", workers=1)
+    assert outcome.rows
+    written = Job.load("an225", servo=tmp_path / "out" / "tuned.toml")
+    assert written.built_servo.law == tuple(law)
+    assert written.built_servo.friction_torque == circle(law=law).built_servo.friction_torque
+
+
+def test_a_servo_that_is_written_is_read_again(tmp_path):
+    job = Job.load("softmc-arc", ['law=["p-pi", "friction", "observer", "zv", "preview", "learning"]'])
+    (tmp_path / "tuned.toml").write_text(servo_toml(job, job.built_servo, []))
+    assert Job.load("softmc-arc", servo=tmp_path / "tuned.toml").built_servo == job.built_servo
+
+
+@pytest.mark.parametrize("law", [["pid", "friction", "preview"], [FILE]], ids=["ladder", "user"])
+def test_the_environment_runs_its_episodes_with_the_job_s_law(law):
+    def errors(own):
+        job = circle(law=own, notch_frequency=0.0)
+        env = gymnasium.make("gantrysim/SpiralTuning-v0", job=job, spread=None, detune=1.0)
+        env.reset(seed=1)
+        done = False
+        while not done:
+            *_, terminated, truncated, _ = env.step(np.zeros(env.action_space.shape, np.float32))
+            done = terminated or truncated
+        run = env.unwrapped.run
+        return run, run.demand
+
+    run, demand = errors(law)
+    assert run.fault is None
+    known = circle(law=["pd"] if FILE in law else law, notch_frequency=0.0)
+    np.testing.assert_allclose(demand, known.run().demand[: len(demand)], rtol=0, atol=1e-9)
+    assert dataclasses.is_dataclass(run)
