@@ -12,6 +12,7 @@ from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
 from .errors import GantryError as GantryError
 from .errors import InputError as InputError
+from .fault import Fault as Fault
 from .job.causes import Causes as Causes
 from .job.causes import causes_of as causes_of
 from .job.job import Job as Job
@@ -21,7 +22,6 @@ from .machine.machine import Machine as Machine
 from .machine.needle import Needle as Needle
 from .machine.syringe import Syringe as Syringe
 from .metrics.budget import Budget as Budget
-from .run import Fault as Fault
 from .run import Run as Run
 
 __version__: str

@@ -15,7 +15,8 @@ from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
-from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
+from gantrysim.metrics.budget import DESCRIPTIONS, Budget
+from gantrysim.metrics.parts import PartValues
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins
 

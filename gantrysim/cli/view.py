@@ -14,9 +14,9 @@ from gantrysim.errors import InputError, expanded, positive
 from gantrysim.signals import deferred
 
 if TYPE_CHECKING:
+    from gantrysim.fault import Fault
     from gantrysim.job.job import Job
     from gantrysim.render.scene import Scene
-    from gantrysim.run import Fault
     from gantrysim.view.push import Bodies
     from gantrysim.view.source import Source
 

@@ -12,13 +12,14 @@ from gantrysim.arrays import Floats, read_only
 from gantrysim.columns import FileTable, array_of, blocks
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.injection import faulted_flow, stretches
+from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault
 from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.memory import check_ticks
 from gantrysim.native.row import Log
-from gantrysim.run import Fault, Run
+from gantrysim.run import Run
 
 
 class LogBook:

@@ -23,6 +23,7 @@ from gantrysim.engine.laws import law_entries
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.errors import GantryError, InputError
+from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault, check_faults
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
@@ -42,7 +43,7 @@ from gantrysim.native.row import (
 )
 from gantrysim.native.tick import magic
 from gantrysim.native.user import CalledLaw
-from gantrysim.run import Fault, Run
+from gantrysim.run import Run
 
 _NO_GLUE = Dispenser()
 

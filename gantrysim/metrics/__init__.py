@@ -18,8 +18,9 @@ from gantrysim.metrics.analysis import (
     tracking_error,
     values,
 )
-from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget, BudgetValues, Part, PartValues, TurnValues
+from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
 from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace
+from gantrysim.metrics.parts import BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.positioning import Positioning
 from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.spacing import Spacing, spacing

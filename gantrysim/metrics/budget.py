@@ -26,7 +26,6 @@ of e(nozzle) is the distance from the path everywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Protocol
@@ -35,10 +34,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.controllers.paths.path import Projection
 from gantrysim.display import table_html
 from gantrysim.metrics.analysis import Analysis, ErrorSize
+from gantrysim.metrics.parts import BudgetValues, Part, PartValues, TurnValues, difference
 from gantrysim.metrics.spacing import one_way
 from gantrysim.run import Run
 
@@ -71,98 +71,6 @@ class RigidMachine(Protocol):
     def tip(self, position: ArrayLike) -> Floats:
         """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
         ...
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of the error normal to the requested path, at the ticks of an analysis.
-
-    Attributes:
-        lateral: along the path's left normal, (m,) [mm].
-        vertical: along the path's binormal, tangent x left normal; up on a level path, (m,) [mm].
-        beyond: along the tangent, where the nearest point is an end of the path or a corner, (m,) [mm].
-    """
-
-    lateral: Column[Floats] = Column()
-    vertical: Column[Floats] = Column()
-    beyond: Column[Floats] = Column()
-
-    @property
-    def size(self) -> Floats:
-        """Magnitude, (m,) [mm]."""
-        return np.sqrt(self.dot(self))
-
-    def at(self, rows: slice) -> Part:
-        """Return the part at some of the ticks."""
-        return Part(self.lateral[rows], self.vertical[rows], self.beyond[rows])
-
-    def __sub__(self, other: Part) -> Part:
-        return Part(self.lateral - other.lateral, self.vertical - other.vertical, self.beyond - other.beyond)
-
-    def dot(self, other: Part) -> Floats:
-        """Scalar product with another part, (m,) [mm²]."""
-
-        def product(block: slice) -> Floats:
-            a, b = self.at(block), other.at(block)
-            return a.lateral * b.lateral + a.vertical * b.vertical + a.beyond * b.beyond
-
-        return by_blocks(product, len(self.lateral))
-
-
-@dataclass(frozen=True)
-class PartValues:
-    """Size of a part of the error, and where it is largest.
-
-    Attributes:
-        rms: root mean square of its magnitude [mm].
-        p95: 95th percentile of its magnitude [mm].
-        max: largest magnitude [mm].
-        share: share of the contour error's mean square, <part.contour> / <contour.contour>. The links' shares add up to
-            1; a negative one offsets others; without an error all are 0.
-        s: arc length on the requested path at the largest magnitude [mm].
-        time: time of the largest magnitude [s].
-        point: point of the requested path there, (x, y, z) [mm].
-    """
-
-    rms: float
-    p95: float
-    max: float
-    share: float
-    s: float
-    time: float
-    point: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class TurnValues:
-    """The errors within one turn.
-
-    Attributes:
-        turn: number of the turn, from 1.
-        s: arc length on the requested path at its first and last tick [mm].
-        parts: size of every link's part, and of the whole as "contour" [mm].
-    """
-
-    turn: int
-    s: tuple[float, float]
-    parts: dict[str, ErrorSize]
-
-
-@dataclass(frozen=True)
-class BudgetValues:
-    """The values of a budget.
-
-    Attributes:
-        parts: the part of every link, in the order of the chain.
-        contour: the whole error normal to the path, the sum of the parts.
-        lag: lag of the nozzle behind the command along the path [mm].
-        turns: the errors within each turn, for a path of more than one.
-    """
-
-    parts: dict[str, PartValues]
-    contour: PartValues
-    lag: ErrorSize
-    turns: tuple[TurnValues, ...]
 
 
 class Budget:
@@ -216,7 +124,7 @@ class Budget:
         if GEOMETRY in names:
             chain.append(self.analysis.geometric)
         errors = [*(_normal(foot) for foot in chain), self.contour]
-        links = [errors[0], *(_difference(after, before) for before, after in pairwise(errors))]
+        links = [errors[0], *(difference(after, before) for before, after in pairwise(errors))]
         return dict(zip(names, links, strict=True))
 
     @property
@@ -322,8 +230,3 @@ class Budget:
 
 def _normal(foot: Projection) -> Part:
     return Part(*(vars(foot)[name] for name in ("lateral", "vertical", "beyond")))  # in a file where they are
-
-
-def _difference(after: Part, before: Part) -> Part:
-    rows = len(after.lateral)
-    return table_by_blocks((after.at(block) - before.at(block) for block in blocks(rows)), rows)

@@ -11,7 +11,8 @@ from gantrysim.bead import Bead, BeadValues
 from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
-from gantrysim.metrics.budget import DESCRIPTIONS, Budget, PartValues
+from gantrysim.metrics.budget import DESCRIPTIONS, Budget
+from gantrysim.metrics.parts import PartValues
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error

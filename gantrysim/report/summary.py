@@ -14,7 +14,8 @@ from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
-from gantrysim.metrics.budget import Budget, PartValues
+from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.parts import PartValues
 from gantrysim.report.causes import causes_summary
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins

@@ -10,7 +10,8 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.servo import Servo
-from gantrysim.metrics.budget import Budget, BudgetValues
+from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.parts import BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.search import RANKS, History, Phase

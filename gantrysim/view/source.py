@@ -13,7 +13,8 @@ from gantrysim.arrays import Floats
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import whole
-from gantrysim.run import Fault, Run
+from gantrysim.fault import Fault
+from gantrysim.run import Run
 
 _CHUNK = 100  # servo ticks between two checks of the clock
 _ROUNDING = 1e-6  # of a servo period

@@ -17,9 +17,9 @@ from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.cli.tables import outcome_table
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.fault import Fault
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.sections import bead_section
-from gantrysim.run import Fault
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, away_from_ends, laid, line, spiral, volume_of
 

@@ -16,10 +16,11 @@ from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.fault import Fault
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
-from gantrysim.run import Fault, Run
+from gantrysim.run import Run
 
 from support.jobs import job_run
 from support.runs import PERIOD, plain

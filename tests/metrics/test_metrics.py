@@ -17,6 +17,7 @@ from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.errors import InputError
+from gantrysim.fault import Fault
 from gantrysim.metrics import (
     Analysis,
     ErrorSize,
@@ -27,7 +28,7 @@ from gantrysim.metrics import (
     tracking_error,
     values,
 )
-from gantrysim.run import Fault, Run
+from gantrysim.run import Run
 
 from support.runs import archimedean
 

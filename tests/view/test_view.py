@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.errors import InputError
+from gantrysim.fault import Fault
 from gantrysim.render.strip import round_step
-from gantrysim.run import Fault
 from gantrysim.view.chart import Chart, lines, thinned
 from gantrysim.view.clock import FASTEST, SLOWEST, Clock, Pace
 from gantrysim.view.texts import LIVE_KEYS, REPLAY_KEYS, moment_texts, plain

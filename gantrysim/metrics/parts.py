@@ -1,0 +1,109 @@
+"""Parts of the error normal to a path, and their values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.metrics.analysis import ErrorSize
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the error normal to the requested path, at the ticks of an analysis.
+
+    Attributes:
+        lateral: along the path's left normal, (m,) [mm].
+        vertical: along the path's binormal, tangent x left normal; up on a level path, (m,) [mm].
+        beyond: along the tangent, where the nearest point is an end of the path or a corner, (m,) [mm].
+    """
+
+    lateral: Column[Floats] = Column()
+    vertical: Column[Floats] = Column()
+    beyond: Column[Floats] = Column()
+
+    @property
+    def size(self) -> Floats:
+        """Magnitude, (m,) [mm]."""
+        return np.sqrt(self.dot(self))
+
+    def at(self, rows: slice) -> Part:
+        """Return the part at some of the ticks."""
+        return Part(self.lateral[rows], self.vertical[rows], self.beyond[rows])
+
+    def __sub__(self, other: Part) -> Part:
+        return Part(self.lateral - other.lateral, self.vertical - other.vertical, self.beyond - other.beyond)
+
+    def dot(self, other: Part) -> Floats:
+        """Scalar product with another part, (m,) [mm²]."""
+
+        def product(block: slice) -> Floats:
+            a, b = self.at(block), other.at(block)
+            return a.lateral * b.lateral + a.vertical * b.vertical + a.beyond * b.beyond
+
+        return by_blocks(product, len(self.lateral))
+
+
+@dataclass(frozen=True)
+class PartValues:
+    """Size of a part of the error, and where it is largest.
+
+    Attributes:
+        rms: root mean square of its magnitude [mm].
+        p95: 95th percentile of its magnitude [mm].
+        max: largest magnitude [mm].
+        share: share of the contour error's mean square, <part.contour> / <contour.contour>. The links' shares add up to
+            1; a negative one offsets others; without an error all are 0.
+        s: arc length on the requested path at the largest magnitude [mm].
+        time: time of the largest magnitude [s].
+        point: point of the requested path there, (x, y, z) [mm].
+    """
+
+    rms: float
+    p95: float
+    max: float
+    share: float
+    s: float
+    time: float
+    point: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class TurnValues:
+    """The errors within one turn.
+
+    Attributes:
+        turn: number of the turn, from 1.
+        s: arc length on the requested path at its first and last tick [mm].
+        parts: size of every link's part, and of the whole as "contour" [mm].
+    """
+
+    turn: int
+    s: tuple[float, float]
+    parts: dict[str, ErrorSize]
+
+
+@dataclass(frozen=True)
+class BudgetValues:
+    """The values of a budget.
+
+    Attributes:
+        parts: the part of every link, in the order of the chain.
+        contour: the whole error normal to the path, the sum of the parts.
+        lag: lag of the nozzle behind the command along the path [mm].
+        turns: the errors within each turn, for a path of more than one.
+    """
+
+    parts: dict[str, PartValues]
+    contour: PartValues
+    lag: ErrorSize
+    turns: tuple[TurnValues, ...]
+
+
+def difference(after: Part, before: Part) -> Part:
+    """Return the difference of two parts, computed in blocks and kept as they are."""
+    rows = len(after.lateral)
+    return table_by_blocks((after.at(block) - before.at(block) for block in blocks(rows)), rows)

@@ -1,0 +1,168 @@
+"""The file of a record: what is written, and everything that is checked before it is believed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
+from gantrysim.arrays import read_only
+from gantrysim.columns import Stored, array_of, blocks
+from gantrysim.controllers.paths.path import Path
+from gantrysim.errors import InputError
+from gantrysim.fault import Fault
+from gantrysim.faults import fault_of
+
+_FORMAT = 7
+# arrays of older formats that are still read, by their names today; what they lack has its default
+_RENAMED: dict[int, dict[str, str]] = {4: {"asked": "flow_demand"}, 5: {}, 6: {}}
+_SINCE = {6: ("face", "needle_length"), 7: ("injected", "job_sha256", "machine_sha256")}
+_LAST_WITHOUT_CHECKSUM = 6
+_NUMBERS = ("period", "gap", "face", "needle_length")
+_TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")
+_LISTS = ("axes", "units")
+# columns of each array; None for one per axis, 0 for a vector
+_COLUMNS = {
+    **dict.fromkeys(("time", "flow", "flow_demand", "dispense"), 0),
+    **dict.fromkeys(("commanded_tip", "encoder_tip", "motor_tip", "nozzle"), 3),
+    **dict.fromkeys(("commanded", "encoder", "motor", "demand", "torque", "current", "voltage"), None),
+}
+_OPTIONAL = {"geometric_tip": 3}  # columns that a record may lack
+_NAN = ("current", "voltage")
+_LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
+
+
+def write_record(stream: BinaryIO, content: Mapping[str, Any]) -> None:
+    """Write the attributes of a record to a NumPy .npz file, with a SHA-256 of its content."""
+    arrays = {name: value for name, value in content.items() if name not in _OPTIONAL or value is not None}
+    path, fault = content["requested"], content["fault"]
+    parameters = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in path.parameters().items()}
+    arrays["requested"] = json.dumps({"kind": type(path).__name__, "parameters": parameters})
+    arrays["fault"] = json.dumps(asdict(fault) if fault else None)
+    arrays["injected"] = json.dumps([one.table() for one in content["injected"]])
+    write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
+
+
+def read_record(stream: BinaryIO) -> dict[str, Any]:
+    """Return the attributes of a record from its file, checked.
+
+    Raises:
+        InputError: it is no record in a format that is read, or a damaged one.
+    """
+    with open_archive(stream) as archive, np.errstate(all="ignore"):  # of damaged numbers, which are refused
+        return _content(archive)
+
+
+def _content(archive: Archive) -> dict[str, Any]:
+    """Return the attributes of a record, checked.
+
+    Raises:
+        InputError: there is something wrong with them.
+    """
+    written = _format(archive)
+    _check_members(archive.members, written)
+    raw = {name: archive.read(name) for name in sorted(archive.members.keys() - {"format", CHECKSUM})}
+    if written > _LAST_WITHOUT_CHECKSUM:
+        archive.check()
+    for old, new in _RENAMED.get(written, {}).items():
+        raw[new] = raw.pop(old)
+    content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS if name in raw}
+    content |= {name: str(raw.pop(name)) for name in _TEXTS if name in raw}
+    content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
+    from gantrysim.controllers.paths import arcs, chain, spirals  # noqa: F401  the kinds of path, for Path.build
+
+    path, fault = json.loads(content["requested"]), json.loads(content["fault"])
+    _check_values(content, raw)
+    content["requested"] = Path.build(path["kind"], path["parameters"])
+    length = content["requested"].length
+    if not 0 < length < np.inf:
+        raise InputError(f"requested has a length of {length:g} mm")
+    content["fault"] = None if fault is None else _fault(fault, content["axes"])
+    content["injected"] = tuple(fault_of(one) for one in json.loads(content.get("injected", "[]")))
+    return {**content, **{name: read_only(one) if isinstance(one, np.ndarray) else one for name, one in raw.items()}}
+
+
+def _format(archive: Archive) -> int:
+    member = archive.members.get("format")
+    if member is None or member.shape or member.dtype.kind != "i":
+        raise InputError("it has no format")
+    written = int(array_of(archive.read("format")))
+    if written != _FORMAT and written not in _RENAMED:
+        raise InputError(f"it is written in another format, {written}; run its job.toml again")
+    return written
+
+
+def _check_members(members: Mapping[str, Member], written: int) -> None:
+    """Check which members there are, their types and their shapes, from their headers alone."""
+    new = {new: old for old, new in _RENAMED.get(written, {}).items()}
+    rows = members["time"].shape if "time" in members else ()
+    axes = members["axes"].shape if "axes" in members else ()
+    if len(rows) != 1 or len(axes) != 1 or not rows[0] or not axes[0]:
+        raise InputError("its time or axes are missing")
+    expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ())}
+    for names, kind, shape in ((_NUMBERS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
+        expected |= dict.fromkeys(names, (kind, shape))
+    for name, width in (_COLUMNS | {name: width for name, width in _OPTIONAL.items() if name in members}).items():
+        columns = axes if width is None else (width,) if width else ()
+        expected[new.get(name, name)] = ("b" if name == "dispense" else "f", rows + columns)
+    if written > _LAST_WITHOUT_CHECKSUM:
+        expected[CHECKSUM] = ("U", ())
+    else:
+        expected = {name: kind for name, kind in expected.items() if name not in _SINCE[7]}
+    optional = _SINCE[6] if written < 6 else ()
+    for name in {**expected, **members}:
+        if name not in expected or (name not in members and name not in optional):
+            raise InputError(f"{name} is {'missing' if name in expected else 'no member of a record'}")
+        if name in members:
+            kind, own = expected[name]
+            found = members[name]
+            if found.dtype.kind != kind or found.shape != own or (kind == "f" and found.dtype.itemsize != 8):
+                raise InputError(f"{name} has the shape {found.shape} and type {found.dtype}, must have {own}, {kind}")
+
+
+def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any] | Stored]) -> None:
+    """Check that names can be printed, numbers are finite and times follow the period."""
+    for name in (*content["axes"], *content["units"], content["machine"]):
+        if not name or not name.isprintable():
+            raise InputError(f"{name!r} is no name")
+    if len(set(content["axes"])) < len(content["axes"]) or not set(content["units"]) <= {"mm", "deg"}:
+        raise InputError(f"axes {', '.join(content['axes'])} in {', '.join(content['units'])}")
+    for name in _NUMBERS:
+        number = content.get(name, 1.0)
+        if not np.isfinite(number) or (name != "gap" and number <= 0):
+            raise InputError(f"{name} = {number:g}")
+    time, period = array_of(columns["time"]), content["period"]
+    for rows in blocks(time.size):
+        expected = period * np.arange(rows.start, rows.stop)
+        if not np.allclose(time[rows], expected, rtol=1e-12, atol=1e-9 * period):
+            raise InputError(f"time is not that of ticks every {period:g} s")
+    if array_of(columns["dispense"]).view(np.uint8).max() > 1:
+        raise InputError("dispense has values other than true and false")
+    for name, column in columns.items():
+        values = array_of(column)
+        last = len(values) - (name in _LAST and content["fault"] != "null")
+        unknown = name in _NAN and np.isnan(values[0])  # of an axis whose motor is an ideal source of torque
+        wrong = 0
+        for rows in blocks(last):
+            finite = np.isfinite(values[rows]) | (unknown & np.isnan(values[rows]))
+            wrong += finite.size - np.count_nonzero(finite)
+        if wrong:
+            raise InputError(f"{name} has {wrong} values that are not finite")
+
+
+def _fault(content: Any, axes: Sequence[str]) -> Fault:
+    fault = Fault(**content)
+    texts, numbers = (fault.kind, fault.axis, fault.unit, fault.reaction), (fault.time, fault.value, fault.limit)
+    if (
+        fault.axis not in axes
+        or not all(isinstance(text, str) and text.isprintable() for text in texts)
+        or not all(type(number) in (int, float) for number in numbers)
+        or not np.isfinite(fault.time)
+    ):
+        raise InputError(f"fault = {content}")
+    return fault
