@@ -25,7 +25,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
         members = [a for a, own in enumerate(run.units) if own == unit]
         for a in members:
             panel.plot(*thinned(run.time, error[:, a]), color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
-        _clip(panel, run.time[on], error[on], members, THOUSANDTH[unit])
+        _clip(panel, analysis, error, members, THOUSANDTH[unit])
         panel.set(ylabel=f"following error [{THOUSANDTH[unit]}]")
         panel.set_title(f"{'Axes' if unit == 'mm' else 'Rotary axes'}: commanded minus encoder", loc="right")
         panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(members))
@@ -50,16 +50,20 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     return (*upper, lower)
 
 
-def _clip(axes: Axes, time: Floats, errors: Floats, members: list[int], unit: str) -> None:
-    """Scale the axis to the usual errors, and annotate the largest of these columns if that is beyond."""
-    error = errors[:, members]
-    largest = np.abs(error).max()
-    usual = 1.6 * float(np.percentile(np.abs(error).max(axis=1), 99.5))
-    if largest <= usual or usual == 0:
+def _clip(axes: Axes, analysis: Analysis, error: Floats, members: list[int], unit: str) -> None:
+    """Scale the axis to the usual errors while the dispenser is on, and annotate the largest if that is beyond."""
+    on = analysis.ticks
+    size = np.zeros(on.size)
+    for a in members:  # one after the other: a long run has room for no more
+        np.maximum(size, np.abs(error[on, a]), out=size)
+    usual = 1.6 * float(np.percentile(size, 99.5))
+    if size.max() <= usual or usual == 0:
         return
     axes.set_ylim(-usual, usual)
-    k, a = np.unravel_index(int(np.abs(error).argmax()), error.shape)
-    at = (time[k], np.sign(error[k, a]) * usual)
-    text = f"peak {error[k, a]:.0f} {unit} at {time[k]:.3f} s"
-    colour = AXIS_COLOURS[members[int(a)]]
+    k = on[size.argmax()]
+    worst = max(members, key=lambda a: abs(error[k, a]))
+    time, peak = analysis.run.time[k], error[k, worst]
+    at = (time, np.sign(peak) * usual)
+    text = f"peak {peak:.0f} {unit} at {time:.3f} s"
+    colour = AXIS_COLOURS[worst]
     axes.annotate(text, at, xytext=(8, -12 if at[1] > 0 else 6), textcoords="offset points", color=colour)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, cast
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.plots.style import INK, add_legend, axes_on, turn_colours
+from gantrysim.plots.style import INK, add_legend, axes_on, thinned, turn_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
 _MOST_NAMED = 5  # largest number of turns in a legend
+_MOST_LINES = 100  # that stay lines in a page
+_MOST_COLUMNS, _LEAST_COLUMNS = 20_000, 60  # horizontal resolution of all turns' lines, and of one
 
 
 def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the spacing over the angle within the turn; return the axes."""
     axes = axes_on(on)
     turns, requested = analysis.spacing, analysis.run.requested.turn_spacing
-    for k, chosen, colour, label in _by_turn(turns.turn):
-        axes.plot(360 * (turns.turn[chosen] - k), turns.distance[chosen], lw=1.2, color=colour, label=label)
+    for k, x, y, style in _by_turn(turns.turn, turns.turn, turns.distance):
+        axes.plot(360 * (x - k), y, **style)
     if requested is not None:
         axes.axhline(requested, color=INK, lw=1.0, ls="--", label=f"requested: {requested:g} mm")
     axes.set(xlabel="tangent angle within the turn [deg]", ylabel="spacing [mm]", title="Spacing of neighbouring turns")
@@ -46,8 +48,8 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
     requested = run.requested.turn_spacing
     heading = run.requested.heading(turns.s)
     outward = heading - 0.5 * np.pi * np.sign(heading[-1] - heading[0])
-    for _, chosen, colour, label in _by_turn(turns.turn):
-        axes.plot(outward[chosen], turns.distance[chosen], lw=1.2, color=colour, label=label)
+    for _, x, y, style in _by_turn(turns.turn, outward, turns.distance):
+        axes.plot(x, y, **style)
     shown = turns.distance
     if requested is not None:
         circle = np.linspace(0, 2 * np.pi, 181)
@@ -63,10 +65,15 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
     return axes
 
 
-def _by_turn(turn: Floats) -> Iterator[tuple[int, NDArray[np.bool_], str, str]]:
-    """Number, points, colour and label of every turn; a label "_" is not shown."""
+def _by_turn(turn: Floats, x: Floats, y: Floats) -> Iterator[tuple[int, Floats, Floats, dict[str, Any]]]:
+    """Number, points and style of the line of every turn; many turns become an image, with fewer points each."""
     number = np.floor(turn).astype(int)
-    present = np.unique(number)
-    step = -(-present.size // _MOST_NAMED)
-    for i, (k, colour) in enumerate(zip(present.tolist(), turn_colours(present.size), strict=True)):
-        yield k, number == k, colour, f"turn {k + 1} to {k + 2}" if i % step == 0 else "_"
+    begins = np.flatnonzero(np.diff(number, prepend=number[:1] - 1))
+    count = begins.size
+    step = -(-count // _MOST_NAMED)
+    stretches = pairwise([*begins.tolist(), number.size])
+    for i, ((begin, end), colour) in enumerate(zip(stretches, turn_colours(count), strict=True)):
+        k = int(number[begin])
+        label = f"turn {k + 1} to {k + 2}" if i % step == 0 else "_"  # that is not shown
+        line = thinned(x[begin:end], y[begin:end], max(_MOST_COLUMNS // count, _LEAST_COLUMNS))
+        yield k, *line, {"lw": 1.2, "color": colour, "label": label, "rasterized": count > _MOST_LINES}

@@ -107,9 +107,9 @@ def view_height(wide: float, high: float, width: float) -> float:
     return float(np.clip(0.85 * width * high / max(wide, 1e-9), 0.25 * width, 1.1 * width)) + 1.2
 
 
-def thinned(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def thinned(x: Floats, y: Floats, columns: int = _COLUMNS) -> tuple[Floats, Floats]:
     """Thin a line (m,) to the first, lowest, highest and last point of each of many columns; NaN remain as gaps."""
-    size = -(-x.size // _COLUMNS)
+    size = -(-x.size // columns)
     if size <= 4:
         return x, y
     rows = np.full((-(-x.size // size), size), np.nan)
