@@ -240,14 +240,18 @@ def one_run(xy, setpoints):
 
 
 @pytest.mark.parametrize("times", [40, pytest.param(1000, marks=pytest.mark.soak)])
-def test_many_runs_in_one_process_do_not_grow(xy, times):
+def test_many_runs_in_one_process_do_not_grow(xy, times, record_property):
+    record_property("attack", "runs in one process, none of which may leave memory")
+    record_property("tries", times)
     setpoints = MoveSpiral(60, 1, 10, 100).setpoints(1e-3)
     record = 250 * len(setpoints.position)  # of one run [B]
     assert grown(lambda: one_run(xy, setpoints), times) < 6 * record
 
 
 @pytest.mark.parametrize("times", [10, pytest.param(1000, marks=pytest.mark.soak)])
-def test_many_long_runs_in_one_process_leave_no_file_open(long, xy, times):
+def test_many_long_runs_in_one_process_leave_no_file_open(long, xy, times, record_property):
+    record_property("attack", "long runs in one process, none of which may leave a file open")
+    record_property("tries", times)
     setpoints = Setpoints.along(MoveSpiral(60, 1, 10, 100).requested, 100.0, 1e-3)
     assert len(setpoints.position) > memory.LONG
     one_run(xy, setpoints)
