@@ -13,7 +13,7 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.identify.model import AxisModel, innovations
 from gantrysim.identify.regression import in_motion, regression
-from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, WHITE, AxisFit, Estimate
+from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate
 from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
 
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
@@ -153,12 +153,17 @@ class _Best:
     cost: float
 
     def estimates(self) -> dict[str, Estimate]:
-        found = {
-            name: Estimate(float(getattr(self.model, name)), math.sqrt(self.covariance[k, k]))
+        both = [self.names.index(name) for name in ("coulomb", "excess")]
+        # what no sample depends on has no variance, but an interval without ends
+        variance = {
+            name: float(self.covariance[k, k]) if self.covariance[k, k] > 0 else math.inf
             for k, name in enumerate(self.names)
         }
-        both = [self.names.index(name) for name in ("coulomb", "excess")]
-        found["static"] = Estimate(self.model.static, math.sqrt(max(self.covariance[np.ix_(both, both)].sum(), 0)))
+        variance["static"] = max(float(self.covariance[np.ix_(both, both)].sum()), 0.0)
+        found = {}
+        for name, own in variance.items():
+            value = float(getattr(self.model, name))
+            found[name] = Estimate(value, math.hypot(math.sqrt(own), SYSTEMATIC.get(name, 0.0) * value))
         return {name: found[name] for name in PARAMETERS if name in found}
 
     def relative(self, name: str) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.identify.small import kalman_gain, sampled
-from gantrysim.jit import jit
+from gantrysim.jit import inner_jit, jit
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
@@ -256,6 +256,7 @@ def _predict(
     n = F.shape[0]
     out, x, y = np.empty(position.size), np.zeros(n), np.zeros(n)
     spring, z = coulomb / deflection, 0.0
+    most = (coulomb + excess) / spring  # stretch of the bristles that breaks away from rest
     for i in range(0, n, 2):
         x[i] = position[0]
     for tick in range(position.size):
@@ -263,19 +264,22 @@ def _predict(
         out[tick] = error
         for i in range(n):
             x[i] += gain[i] * error
-        z = min(max(z + gain[0] * error / scale, -deflection), deflection)
+        z = min(max(z + gain[0] * error / scale, -most), most)
         for j in range(torque.shape[1]):
             w = x[1] / scale
-            level = coulomb
-            if abs(w) < 5.0 * stribeck:
-                level += excess * math.exp(-((w / stribeck) ** 2))
-            rate = spring * abs(w) / level
-            end = level / spring * (1.0 if w > 0 else -1.0)
+            end, rate = _bristles(w, coulomb, excess, stribeck, spring)
             z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
-            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
             back = 0.0
             if gap > 0.0 and n == 4:
                 back = stiffness * min(max(x[0] - x[2], -0.5 * gap), 0.5 * gap)
+            # the speed in the middle of the step, from the force at its begin: bristle damping is strong at reversals
+            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
+            after = G[1, 0] * force + G[1, 1] * back
+            for k in range(n):
+                after += F[1, k] * x[k]
+            w = 0.5 * (w + after / scale)
+            _, rate = _bristles(w, coulomb, excess, stribeck, spring)
+            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
             for i in range(n):
                 total = G[i, 0] * force + G[i, 1] * back
                 for k in range(n):
@@ -284,3 +288,12 @@ def _predict(
             for i in range(n):
                 x[i] = y[i]
     return out
+
+
+@inner_jit
+def _bristles(w: float, coulomb: float, excess: float, stribeck: float, spring: float) -> tuple[float, float]:
+    """Return where the bristles' deflection tends to at a speed, and at which rate."""
+    level = coulomb
+    if abs(w) < 5.0 * stribeck:
+        level += excess * math.exp(-((w / stribeck) ** 2))
+    return level / spring * (1.0 if w > 0 else -1.0), spring * abs(w) / level
