@@ -47,7 +47,9 @@ def run(
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
     input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
+    from gantrysim import memory
     from gantrysim.job.causes import check_causes
+    from gantrysim.job.effort import computing_time, in_words
     from gantrysim.job.job import Job
     from gantrysim.job.losses import events
     from gantrysim.report.folder import output_folder, write_fault
@@ -65,6 +67,10 @@ def run(
     loaded.check_fit()
     if causes:
         check_causes(loaded)
+    ticks = loaded.setpoints.run_ticks
+    if ticks > memory.LONG:
+        took = in_words(computing_time(loaded))
+        say(f"{ticks:,} ticks: about {took} of computing, without {'causes and ' if causes else ''}video")
     folder = out if out is not None else Path("out") / loaded.name
     shown: list[Callable[[], None]] = []
     failed: list[str] = []

@@ -9,7 +9,7 @@ import typer
 
 from gantrysim import signals
 from gantrysim.cli.options import Model, Settings
-from gantrysim.cli.terminal import FAULT, count_bar, interruptible, say, show, warn
+from gantrysim.cli.terminal import FAULT, INCOMPLETE, count_bar, interruptible, say, show, warn
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -52,10 +52,11 @@ def _main() -> None:
 def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> Path:
     """Run a study with a progress bar, print its result and list the files written; return its folder.
 
-    Exit status 130 after Ctrl-C, with a hint on how to resume, and 3 if faults left no case with values.
+    Exit status 130 after Ctrl-C, with a hint on how to resume, 3 if faults left no case with values, and 1 if the
+    report failed, whose rows are kept.
     """
     from gantrysim.study.backends import on_backend
-    from gantrysim.study.run import NoValuesError, StudyInterrupted, run_study
+    from gantrysim.study.run import NoValuesError, StudyInterrupted, StudyReportError, run_study
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
     try:
@@ -73,6 +74,9 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
             text += "run the same command again to resume"
         warn(text)
         raise typer.Exit(signals.status()) from None
+    except StudyReportError as error:
+        warn(str(error), "error")
+        raise typer.Exit(INCOMPLETE) from None
     except NoValuesError as error:
         if not error.faulted:
             raise

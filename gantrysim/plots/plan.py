@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+_MOST_DRAWN = 200_000  # ticks of the nozzle's trace: 200 in each of a thousand turns
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
@@ -20,16 +21,29 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the requested path, and the nozzle's path with its error magnified; return the axes."""
     run = analysis.run
     axes = axes_on(on)
-    trace, offset, distance = run.nozzle[analysis.ticks], analysis.nozzle.offset, analysis.nozzle.distance
+    distance = analysis.nozzle.distance
     factor = _magnification(analysis)
-    drawn = trace + (factor - 1) * offset
+    ticks = analysis.ticks
+    worst = int(distance.argmax())
+    # of a long trace every n-th tick, the worst and the last
+    step = -(-ticks.size // _MOST_DRAWN)
+    kept = np.unique(np.append(np.arange(0, ticks.size, step), [worst, ticks.size - 1]))
+    trace = run.nozzle[ticks[kept]]
+    drawn = trace + (factor - 1) * analysis.nozzle.offset[kept]
     line = run.requested.position(np.linspace(0, run.requested.length, 4000))
     axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=1.0, label="requested path")
     label = f"nozzle, error × {factor}" if factor > 1 else "nozzle"
     axes.plot(drawn[:, 0], drawn[:, 1], color=COLOURS["contour"], lw=1.0, label=label)
-    worst = int(distance.argmax())
     worst_label = f"largest error: {UM * distance[worst]:.0f} µm"
-    axes.plot(*drawn[worst, :2], "v", ms=7, mfc="none", color=COLOURS["fault"], ls="none", label=worst_label)
+    axes.plot(
+        *drawn[np.searchsorted(kept, worst), :2],
+        "v",
+        ms=7,
+        mfc="none",
+        color=COLOURS["fault"],
+        ls="none",
+        label=worst_label,
+    )
     for k, mark, name in ((0, "o", "start"), (-1, "s", "end")):
         axes.plot(*trace[k, :2], mark, ms=5, color=INK)
         axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
@@ -47,8 +61,10 @@ def plan_extent(analysis: Analysis) -> tuple[float, float]:
 
 def _magnification(analysis: Analysis) -> int:
     """The largest factor that keeps the drawn error below a fifth of the spacing of turns, or 2 % of the extent."""
-    trace = analysis.run.nozzle[analysis.ticks]
     turns = analysis.spacing.distance
-    room = 0.2 * float(turns.mean()) if turns.size else 0.02 * float(np.ptp(trace[:, :2], axis=0).max())
+    if turns.size:
+        room = 0.2 * float(turns.mean())
+    else:
+        room = 0.02 * float(np.ptp(analysis.run.nozzle[analysis.ticks][:, :2], axis=0).max())
     usual = max(float(np.percentile(analysis.nozzle.distance, 99)), 1e-9)
     return max((factor for factor in _MAGNIFICATIONS if factor * usual <= room), default=1)

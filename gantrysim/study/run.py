@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from gantrysim.engine.simulate import simulate
-from gantrysim.errors import InputError
+from gantrysim.errors import GantryError, InputError, text_of
 from gantrysim.files import ReplacedError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -76,6 +76,16 @@ class StudyInterrupted(KeyboardInterrupt):
         self.done = done
 
 
+class StudyReportError(GantryError):
+    """The report of a study failed; its finished rows are kept in its folder."""
+
+    def __init__(self, why: str, done: int, folder: Path) -> None:
+        super().__init__(
+            f"no report: {why}; the rows of {done} finished cases are kept in {folder}/: the same command makes it of "
+            "them, once this is mended"
+        )
+
+
 def run_study(
     study: Study,
     folder: Path,
@@ -98,6 +108,7 @@ def run_study(
         NoValuesError: no case has values; nothing is written.
         WorkerError: as in `run_cases`; finished rows are kept.
         StudyInterrupted: by Ctrl-C; the same call resumes.
+        StudyReportError: report or plots cannot be made or written; finished rows are kept.
         ReplacedError: by Ctrl-C when all was written.
     """
     plots = (f"{PLOTS}/{name}.png" for name in study.plots)
@@ -136,10 +147,13 @@ def run_study(
                 except StopIteration:
                     break
             _check_values(rows)
-            report = study.report(rows)
-            with output.written(folder) as scratch:
-                _write(study, rows, report, scratch, identity)
-                written = sorted(item.name for item in scratch.iterdir())
+            try:
+                report = study.report(rows)
+                with output.written(folder) as scratch:
+                    _write(study, rows, report, scratch, identity)
+                    written = sorted(item.name for item in scratch.iterdir())
+            except Exception as error:
+                raise StudyReportError(text_of(error), len(ledger), folder) from error
         except (NoValuesError, ReplacedError):
             ledger.remove()
             raise

@@ -7,6 +7,9 @@ import tomllib
 import pytest
 
 import gantrysim.study
+from gantrysim.study.ledger import LEDGER
+
+from support.studies import spoken
 
 SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
 
@@ -139,3 +142,28 @@ def test_a_study_ended_by_faults_has_the_exit_status_of_a_fault(gantrysim_comman
     assert messages.startswith("fault: none of the study's 2 cases has values: fault: following error on axis")
     assert messages.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_report_that_fails_is_one_line_and_the_rows_are_kept(gantrysim_command, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    arguments = ("study", "circle", "--radius", 10, "--speed", 80, "--out", out, "--workers", 1)
+
+    def broken(*_, **__):
+        raise RuntimeError("no such\nbackend")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", broken)
+        status, printed, said = gantrysim_command(*arguments)
+    assert (status, printed) == (1, "")
+    lines = [line for line in said.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    assert "Traceback" not in said
+    told = " ".join(said.split())
+    assert "error: no report: RuntimeError: no such backend; the rows of " in told
+    assert f"finished cases are kept in {out}/" in told
+    assert [item.name for item in out.iterdir()] == [LEDGER]
+    rows = spoken(out)
+    status, _, said = gantrysim_command(*arguments)
+    assert status == 0
+    assert f"resumed with the rows of {rows} cases" in " ".join(said.split())
+    assert len((out / "study.csv").read_text().splitlines()) == 1 + rows
