@@ -52,7 +52,8 @@ def _main() -> None:
 def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> Path:
     """Run a study with a progress bar, print its result and list the files written; return its folder.
 
-    Exit status 130 after Ctrl-C, with a hint on how to resume, and 3 if faults left no case with values.
+    Exit status 130 after Ctrl-C, with a hint on how to resume, 3 if faults left no case with values, and 1 without the
+    report, if that failed.
     """
     from gantrysim.study.backends import on_backend
     from gantrysim.study.run import NoValuesError, StudyInterrupted, run_study

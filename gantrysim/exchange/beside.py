@@ -62,7 +62,12 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
             nozzle = CubicSpline(run.time, run.nozzle, axis=0)(at)
             nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
         nothing = np.full_like(chain["encoder"], np.nan)
-        columns: dict[str, Any] = {**chain, **dict.fromkeys(("demand", "torque", "current", "voltage"), nothing)}
+        # no trace tells errors of the geometry from structure
+        columns: dict[str, Any] = {
+            "geometric_tip": None,
+            **chain,
+            **dict.fromkeys(("demand", "torque", "current", "voltage"), nothing),
+        }
         records.append(
             replace(
                 run,
@@ -73,7 +78,6 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
                 commanded_tip=tips["commanded"],
                 encoder_tip=tips["encoder"],
                 motor_tip=tips["encoder"],
-                geometric_tip=None,  # no trace tells it from structure
                 nozzle=nozzle,
                 flow=run.flow[tick],
                 flow_demand=run.flow_demand[tick],

@@ -59,7 +59,7 @@ def _sections(found: Comparison, circle: Mapping[str, Mapping[str, Any]] | None)
     if circle is not None:
         keys = circle["measured"]
         rows = [[key, *(float(own[key]) for own in circle.values())] for key in keys]
-        heads = ["value", *(Column(name, ".2f") for name in circle)]
+        heads: list[str | Column] = ["value", *(Column(name, ".2f") for name in circle)]
         yield Section("Circular test", table=Table(heads, rows, "Values of gantrysim study circle"))
     if found.notes:
         yield Section("Notes", [f"{note[0].upper()}{note[1:]}." for note in found.notes])

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.identify.model import AxisModel, innovations
 from gantrysim.identify.regression import in_motion, regression
-from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, WHITE, AxisFit, Estimate
+from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate
 from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
 
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
@@ -22,11 +22,12 @@ _SHARES = (0.7, 1.0, 1.4)
 # in between, it is right to 3 % at a tenth of the rate, and to 40 % at four tenths.
 _HELD, _SAMPLED = 0.5, 0.1
 _DELAYS = 2  # samples
-_GAPS = np.geomspace(5, 2000, 16)  # grid of the start, in standard deviations of the counts
+_GAPS = np.geomspace(5, 2000, 48)  # grid of the start, in standard deviations of the counts
 _HIDDEN = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
 _CALM = 0.03  # torque noise of that start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
 _DIFFERENCE = 3e-4  # of the variables, for the slopes
+_COARSE = 3e-3  # the same with a gap, where contacts come and go
 _FEW = 6  # iterations of the start
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 _REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
@@ -124,9 +125,10 @@ def fit_axis(
         tried = [replace(one, gap=gap * size) for one in modes for gap in _GAPS]
         quiet = _CALM * float(np.std(torque))
         gapped = min(tried, key=lambda one: float(np.sum(residual(one, quiet) ** 2)))
-        other = _refined(gapped, quiet, [*_RIGID, *MODE, "gap"], residual, period, size, 2 * _FEW)
-        if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
-            best = other
+        if float(np.sum(residual(gapped, quiet) ** 2)) < best.cost:  # else another structure is missing
+            other = _refined(gapped, quiet, [*_RIGID, *MODE, "gap"], residual, period, size, 2 * _FEW, _COARSE)
+            if used.sum() * math.log(best.cost / other.cost) > _GAIN and other.relative("gap") < _UNSEEN:
+                best = other
     return AxisFit(
         axis,
         unit,
@@ -153,12 +155,17 @@ class _Best:
     cost: float
 
     def estimates(self) -> dict[str, Estimate]:
-        found = {
-            name: Estimate(float(getattr(self.model, name)), math.sqrt(self.covariance[k, k]))
+        both = [self.names.index(name) for name in ("coulomb", "excess")]
+        # what no sample depends on has no variance, but an interval without ends
+        variance = {
+            name: float(self.covariance[k, k]) if self.covariance[k, k] > 0 else math.inf
             for k, name in enumerate(self.names)
         }
-        both = [self.names.index(name) for name in ("coulomb", "excess")]
-        found["static"] = Estimate(self.model.static, math.sqrt(max(self.covariance[np.ix_(both, both)].sum(), 0)))
+        variance["static"] = max(float(self.covariance[np.ix_(both, both)].sum()), 0.0)
+        found = {}
+        for name, own in variance.items():
+            value = float(getattr(self.model, name))
+            found[name] = Estimate(value, math.hypot(math.sqrt(own), SYSTEMATIC.get(name, 0.0) * value))
         return {name: found[name] for name in PARAMETERS if name in found}
 
     def relative(self, name: str) -> float:
@@ -180,6 +187,7 @@ def _refined(
     period: float,
     size: float,
     evaluations: int = 30,
+    difference: float = _DIFFERENCE,
 ) -> _Best:
     """Return the minimum near a model."""
     units = np.array([_step(model, name, period, size) for name in names])
@@ -204,9 +212,17 @@ def _refined(
         elif name in MODE:
             low[k], high[k] = -_REACH, _REACH
     low[-1], high[-1] = -12.0, 12.0
+    begin = np.ones(len(names) + 1)
+    if "gap" in names:  # contacts come and go: a search along lines finds the valley, slopes its floor
+        along = minimize(
+            lambda at: float(np.sum(residual(*unpacked(at)) ** 2)), begin, method="Powell",
+            bounds=list(zip(1 + np.maximum(low, -5), 1 + np.minimum(high, 5), strict=True)),
+            options={"maxfev": 1200, "xtol": 1e-3, "ftol": 1e-4},
+        )  # fmt: skip
+        begin = np.clip(along.x, 1 + low + 1e-9, 1 + high - 1e-9)
     done = least_squares(
-        lambda at: residual(*unpacked(at)), np.ones(len(names) + 1), bounds=(1 + low, 1 + high), x_scale=0.05,
-        diff_step=_DIFFERENCE, xtol=1e-5, ftol=1e-8, max_nfev=evaluations,
+        lambda at: residual(*unpacked(at)), begin, bounds=(1 + low, 1 + high), x_scale=0.05,
+        diff_step=difference, xtol=1e-5, ftol=1e-8, max_nfev=evaluations,
     )  # fmt: skip
     best, found = unpacked(done.x)
     slopes = np.array([_slope(best, name, unit) for name, unit in zip(names, units, strict=True)])

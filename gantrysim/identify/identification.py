@@ -173,13 +173,15 @@ def verdict(fit: AxisFit, period: float) -> str:
     size = float(np.std(residual)) / fit.expected
     coloured = float(np.abs(correlation(residual)).max())
     text = f"{fit.axis}: the residual is {size:.1f} times that of the encoder's counts alone"
+    unit, factor = ("µm", 1e3) if fit.unit == "mm" else ("mdeg", 1e3)
+    backlash = f"backlash of about {factor * fit.model.gap:.2g} {unit}" if "gap" in fit.estimates else ""
     if fit.holds:
-        return f"{text} and white (correlation at most {coloured:.2f}): the structure of the model holds"
+        text += f" and white (correlation at most {coloured:.2f}): the structure of the model holds"
+        return f"{text}, with a {backlash}" if backlash else text
     frequency, power = spectrum(fit, period)
     text += f" and not white (correlation up to {coloured:.2f}): the structure of the model is wrong"
     if float(power.max()) > _PEAK * float(np.median(power)):
         text += f", most at {frequency[int(power.argmax())]:.0f} Hz"
-    if "gap" in fit.estimates:
-        unit, factor = ("µm", 1e3) if fit.unit == "mm" else ("mdeg", 1e3)
-        return f"{text}; backlash of about {factor * fit.model.gap:.2g} {unit} fits best"
+    if backlash:
+        return f"{text}; {backlash} fits best"
     return f"{text}; a second mode or another friction may be missing"

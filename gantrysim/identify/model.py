@@ -16,14 +16,14 @@ holds (L. Ljung, System Identification, 2nd ed., section 7.2).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.identify.small import kalman_gain, sampled
-from gantrysim.jit import jit
+from gantrysim.jit import inner_jit, jit
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
@@ -202,11 +202,18 @@ def innovations(model: AxisModel, noise: float, period: float, position: Floats,
     A, B, E = model.matrices()
     inputs = np.ascontiguousarray(np.stack([B, E], axis=1))
     F, G = sampled(A, inputs, period / count)
-    gain = kalman_gain(*sampled(A, inputs, period), noise)
+    gain = free = kalman_gain(*sampled(A, inputs, period), noise)
+    if model.gap > 0 and model.share:  # a motor that is free of its load tells nothing of it
+        alone = replace(
+            model, inertia=model.inertia * (1 - model.share), share=0.0, viscous=model.viscous + model.damping
+        )
+        A, B, E = alone.matrices()
+        inputs = np.ascontiguousarray(np.stack([B, E], axis=1))
+        free = np.concatenate([kalman_gain(*sampled(A, inputs, period), noise), np.zeros(2)])
     friction = (model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time)
     means = _effective(model, period, torque, count, held)
     return _predict(
-        position, means, F, G, gain, friction, model.scale, model.stiffness, model.gap,
+        position, means, F, G, gain, free, friction, model.scale, model.stiffness, model.gap,
         period / count,
     )  # fmt: skip
 
@@ -244,6 +251,7 @@ def _predict(
     F: Floats,
     G: Floats,
     gain: Floats,
+    free: Floats,
     friction: tuple[float, float, float, float, float],
     scale: float,
     stiffness: float,
@@ -256,26 +264,35 @@ def _predict(
     n = F.shape[0]
     out, x, y = np.empty(position.size), np.zeros(n), np.zeros(n)
     spring, z = coulomb / deflection, 0.0
+    most = (coulomb + excess) / spring  # stretch of the bristles that breaks away from rest
     for i in range(0, n, 2):
         x[i] = position[0]
     for tick in range(position.size):
         error = position[tick] - x[0]
         out[tick] = error
+        own = free if n == 4 and abs(x[0] - x[2]) < 0.5 * gap else gain
         for i in range(n):
-            x[i] += gain[i] * error
-        z = min(max(z + gain[0] * error / scale, -deflection), deflection)
+            x[i] += own[i] * error
+        z = min(max(z + own[0] * error / scale, -most), most)
         for j in range(torque.shape[1]):
             w = x[1] / scale
-            level = coulomb
-            if abs(w) < 5.0 * stribeck:
-                level += excess * math.exp(-((w / stribeck) ** 2))
-            rate = spring * abs(w) / level
-            end = level / spring * (1.0 if w > 0 else -1.0)
+            end, rate = _bristles(w, coulomb, excess, stribeck, spring)
             z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
-            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
             back = 0.0
             if gap > 0.0 and n == 4:
                 back = stiffness * min(max(x[0] - x[2], -0.5 * gap), 0.5 * gap)
+            # speed and stretch in the middle of the step, from the force at its begin: bristle damping is strong
+            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
+            for i in range(n):
+                total = G[i, 0] * force + G[i, 1] * back
+                for k in range(n):
+                    total += F[i, k] * x[k]
+                y[i] = total
+            w = 0.5 * (w + y[1] / scale)
+            if gap > 0.0 and n == 4:
+                back = stiffness * min(max(0.5 * (x[0] - x[2] + y[0] - y[2]), -0.5 * gap), 0.5 * gap)
+            _, rate = _bristles(w, coulomb, excess, stribeck, spring)
+            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
             for i in range(n):
                 total = G[i, 0] * force + G[i, 1] * back
                 for k in range(n):
@@ -284,3 +301,12 @@ def _predict(
             for i in range(n):
                 x[i] = y[i]
     return out
+
+
+@inner_jit
+def _bristles(w: float, coulomb: float, excess: float, stribeck: float, spring: float) -> tuple[float, float]:
+    """Return where the bristles' deflection tends to at a speed, and at which rate."""
+    level = coulomb
+    if abs(w) < 5.0 * stribeck:
+        level += excess * math.exp(-((w / stribeck) ** 2))
+    return level / spring * (1.0 if w > 0 else -1.0), spring * abs(w) / level

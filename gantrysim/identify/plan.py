@@ -22,9 +22,10 @@ _ACCELERATIONS = (0.25, 0.5, 1.0)  # of the strongest
 _SPEEDS = 6
 _FASTEST = 0.5  # of the speed limit
 _CRUISE = 0.3  # at a constant speed [s]
-_SHORT = np.geomspace(1.0, 0.02, 20)  # strokes at the strongest acceleration, of the longest of them
+_SHORT = 20  # strokes of a pass at the strongest acceleration
+_SHORTEST = 0.02  # of the longest of them
 _SHORT_TIME = 0.03  # of the longest of them [s]
-_PASSES = 3
+_PASSES = 8
 _BLOCK = 1e-3  # least stroke [u]
 
 
@@ -76,8 +77,9 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
         found.append((min(abs(room), speed * _CRUISE + ramps), speed, 0.25 * strongest))
     found += [(abs(room), fastest, share * strongest) for share in _ACCELERATIONS]
     longest = min(abs(room), strongest * _SHORT_TIME**2 / 4)
-    for _ in range(_PASSES):
-        found += [(longest * share, fastest, strongest) for share in _SHORT]
+    shares = np.geomspace(1.0, _SHORTEST, _SHORT * _PASSES)
+    for own in range(_PASSES):  # each with strokes of its own, so that counts of the encoder average out
+        found += [(longest * share, fastest, strongest) for share in shares[own::_PASSES]]
     return [
         Stroke(axis.name, math.copysign(max(_rounded(distance), _BLOCK), room), _rounded(speed), _rounded(acceleration))
         for distance, speed, acceleration in found

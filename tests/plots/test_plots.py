@@ -1,6 +1,7 @@
 """What the plots draw, line by line."""
 
 import copy
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.budget import stack_bars
 from gantrysim.plots.causes import draw_causes
 
+from support.jobs import job_run
 from support.runs import turn, turntable
 
 matplotlib.use("agg")
@@ -187,6 +189,34 @@ def test_where_the_dispenser_is_off_no_error_is_drawn(xy, circle):
     assert np.isnan(drawn[:, 1]).sum() == 1
     gap = int(np.flatnonzero(np.isnan(drawn[:, 1]))[0])
     assert drawn[gap + 1, 0] - drawn[gap - 1, 0] == pytest.approx(0.2 * 50.0, abs=0.2)
+
+
+def test_of_many_turns_and_ticks_fewer_points_are_drawn_and_the_extremes_are_among_them(analysis, monkeypatch):
+    monkeypatch.setattr("gantrysim.plots.spacing._MOST_LINES", 2)
+    monkeypatch.setattr("gantrysim.plots.spacing._MOST_COLUMNS", 40)
+    monkeypatch.setattr("gantrysim.plots.spacing._LEAST_COLUMNS", 10)
+    monkeypatch.setattr("gantrysim.plots.plan._MOST_POINTS", 500)
+    four = Analysis(job_run("an225"))
+    number = np.floor(four.spacing.turn)
+    turns = np.unique(number)
+    assert turns.size > 2
+    axes = plots.draw_spacing(Figure(), four)
+    own = [line for line in axes.get_lines() if not str(line.get_label()).startswith("requested")]
+    assert len(own) == turns.size
+    assert all(line.get_rasterized() for line in own)
+    for k, line in zip(turns, own, strict=True):
+        distance = four.spacing.distance[number == k]
+        assert len(line.get_ydata()) <= 60 < distance.size
+        assert (line.get_ydata().min(), line.get_ydata().max()) == (distance.min(), distance.max())
+    axes = plots.draw_plan(Figure(), analysis)
+    drawn = next(line for line in axes.get_lines() if str(line.get_label()).startswith("nozzle")).get_xydata()
+    assert 400 < len(drawn) < 600 < analysis.ticks.size
+    trace, worst = analysis.run.nozzle[analysis.ticks], int(analysis.nozzle.distance.argmax())
+    factor = int(re.search(r"× (\d+)", str(axes.get_lines()[1].get_label()))[1])
+    place = trace[worst, :2] + (factor - 1) * analysis.nozzle.offset[worst, :2]
+    assert np.abs(drawn - place).sum(axis=1).min() < 1e-12
+    for end in (0, -1):
+        assert drawn[end] == pytest.approx(trace[end, :2] + (factor - 1) * analysis.nozzle.offset[end, :2])
 
 
 def test_the_polar_view_has_every_turn_in_its_direction(analysis):
