@@ -163,6 +163,11 @@ class Run(Shown):
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
 
+    def with_digests(self, job_sha256: str, machine_sha256: str) -> Run:
+        """Return the record with these digests; the columns of a long one stay in their file."""
+        own = {f.name: vars(self)[f.name] for f in fields(self)}
+        return type(self)(**{**own, "job_sha256": job_sha256, "machine_sha256": machine_sha256})
+
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick, see `gantrysim.named_columns`; `attrs` describe the run.
 

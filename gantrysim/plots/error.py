@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, tracking_error
@@ -25,7 +26,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
         members = [a for a, own in enumerate(run.units) if own == unit]
         for a in members:
             panel.plot(*thinned(run.time, error[:, a]), color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
-        _clip(panel, run.time[on], error[on], members, THOUSANDTH[unit])
+        _clip(panel, run.time, error, on, members, THOUSANDTH[unit])
         panel.set(ylabel=f"following error [{THOUSANDTH[unit]}]")
         panel.set_title(f"{'Axes' if unit == 'mm' else 'Rotary axes'}: commanded minus encoder", loc="right")
         panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(members))
@@ -50,16 +51,27 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     return (*upper, lower)
 
 
-def _clip(axes: Axes, time: Floats, errors: Floats, members: list[int], unit: str) -> None:
-    """Scale the axis to the usual errors, and annotate the largest of these columns if that is beyond."""
-    error = errors[:, members]
-    largest = np.abs(error).max()
-    usual = 1.6 * float(np.percentile(np.abs(error).max(axis=1), 99.5))
+def _clip(axes: Axes, time: Floats, error: Floats, on: NDArray[np.intp], members: list[int], unit: str) -> None:
+    """Scale the axis to the usual errors, and annotate the largest of these columns if that is beyond.
+
+    Args:
+        axes: to scale.
+        time: (n,) [s].
+        error: (n, axes).
+        on: ticks that count.
+        members: columns that count.
+        unit: of the errors.
+    """
+    size = np.zeros(on.size)
+    for a in members:
+        np.maximum(size, np.abs(error[on, a]), out=size)
+    largest, usual = float(size.max()), 1.6 * float(np.percentile(size, 99.5))
     if largest <= usual or usual == 0:
         return
     axes.set_ylim(-usual, usual)
-    k, a = np.unravel_index(int(np.abs(error).argmax()), error.shape)
+    k = int(on[size.argmax()])
+    a = members[int(np.abs(error[k, members]).argmax())]
     at = (time[k], np.sign(error[k, a]) * usual)
     text = f"peak {error[k, a]:.0f} {unit} at {time[k]:.3f} s"
-    colour = AXIS_COLOURS[members[int(a)]]
+    colour = AXIS_COLOURS[a]
     axes.annotate(text, at, xytext=(8, -12 if at[1] > 0 else 6), textcoords="offset points", color=colour)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,6 @@ def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:
 
 def _write(folder: Path, job: Job, run: Run, content: dict[str, Any]) -> None:
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
-    digests = {"job_sha256": job.digest, "machine_sha256": content["versions"]["machine_sha256"]}
-    replace(run, **digests).save(folder / RUN)
+    run.with_digests(job.digest, content["versions"]["machine_sha256"]).save(folder / RUN)
     (folder / SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     job.controller.write_record(run, folder / RECORD)
