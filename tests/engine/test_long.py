@@ -26,6 +26,7 @@ from gantrysim.machine.needle import Needle
 from gantrysim.machine.syringe import Syringe
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.report.folder import write_run
 from gantrysim.report.summary import summary
 
 from support.memories import open_files, resident
@@ -95,6 +96,19 @@ def test_a_long_record_is_saved_and_loaded_to_the_last_bit(long, tmp_path):
     for name, value in vars(run).items():
         if isinstance(value, Stored):
             np.testing.assert_array_equal(getattr(again, name), getattr(run, name), name)
+
+
+def test_a_folder_gets_a_long_record_without_loading_it(long, tmp_path, monkeypatch):
+    job = Job.load("an225", ["turns=1"])
+    run, saved, save = job.run(), [], Run.save
+    monkeypatch.setattr(Run, "save", lambda run, file: saved.append(run) or save(run, file))
+    write_run(tmp_path, job, job.built_machine, Budget(run))
+    (record,) = saved
+    assert sum(isinstance(value, Stored) for value in vars(record).values()) > 10
+    assert not any(isinstance(value, np.ndarray) and len(value) == len(run.time) for value in vars(record).values())
+    again = Run.load(tmp_path / "run.npz")
+    assert (again.job_sha256, again.machine_sha256) == (job.digest, job.built_machine.digest)
+    np.testing.assert_array_equal(again.nozzle, run.nozzle)
 
 
 def test_a_long_record_is_read_only_and_a_simulation_can_be_run_again(long, xy):
