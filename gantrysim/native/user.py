@@ -51,8 +51,8 @@ class CalledLaw:
                 return
             try:
                 # in a batch, the state lies elsewhere at every step
-                memory = (ctypes.c_char * ROW.itemsize).from_address(userdata)
-                row = np.frombuffer(memory, ROW)[0]
+                memory = memoryview((ctypes.c_char * ROW.itemsize).from_address(userdata))
+                row = np.ndarray(1, ROW, memory)[0]
                 n, period = int(row["axes"]), float(row["period"])
                 given = [row[name][:n] for name in _GIVEN]
                 law(UserTick(n, float(row["tick"]) * period, period, *given), state, row["torque"][:n])

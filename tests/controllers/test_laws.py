@@ -1,6 +1,9 @@
 """The ladder of laws, against closed forms and independent computation; no simulation."""
 
+# ruff: noqa: N806 - numbers bear the letters of the laws
+
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -137,7 +140,7 @@ def test_a_torque_that_is_late_moves_an_inertia_by_its_taps(lag):
     at = np.unique(np.concatenate([np.arange(40) + lag, np.arange(0, 40.0)]))
     x = v = 0.0
     seen = {}
-    for begin, end in zip(at[:-1], at[1:], strict=True):
+    for begin, end in itertools.pairwise(at):
         if begin == int(begin):
             seen[int(begin)] = x
         k = math.floor(begin - lag + 1e-9)

@@ -1,5 +1,7 @@
 """The ladder of laws in the servo tick: against laws in plain Python, linear theory, and one another."""
 
+# ruff: noqa: N806 - numbers bear the letters of the laws
+
 import dataclasses
 import math
 
@@ -105,7 +107,7 @@ def by_hand(servo, names):
 
 
 def pulse(age):
-    """Share in a second difference of a torque held for a period that began `age` periods ago (a quadratic B-spline)."""
+    """Share in a second difference of a torque held for a period that began `age` periods ago (quadratic B-spline)."""
     x = abs(age - 1.5)
     if x < 0.5:
         return 0.75 - x**2

@@ -39,9 +39,9 @@ def report(study: LawsStudy, rows: list[Row]) -> Report:
     pd = nominal[_PD]
     best = min(nominal, key=lambda law: _value(nominal[law], "following_rms_um"))
     least = _value(nominal[best], "following_rms_um")
+    of_pd = _value(pd, "following_rms_um")
     headline = (
-        f"Law {best} tracks best: {least:.3g} µm rms, {_value(pd, 'following_rms_um') / least:.3g} times better than PD "
-        f"at {_value(pd, 'following_rms_um'):.3g} µm."
+        f"Law {best} tracks best: {least:.3g} µm rms, {of_pd / least:.3g} times better than PD at {of_pd:.3g} µm."
     )
     plots = [
         Plot(
@@ -69,8 +69,10 @@ def report(study: LawsStudy, rows: list[Row]) -> Report:
                 _draw_repeats(repeats, chosen(rows, EXACT)),
             )
         )
-    failed = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
-    return Report(headline, [_table(nominal), _variations(study, rows)], [*_paying(nominal), _LEFT_OUT, *failed], plots)
+    missing = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
+    return Report(
+        headline, [_table(nominal), _variations(study, rows)], [*_paying(nominal), _LEFT_OUT, *missing], plots
+    )
 
 
 def _value(row: Row, name: str) -> float:
