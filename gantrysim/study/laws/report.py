@@ -16,7 +16,7 @@ from gantrysim.study.study import Plot, Report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_PAYS = 0.95  # of PID's value: what a law must come below to pay
+_PAYS = 0.95  # of the value without it: what a law must come below to pay
 _PD, _PID = "pd", "pid"
 _SHOWN = {"following_rms_um": "tracking", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
 _VALUES = {
@@ -81,16 +81,20 @@ def _value(row: Row, name: str) -> float:
 
 
 def _paying(nominal: dict[str, Row]) -> list[str]:
-    """Return for each value which laws do not bring it below PID's."""
-    if _PID not in nominal:
-        return []
+    """Return for each value which laws do not bring it below that of the law without their last addition."""
+    without = {law: nominal[before] for law in nominal if (before := _without(law)) in nominal}
     notes = []
     for name, words in _SHOWN.items():
-        own = _value(nominal[_PID], name)
-        idle = [law for law, row in nominal.items() if law not in (_PD, _PID) and not _value(row, name) < _PAYS * own]
+        idle = [law for law, row in without.items() if not _value(nominal[law], name) < _PAYS * _value(row, name)]
         if idle:
-            notes.append(f"No gain of 5 % over pid in {words}: {', '.join(idle)}.")
+            notes.append(f"The last addition gains less than 5 % in {words}: {', '.join(idle)}.")
     return notes
+
+
+def _without(law: str) -> str:
+    """Return a law without its last addition: PID before other bases, PD before PID."""
+    before, _, last = law.rpartition("+")
+    return before or (_PD if last == _PID else _PID)
 
 
 def _table(nominal: dict[str, Row]) -> Table:
