@@ -92,9 +92,9 @@ def _paying(nominal: dict[str, Row]) -> list[str]:
 
 
 def _without(law: str) -> str:
-    """Return a law without its last addition: PID before other bases, PD before PID."""
+    """Return a law without its last addition: PID before P-PI, PD before PID, nothing before PD."""
     before, _, last = law.rpartition("+")
-    return before or (_PD if last == _PID else _PID)
+    return before or {_PD: "", _PID: _PD}.get(last, _PID)
 
 
 def _table(nominal: dict[str, Row]) -> Table:
