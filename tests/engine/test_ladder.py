@@ -232,6 +232,63 @@ def test_learning_takes_away_of_a_linear_machine_s_error_what_q_passes(frictionl
     assert np.abs(traces[1]).max() < 0.2 * np.abs(traces[0]).max()
 
 
+def strong(servo, factor):
+    """The servo with a model of motors that are weaker by a factor than the machine's."""
+    weak = tuple(dataclasses.replace(motion, B=motion.B / factor) for motion in servo.motions)
+    return dataclasses.replace(servo, motions=weak)
+
+
+def test_learning_with_a_wrong_model_ends_no_worse_than_it_begins(frictionless):
+    """With a model four times too weak every step is four times too large: the error would grow threefold a repeat."""
+    given = {"law": "learning", "feedforward": 0.0, "learning_repeats": 6, "torque_limit": 1e3}
+    servo = strong(Servo.derive(frictionless.axes, **given), 4.0)
+    plain = simulate(
+        frictionless, dataclasses.replace(servo, law=("pid",), learning_bandwidth=()), curve(0.2, size=0.4)
+    )
+    run = simulate(frictionless, servo, curve(0.2, size=0.4))
+    before, after = (np.sqrt(np.mean((one.commanded - one.encoder) ** 2)) for one in (plain, run))
+    assert run.fault is None
+    assert after < before
+
+
+def test_a_fault_in_the_first_run_leaves_nothing_to_learn(xy):
+    servo = Servo.derive(xy.axes, law="learning", following_error_limit=1e-3)
+    run = simulate(xy, servo, curve())
+    assert run.fault.kind == "following error"
+    alone, other = simulate_batch(xy, [servo, Servo.derive(xy.axes, law="learning", learning_repeats=1)], curve())
+    assert alone.fault.time == run.fault.time
+    assert other.fault is None
+
+
+def test_a_run_that_is_too_long_to_learn_from_is_refused(xy, monkeypatch):
+    monkeypatch.setattr("gantrysim.memory.LONG", 100)
+    monkeypatch.setattr("gantrysim.engine.advance._MOST_STEPS", 100)
+    with pytest.raises(
+        InputError, match=r"law 'learning' over .* servo ticks: must be a run whose log fits into memory"
+    ):
+        simulate(xy, Servo.derive(xy.axes, law="learning"), curve())
+    preview = Servo.derive(xy.axes, law=["preview", "friction", "observer"])
+    long = simulate(xy, preview, curve())
+    monkeypatch.undo()
+    np.testing.assert_array_equal(long.demand, simulate(xy, preview, curve()).demand)
+
+
+def test_laws_on_a_closed_chain_and_at_gates():
+    """Learning by a model about zero halves the error of a delta robot; a shaped stream waits at its gates."""
+    errors = {}
+    for law in ("friction", '["friction", "learning"]'):
+        run = Job.load("delta-arc", [f"servo.law={law if '[' in law else repr(law)}", "learning_repeats=2"]).run()
+        errors[law] = np.sqrt(np.mean((run.commanded - run.encoder) ** 2))
+    assert errors['["friction", "learning"]'] < 0.5 * errors["friction"]
+    with pytest.raises(InputError, match="its axes are not coordinates of its nozzle"):
+        Job.load("delta-arc", ["servo.law='contour'"]).run()
+    job = Job.load("softmc-helical", ["servo.law='zvd'", "shaper_frequency=60.0"])
+    assert job.setpoints.gates.size == 8
+    run = job.run()
+    assert run.fault is None
+    np.testing.assert_allclose(run.commanded[-1], Job.load("softmc-helical").follow().commanded[-1], atol=1e-9)
+
+
 def test_a_batch_learns_and_previews_as_runs_alone_do(xy):
     servos = [
         Servo.derive(xy.axes, law=law, learning_repeats=repeats)

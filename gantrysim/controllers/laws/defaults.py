@@ -12,7 +12,7 @@ from gantrysim.controllers.laws.user import LawName
 OBSERVER_SHARE = 0.5  # of the natural frequency, the observer's cut-off
 CONTOUR_GAIN = 1.0
 PREVIEW_SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
-LEARNING_SHARE = 4.0  # times the natural frequency, the cut-off of the learning
+LEARNING_SHARE = 2.0  # times the natural frequency, the cut-off of the learning
 
 
 class Moved(Protocol):
