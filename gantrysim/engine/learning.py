@@ -34,48 +34,47 @@ class _Pupil:
     """What a simulation has learnt.
 
     Attributes:
-        best: the simulation with the torques of the least error.
+        next: the simulation to run next.
         inverse: of its nominal machine.
-        error: the least error, its rms; inf before the first run.
-        change: of the torques, from the best to the next, (n, axes) [N·m].
+        best: the run of the least error.
+        error: that error, its rms; inf before the first run.
+        change: of the torques from the best run to the next, (n, axes) [N·m].
         step: share of the change that is made; 1 as long as every repeat is better than all before.
     """
 
-    best: Simulation
+    next: Simulation
     inverse: Inverse
+    best: Started | None = None
     error: float = math.inf
     change: Floats | None = None
     step: float = 1.0
-
-    @property
-    def next(self) -> Simulation:
-        """The simulation of the next repeat."""
-        if self.change is None:
-            return self.best
-        change = self.step * self.change
-        torque = change if self.best.torque is None else self.best.torque + change
-        return self.best.with_torque(np.ascontiguousarray(torque))
 
     def learn(self, run: Started) -> Floats:
         """Learn from a run of `next`; return its following error, (n, axes)."""
         error = following_error(run)
         rms = math.inf if run.fault is not None else float(np.sqrt(np.mean(error**2)))
         if rms < self.error:
-            self.best, self.error, self.change = run.simulation, rms, self.inverse.learnt(error)
+            self.best, self.error, self.change = run, rms, self.inverse.learnt(error)
         else:
             self.step *= 0.5
+            self.best = self.best or run
+        if self.change is not None:
+            best = self.best.simulation
+            torque = self.step * self.change if best.torque is None else best.torque + self.step * self.change
+            self.next = best.with_torque(np.ascontiguousarray(torque))
         return error
 
 
-def learnt(
+def run_and_learn(
     simulations: Sequence[Simulation],
     run: Callable[[list[Simulation]], Sequence[Started]],
     trace: Callable[[int, int, Floats], None] | None = None,
-) -> list[Simulation]:
-    """Return simulations with the torques that those of the law learning have learnt, others unchanged.
+) -> list[Started]:
+    """Return the runs of simulations, those of the law learning after their repeats.
 
-    A repeat that is worse than the best so far, or ends in a fault, is not learnt from: the next one makes half the
-    step from the best, and the best is what is returned. A first run that ends in a fault leaves nothing to learn.
+    A simulation that learns is run once more than it has repeats to learn from, and the best of these runs is its own.
+    After a run that is worse than the best so far, or ends in a fault, the next makes half the step from the best. A
+    first run that ends in a fault leaves nothing to learn.
 
     Args:
         simulations: to be run.
@@ -86,17 +85,18 @@ def learnt(
         InputError: a run too long to be learnt from.
     """
     pupils = {k: _Pupil(one, Inverse(one.servo)) for k, one in enumerate(simulations) if LEARNING in one.servo.law}
-    for repeat in range(max((one.best.servo.learning_repeats for one in pupils.values()), default=0)):
-        learning = [
-            k
-            for k, one in pupils.items()
-            if repeat < one.best.servo.learning_repeats and (one.change is not None or not repeat)
-        ]
-        if not learning:
-            break
-        for k, done in zip(learning, run([pupils[k].next for k in learning]), strict=True):
-            error = pupils[k].learn(done)
+    others = [k for k in range(len(simulations)) if k not in pupils]
+    done = dict(zip(others, run([simulations[k] for k in others]), strict=True)) if others else {}
+    repeat = 0
+    while learning := [
+        k
+        for k, one in pupils.items()
+        if repeat <= one.next.servo.learning_repeats and (one.change is not None or not repeat)
+    ]:
+        for k, own in zip(learning, run([pupils[k].next for k in learning]), strict=True):
+            error = pupils[k].learn(own)
             if trace is not None:
                 trace(k, repeat, error)
-    ends = {k: one.best if one.step < 1 else one.next for k, one in pupils.items()}
-    return [ends.get(k, one) for k, one in enumerate(simulations)]
+        repeat += 1
+    best = {k: one.best for k, one in pupils.items() if one.best is not None}
+    return [(done | best)[k] for k in range(len(simulations))]
