@@ -43,6 +43,7 @@ def test_names_come_in_one_order_whatever_order_they_are_given_in():
         (["pd", "pid"], "must have at most one of pd, pid, p-pi"),
         (["zv", "zvd"], "must have at most one of zv, zvd"),
         (["friction", "friction"], "must name each law once"),
+        ([["pid"]], "unknown law"),
         ([], None),
     ],
 )

@@ -153,7 +153,7 @@ def law_names(given: LawName | Sequence[LawName]) -> tuple[LawName, ...]:
 
 def is_own(law: LawName) -> bool:
     """Return whether a law is a user's own."""
-    return not isinstance(law, str) or ":" in law
+    return ":" in law if isinstance(law, str) else callable(law)
 
 
 def words(names: Sequence[LawName]) -> str:
