@@ -49,7 +49,7 @@ LAW_PARAMETERS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class LawParameters:
     """The laws of a servo and their parameters, one value per axis.
 
