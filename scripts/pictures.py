@@ -12,6 +12,7 @@ from gantrysim import Bead, Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots import save_plots
 from gantrysim.render import Film, Renderer, Take
+from gantrysim.study.laws import LawsStudy
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.run import run_study
 from gantrysim.tuning import TuningStudy
@@ -100,6 +101,7 @@ with Film([Take(job.built_machine, job.run(), PLOTTED, job.bead)], size=ANIMATED
 
 for study, plot, picture_name in (
     (LoopStudy(Job.load(PLOTTED)), "loop_period", "study-loop"),
+    (LawsStudy(Job.load("softmc-arc")), "ladder", "study-laws"),
     (TuningStudy(Job.load(TUNED)), "path", "tuned"),
 ):
     with tempfile.TemporaryDirectory() as scratch:

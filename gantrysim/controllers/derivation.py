@@ -15,6 +15,7 @@ from gantrysim.controllers.laws.defaults import law_values
 from gantrysim.controllers.laws.friction import Friction
 from gantrysim.controllers.laws.linear import linear_law
 from gantrysim.controllers.laws.parameters import PID, ZV, ZVD
+from gantrysim.controllers.laws.user import LawName
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Margins, Plant
@@ -122,7 +123,7 @@ def loop(
     damping: float,
     integral_time: float,
     lags: Lags,
-    law: tuple[str, ...] = (PID,),
+    law: tuple[LawName, ...] = (PID,),
 ) -> Loop:
     """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
 
@@ -176,7 +177,7 @@ class _AxisLoop:
         damping: float,
         integral_time: float,
         lags: Lags,
-        names: tuple[str, ...] = (PID,),
+        names: tuple[LawName, ...] = (PID,),
     ) -> None:
         self.axis, self.period, self.lags, self._names = axis, period, lags, names
         self._damping, self._integral_time = damping, integral_time
@@ -292,7 +293,7 @@ def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time
 def derived_laws(
     axes: Sequence[AxisDynamics],
     found: Loop,
-    law: tuple[str, ...],
+    law: tuple[LawName, ...],
     period: float,
     damping: float,
     integral_time: float,
@@ -304,7 +305,10 @@ def derived_laws(
         axes: the machine's axes.
         found: their loop.
         law: names.
-        period, damping, integral_time, lags: as of `loop`.
+        period: as of `loop`; so the others.
+        damping: zeta.
+        integral_time: kp / ki [s].
+        lags: what makes the loops late.
     """
     each = []
     for a, (axis, mode) in enumerate(zip(axes, found.notches, strict=True)):

@@ -34,7 +34,7 @@ from gantrysim.controllers.laws.parameters import (
     law_names,
     words,
 )
-from gantrysim.controllers.laws.user import UserLaw, linearised, resolved
+from gantrysim.controllers.laws.user import LawName, linearised, resolved
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
@@ -192,15 +192,15 @@ class Servo(LawParameters, Shown):
             UnknownLoopError: a user's own law that is not linear or couples axes.
         """
         if self.own_law is not None:
-            return self._own_compensators()
+            return self._own_compensators(self.own_law)
         gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
             linear_law(self.law, own, filter, self.law_values(a), self.period, self.delay, self.feedback_delay)
             for a, (own, filter) in enumerate(zip(gains, self.filters, strict=True))
         )
 
-    def _own_compensators(self) -> tuple[Compensator, ...]:
-        own, gains = resolved(self.own_law), np.array([getattr(self, name) for name in GAIN_NAMES]).T.copy()
+    def _own_compensators(self, law: LawName) -> tuple[Compensator, ...]:
+        own, gains = resolved(law), np.array([getattr(self, name) for name in GAIN_NAMES]).T.copy()
         return tuple(
             closed(
                 linearised(own, gains, a, self.period), self.law_values(a), self.period, self.delay, self.feedback_delay
@@ -223,7 +223,7 @@ class Servo(LawParameters, Shown):
         feedback: str | Sequence[str] = FEEDBACKS[0],
         feedback_delay: int = 0,
         encoder_seed: int = 0,
-        law: str | UserLaw | Sequence[str | UserLaw] = PID,
+        law: LawName | Sequence[LawName] = PID,
         learning_repeats: int = LawParameters.learning_repeats,
         **given: float | Sequence[float] | None,
     ) -> Servo:

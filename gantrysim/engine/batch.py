@@ -17,7 +17,7 @@ from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import advance
-from gantrysim.engine.learning import learnt
+from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation, Started
 from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.faults import InjectedFault
@@ -68,8 +68,9 @@ def simulate_batch(
         dispenser=dispenser,
         faults=_per_simulation(faults),
     )
-    repeats = max((one.servo.learning_repeats for one in simulations if LEARNING in one.servo.law), default=0)
-    total, before = (repeats + 1) * sum(len(simulation.position) for simulation in simulations), 0
+    runs = [one.servo.learning_repeats + 1 if LEARNING in one.servo.law else 1 for one in simulations]
+    total = sum(count * len(one.position) for count, one in zip(runs, simulations, strict=True))
+    before = 0
 
     def run(several: Sequence[Simulation]) -> list[Started]:
         nonlocal before
@@ -90,7 +91,7 @@ def simulate_batch(
             done |= {number: batch.runs[place] for place, number in enumerate(numbers)}
         return [done[number] for number in range(len(several))]
 
-    return [one.record() for one in run(learnt(simulations, run))]
+    return [one.record() for one in run_and_learn(simulations, run)]
 
 
 def _per_simulation(faults: Sequence[Any]) -> Any:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,14 +29,52 @@ def following_error(run: Started) -> Floats:
     return np.asarray(simulation.position - log.axis["encoder"][np.minimum(first, run.ticks - 1)])
 
 
-def learnt(
+@dataclass
+class _Pupil:
+    """What a simulation has learnt.
+
+    Attributes:
+        next: the simulation to run next.
+        inverse: of its nominal machine.
+        best: the run of the least error.
+        error: that error, its rms; inf before the first run.
+        change: of the torques from the best run to the next, (n, axes) [N·m].
+        step: share of the change that is made; 1 as long as every repeat is better than all before.
+    """
+
+    next: Simulation
+    inverse: Inverse
+    best: Started | None = None
+    error: float = math.inf
+    change: Floats | None = None
+    step: float = 1.0
+
+    def learn(self, run: Started) -> Floats:
+        """Learn from a run of `next`; return its following error, (n, axes)."""
+        error = following_error(run)
+        rms = math.inf if run.fault is not None else float(np.sqrt(np.mean(error**2)))
+        if rms < self.error:
+            self.best, self.error, self.change = run, rms, self.inverse.learnt(error)
+        else:
+            self.step *= 0.5
+            self.best = self.best or run
+        if self.change is not None:
+            best = self.best.simulation
+            torque = self.step * self.change if best.torque is None else best.torque + self.step * self.change
+            self.next = best.with_torque(np.ascontiguousarray(torque))
+        return error
+
+
+def run_and_learn(
     simulations: Sequence[Simulation],
     run: Callable[[list[Simulation]], Sequence[Started]],
     trace: Callable[[int, int, Floats], None] | None = None,
-) -> list[Simulation]:
-    """Return simulations with the torques that those of the law learning have learnt, others unchanged.
+) -> list[Started]:
+    """Return the runs of simulations, those of the law learning after their repeats.
 
-    A simulation that ends in a fault learns no more.
+    A simulation that learns is run once more than it has repeats to learn from, and the best of these runs is its own.
+    After a run that is worse than the best so far, or ends in a fault, the next makes half the step from the best. A
+    first run that ends in a fault leaves nothing to learn.
 
     Args:
         simulations: to be run.
@@ -44,17 +84,19 @@ def learnt(
     Raises:
         InputError: a run too long to be learnt from.
     """
-    kept = list(simulations)
-    inverses = {k: Inverse(one.servo) for k, one in enumerate(kept) if LEARNING in one.servo.law}
-    for repeat in range(max((kept[k].servo.learning_repeats for k in inverses), default=0)):
-        learning = [k for k in inverses if repeat < kept[k].servo.learning_repeats]
-        for k, done in zip(learning, run([kept[k] for k in learning]), strict=True):
-            if done.fault is not None:
-                del inverses[k]
-                continue
-            error, one = following_error(done), kept[k]
+    pupils = {k: _Pupil(one, Inverse(one.servo)) for k, one in enumerate(simulations) if LEARNING in one.servo.law}
+    others = [k for k in range(len(simulations)) if k not in pupils]
+    done = dict(zip(others, run([simulations[k] for k in others]), strict=True)) if others else {}
+    repeat = 0
+    while learning := [
+        k
+        for k, one in pupils.items()
+        if repeat <= one.next.servo.learning_repeats and (one.change is not None or not repeat)
+    ]:
+        for k, own in zip(learning, run([pupils[k].next for k in learning]), strict=True):
+            error = pupils[k].learn(own)
             if trace is not None:
                 trace(k, repeat, error)
-            before = np.zeros_like(error) if one.torque is None else one.torque
-            kept[k] = one.with_torque(np.ascontiguousarray(before + inverses[k].learnt(error)))
-    return kept
+        repeat += 1
+    best = {k: one.best for k, one in pupils.items() if one.best is not None}
+    return [(done | best)[k] for k in range(len(simulations))]

@@ -9,7 +9,7 @@ from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
-from gantrysim.engine.learning import learnt
+from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, Started, checked_dispenser
@@ -66,9 +66,8 @@ def simulate(
         done += len(one.position)
         return [stepper.run]
 
-    if law is None:
-        (simulation,) = learnt([simulation], run)
-    return run([simulation])[0].record()
+    (own,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
+    return own.record()
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.parameters import PREVIEW
+from gantrysim.controllers.laws.parameters import CONTOUR, PREVIEW
 from gantrysim.controllers.laws.user import STATE, resolved
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
@@ -101,6 +101,10 @@ class Simulation:
         position = axis_positions(machine, setpoints)
         if machine.kinematics.followers:
             check_supervision(machine, setpoints.supervision)
+            if CONTOUR in servo.law:
+                raise InputError(
+                    f"law 'contour' on machine {machine.name}: its axes are not coordinates of its nozzle; leave it out"
+                )
         if servo.axes != len(machine.axes):
             raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
         if abs(servo.period - setpoints.period) > 1e-12:

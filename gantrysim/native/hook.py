@@ -18,6 +18,7 @@ from gantrysim.native.interrupts import Interrupts
 from gantrysim.native.quiet import heard, silence
 from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.native.tick import compiled
+from gantrysim.native.user import CalledLaw
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -145,7 +146,10 @@ class _Installation(AbstractContextManager[None]):
 
 
 _CAREFUL = (_Installation.__enter__.__code__, _Installation.__exit__.__code__)
-_CALLED: tuple[CodeType, ...] = (heard.__code__,)  # called by C code, which would swallow exceptions
+_CALLED: tuple[CodeType, ...] = (
+    heard.__code__,
+    CalledLaw.call.__code__,
+)  # called by C code, which would swallow exceptions
 
 
 def _tick(row: Any, n: int) -> Tick:

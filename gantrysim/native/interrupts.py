@@ -12,6 +12,15 @@ from collections.abc import Callable, Iterable
 from types import CodeType, FrameType
 from typing import Any
 
+_held: list[Interrupts] = []  # of the main thread, from `hold` to `release`
+
+
+def deliver() -> None:
+    """Pass interrupts that are deferred on to their previous handler, in the main thread."""
+    if threading.current_thread() is threading.main_thread():
+        for one in tuple(_held):
+            one.deliver()
+
 
 class Interrupts:
     """Defers Ctrl-C while given functions run, until they call `deliver`; elsewhere it acts as usual.
@@ -41,6 +50,7 @@ class Interrupts:
             previous = _getsignal(signal.SIGINT)
             if callable(previous):
                 self._owner, self._previous = owner, previous
+                _held.append(self)
                 _setsignal(signal.SIGINT, self._interrupted)
 
     def deliver(self) -> None:
@@ -55,6 +65,7 @@ class Interrupts:
             if _getsignal(signal.SIGINT) == self._interrupted:  # and not one that was set since
                 _setsignal(signal.SIGINT, self._previous)
             self._owner = None
+            _held.remove(self)
             self.deliver()
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:

@@ -16,6 +16,7 @@ from numba.core.errors import NumbaError
 from gantrysim.arrays import Floats
 from gantrysim.controllers.laws.user import STATE, UserLaw, UserTick
 from gantrysim.errors import InputError
+from gantrysim.native.interrupts import deliver
 from gantrysim.native.pointers import floats, row_at
 from gantrysim.native.row import ROW
 
@@ -40,27 +41,27 @@ class CalledLaw:
 
     def __init__(self, law: UserLaw, state: Floats) -> None:
         self.raised: list[BaseException] = []
-        self._state = state  # kept alive
-        if hasattr(law, "py_func"):
-            self._kept = _compiled(law)
-            self.address = int(self._kept.address)
+        self._law, self._state = law, state
+        self._kept = _compiled(law) if hasattr(law, "py_func") else _CALLED(self.call)
+        own = self._kept.address if hasattr(law, "py_func") else ctypes.cast(self._kept, ctypes.c_void_p).value
+        self.address = int(own)
+
+    def call(self, userdata: int, _state: int) -> None:
+        """Call a law in plain Python; Ctrl-C is deferred in this function, see `gantrysim.native.hook`.
+
+        Args:
+            userdata: address of the servo's row; in a batch another one at every step.
+        """
+        if self.raised:
             return
-
-        def call(userdata: int, _state: int) -> None:
-            if self.raised:
-                return
-            try:
-                # in a batch, the state lies elsewhere at every step
-                memory = (ctypes.c_char * ROW.itemsize).from_address(userdata)
-                row = np.frombuffer(memory, ROW)[0]
-                n, period = int(row["axes"]), float(row["period"])
-                given = [row[name][:n] for name in _GIVEN]
-                law(UserTick(n, float(row["tick"]) * period, period, *given), state, row["torque"][:n])
-            except BaseException as error:  # must not unwind through C frames
-                self.raised.append(error)  # the torque remains no number, which ends the run
-
-        self._kept = _CALLED(call)
-        self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
+        try:
+            deliver()
+            row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(userdata)))[0]
+            n, period = int(row["axes"]), float(row["period"])
+            given = [row[name][:n] for name in _GIVEN]
+            self._law(UserTick(n, float(row["tick"]) * period, period, *given), self._state, row["torque"][:n])
+        except BaseException as error:  # must not unwind through C frames
+            self.raised.append(error)  # the torque remains no number, which ends the run
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gantrysim.controllers.law import GAINS
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, words
+from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, LawParameters, words
 from gantrysim.controllers.servo import NOTCH, Servo
 from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
@@ -18,10 +18,11 @@ from gantrysim.stability.margins import Margins
 
 def servo_section(job: Job, machine: Machine, run: Run) -> Section:
     """Return the section of the servo of a job on the machine of its run."""
-    margins, reason = job.margins, job.servo_reason
+    margins, reason, law = job.margins, job.servo_reason, job.built_servo.law
+    named = [] if law == LawParameters.law else [f"Law: {words(law)}."]
     return Section(
         "Servo",
-        [_text(machine, margins), f"Law: {words(job.built_servo.law)}.", f"{reason[0].upper()}{reason[1:]}."],
+        [_text(machine, margins), *named, f"{reason[0].upper()}{reason[1:]}."],
         table=[_gains(machine, job.built_servo), _margins(machine, margins, run)],
     )
 

@@ -11,7 +11,7 @@ import gantrysim.study
 SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
 
 
-@pytest.mark.parametrize("name", ["Circle", "Loop", "Machine", "Repeat", "Speed"])
+@pytest.mark.parametrize("name", ["Circle", "Laws", "Loop", "Machine", "Repeat", "Speed"])
 def test_every_study_is_exported_by_the_package(name):
     found = getattr(gantrysim.study, f"{name}Study")
     assert found.name == name.lower()
@@ -106,6 +106,9 @@ def test_repeat_by_command(gantrysim_command, tmp_path):
         (("repeat", "--repeats", 10**12), "repeats = 1000000000000: must be at most 10000"),
         (("repeat", "--repeats", 1), "repeats = 1: must be at least 2"),
         (("repeat", "nothing"), "unknown job 'nothing'"),
+        (("laws", "--payload", -1), "payload = -1 kg: must be at least 0 kg"),
+        (("laws", "--friction", 0), "friction = 0: must be greater than 0"),
+        (("laws", "--set", "law=pidd"), "unknown law 'pidd': did you mean pid?"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, arguments, text, monkeypatch):
@@ -118,7 +121,7 @@ def test_bad_input_is_one_line_and_writes_nothing(gantrysim_command, tmp_path, a
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("study", ["loop", "speed", "machine", "repeat"])
+@pytest.mark.parametrize("study", ["loop", "speed", "machine", "repeat", "laws"])
 def test_a_job_that_never_dispenses_is_refused(gantrysim_command, tmp_path, study, monkeypatch):
     monkeypatch.setattr("gantrysim.study.run.run_cases", None)  # no case is run
     job = tmp_path / "dry.toml"

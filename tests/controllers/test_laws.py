@@ -1,6 +1,9 @@
 """The ladder of laws, against closed forms and independent computation; no simulation."""
 
+# ruff: noqa: N806 - numbers bear the letters of the laws
+
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -40,6 +43,7 @@ def test_names_come_in_one_order_whatever_order_they_are_given_in():
         (["pd", "pid"], "must have at most one of pd, pid, p-pi"),
         (["zv", "zvd"], "must have at most one of zv, zvd"),
         (["friction", "friction"], "must name each law once"),
+        ([["pid"]], "unknown law"),
         ([], None),
     ],
 )
@@ -137,7 +141,7 @@ def test_a_torque_that_is_late_moves_an_inertia_by_its_taps(lag):
     at = np.unique(np.concatenate([np.arange(40) + lag, np.arange(0, 40.0)]))
     x = v = 0.0
     seen = {}
-    for begin, end in zip(at[:-1], at[1:], strict=True):
+    for begin, end in itertools.pairwise(at):
         if begin == int(begin):
             seen[int(begin)] = x
         k = math.floor(begin - lag + 1e-9)

@@ -1,7 +1,10 @@
 """A user's own law, in plain Python or compiled: alone, in batches, jobs, margins, studies, tuner and environment."""
 
 import dataclasses
+import os
 import pickle
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +85,17 @@ def test_what_a_law_raises_reaches_the_caller_of_a_run_and_of_a_batch(xy, pd):
         with pytest.raises(ZeroDivisionError, match="gain of nothing"):
             work()
     assert simulate(xy, pd, ramp(50.0, 5.0)).fault is None  # nothing is left behind
+
+
+@pytest.mark.parametrize("batch", [False, True])
+def test_ctrl_c_reaches_the_caller_wherever_it_falls(xy, pd, batch):
+    servo, setpoints = dataclasses.replace(pd, law=(own_laws.pd,)), ramp(1.0, 100.0)  # a run of many seconds
+    for k in range(5):
+        timer = threading.Timer(0.05 + 0.013 * k, lambda: os.kill(os.getpid(), signal.SIGINT))
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            simulate_batch(xy, [servo, servo], setpoints) if batch else simulate(xy, servo, setpoints)
+        timer.join()
 
 
 def test_a_torque_that_is_no_number_is_a_fault(xy, pd):

@@ -7,11 +7,12 @@ from typing import Protocol
 
 from gantrysim.controllers.laws.friction import Friction
 from gantrysim.controllers.laws.parameters import CONTOUR, FRICTION, LEARNING, OBSERVER, PREVIEW
+from gantrysim.controllers.laws.user import LawName
 
 OBSERVER_SHARE = 0.5  # of the natural frequency, the observer's cut-off
 CONTOUR_GAIN = 1.0
 PREVIEW_SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
-LEARNING_SHARE = 4.0  # times the natural frequency, the cut-off of the learning
+LEARNING_SHARE = 2.0  # times the natural frequency, the cut-off of the learning
 
 
 class Moved(Protocol):
@@ -30,7 +31,7 @@ class Moved(Protocol):
         """Friction at the motor."""
 
 
-def law_values(law: Sequence[str], axis: Moved, frequency: float, lag: float, period: float) -> dict[str, float]:
+def law_values(law: Sequence[LawName], axis: Moved, frequency: float, lag: float, period: float) -> dict[str, float]:
     """Return the parameters of an axis' laws, see `LAW_PARAMETERS`; those of input shaping are not among them.
 
     Args:

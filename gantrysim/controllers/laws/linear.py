@@ -8,11 +8,12 @@ from gantrysim.controllers.law import compensator
 from gantrysim.controllers.laws.cascade import as_pid
 from gantrysim.controllers.laws.observer import observing
 from gantrysim.controllers.laws.parameters import CASCADE
+from gantrysim.controllers.laws.user import LawName
 from gantrysim.stability.compensator import Compensator
 
 
 def linear_law(
-    law: Sequence[str],
+    law: Sequence[LawName],
     gains: tuple[float, ...],
     filter: tuple[float, float, float, float, float],
     values: Mapping[str, float],

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gantrysim.controllers.law import Parameter
-from gantrysim.controllers.laws.user import UserLaw
+from gantrysim.controllers.laws.user import LawName
 from gantrysim.errors import InputError, between, unknown, whole
 from gantrysim.stability.motion import Motion
 
@@ -49,7 +49,7 @@ LAW_PARAMETERS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class LawParameters:
     """The laws of a servo and their parameters, one value per axis.
 
@@ -60,7 +60,7 @@ class LawParameters:
             that of the nominal machine, as are the gains.
     """
 
-    law: tuple[str | UserLaw, ...] = (PID,)
+    law: tuple[LawName, ...] = (PID,)
     friction_torque: tuple[float, ...] = ()
     friction_static: tuple[float, ...] = ()
     friction_speed: tuple[float, ...] = ()
@@ -78,7 +78,7 @@ class LawParameters:
     motions: tuple[Motion, ...] = ()
 
     @property
-    def own_law(self) -> str | UserLaw | None:
+    def own_law(self) -> LawName | None:
         """A user's own law, None without one."""
         return self.law[0] if is_own(self.law[0]) else None
 
@@ -122,7 +122,7 @@ def _list(values: Sequence[float]) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
-def law_names(given: str | UserLaw | Sequence[str | UserLaw]) -> tuple[str | UserLaw, ...]:
+def law_names(given: LawName | Sequence[LawName]) -> tuple[LawName, ...]:
     """Return the names of a law in one order, its base first.
 
     Args:
@@ -151,11 +151,11 @@ def law_names(given: str | UserLaw | Sequence[str | UserLaw]) -> tuple[str | Use
     return (base, *(name for name in ADDITIONS if name in names))
 
 
-def is_own(law: str | UserLaw) -> bool:
+def is_own(law: LawName) -> bool:
     """Return whether a law is a user's own."""
-    return not isinstance(law, str) or ":" in law
+    return ":" in law if isinstance(law, str) else callable(law)
 
 
-def words(names: Sequence[str | UserLaw]) -> str:
+def words(names: Sequence[LawName]) -> str:
     """Return the names of laws as text."""
     return ", ".join(name if isinstance(name, str) else getattr(name, "__name__", repr(name)) for name in names)

@@ -55,9 +55,10 @@ class UserTick(NamedTuple):
 
 # law(tick, state, torque): sets the torque demands of all axes, (axes,) [N·m]; state is (64,)
 UserLaw = Callable[[UserTick, Floats, Floats], None]
+LawName = str | UserLaw  # of a law of the ladder, or a law itself
 
 
-def resolved(law: str | UserLaw) -> UserLaw:
+def resolved(law: LawName) -> UserLaw:
     """Return the function that "module:function" or "path/to/file.py:function" names, or the function itself.
 
     Raises:
@@ -73,7 +74,7 @@ def resolved(law: str | UserLaw) -> UserLaw:
     function = getattr(module, name, None)
     if not callable(function):
         raise InputError(f"law {law!r}: {place} has no function {name!r}")
-    return function  # type: ignore[no-any-return]
+    return function
 
 
 def _file(path: Path) -> Any:

@@ -16,7 +16,7 @@ from gantrysim.study.study import Plot, Report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_PAYS = 0.95  # of PID's value: what a law must come below to pay
+_PAYS = 0.95  # of the value without it: what a law must come below to pay
 _PD, _PID = "pd", "pid"
 _SHOWN = {"following_rms_um": "tracking", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
 _VALUES = {
@@ -39,9 +39,9 @@ def report(study: LawsStudy, rows: list[Row]) -> Report:
     pd = nominal[_PD]
     best = min(nominal, key=lambda law: _value(nominal[law], "following_rms_um"))
     least = _value(nominal[best], "following_rms_um")
+    of_pd = _value(pd, "following_rms_um")
     headline = (
-        f"Law {best} tracks best: {least:.3g} µm rms, {_value(pd, 'following_rms_um') / least:.3g} times better than PD "
-        f"at {_value(pd, 'following_rms_um'):.3g} µm."
+        f"Law {best} tracks best: {least:.3g} µm rms, {of_pd / least:.3g} times better than PD at {of_pd:.3g} µm."
     )
     plots = [
         Plot(
@@ -69,8 +69,10 @@ def report(study: LawsStudy, rows: list[Row]) -> Report:
                 _draw_repeats(repeats, chosen(rows, EXACT)),
             )
         )
-    failed = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
-    return Report(headline, [_table(nominal), _variations(study, rows)], [*_paying(nominal), _LEFT_OUT, *failed], plots)
+    missing = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
+    return Report(
+        headline, [_table(nominal), _variations(study, rows)], [*_paying(nominal), _LEFT_OUT, *missing], plots
+    )
 
 
 def _value(row: Row, name: str) -> float:
@@ -79,16 +81,20 @@ def _value(row: Row, name: str) -> float:
 
 
 def _paying(nominal: dict[str, Row]) -> list[str]:
-    """Return for each value which laws do not bring it below PID's."""
-    if _PID not in nominal:
-        return []
+    """Return for each value which laws do not bring it below that of the law without their last addition."""
+    without = {law: nominal[before] for law in nominal if (before := _without(law)) in nominal}
     notes = []
     for name, words in _SHOWN.items():
-        own = _value(nominal[_PID], name)
-        idle = [law for law, row in nominal.items() if law not in (_PD, _PID) and not _value(row, name) < _PAYS * own]
+        idle = [law for law, row in without.items() if not _value(nominal[law], name) < _PAYS * _value(row, name)]
         if idle:
-            notes.append(f"No gain of 5 % over pid in {words}: {', '.join(idle)}.")
+            notes.append(f"The last addition gains less than 5 % in {words}: {', '.join(idle)}.")
     return notes
+
+
+def _without(law: str) -> str:
+    """Return a law without its last addition: PID before P-PI, PD before PID, nothing before PD."""
+    before, _, last = law.rpartition("+")
+    return before or {_PD: "", _PID: _PD}.get(last, _PID)
 
 
 def _table(nominal: dict[str, Row]) -> Table:

@@ -128,8 +128,12 @@ class LawsStudy(Study):
         return 4 * len(LAWS) + len(REPEATS)
 
     def rounds(self) -> Rounds:
-        """Yield every law in every variation, and learning over a growing number of repeats."""
-        self.measure(Case.of(self.job, mode="perfect follower"))
+        """Yield every law in every variation, and learning over a growing number of repeats.
+
+        Raises:
+            InputError: a job that is refused, or never dispenses.
+        """
+        values_row(simulated(Case.of(self.job, mode="perfect follower")))  # refused before anything is written
         loaded, rubbing = Perturbation(payload=self.payload), Perturbation(friction=self.friction)
         cases = []
         for law in LAWS:

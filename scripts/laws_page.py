@@ -1,0 +1,39 @@
+"""Write the tables of docs/laws.md: the study of laws on two jobs."""
+
+import re
+import tempfile
+from pathlib import Path
+
+from gantrysim import Job
+from gantrysim.report.document import Table
+from gantrysim.study.laws import LawsStudy
+from gantrysim.study.run import run_study
+
+PAGE = Path(__file__).parent.parent / "docs" / "laws.md"
+PLACE = re.compile(r"(<!-- written by scripts/laws_page.py -->\n).*?(<!-- end -->)", re.DOTALL)
+JOBS = ("softmc-arc", "an225")
+
+
+def markdown(table: Table) -> str:
+    """Return a table of a report as one of the page."""
+    rules = [" --: " if numeric else " --- " for numeric in table.numeric]
+    rows = [table.heads, *table.cells]
+    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in rows]
+    return "\n".join([lines[0], "|" + "|".join(rules) + "|", *lines[1:]])
+
+
+def tables(name: str) -> str:
+    """Return headline and tables of the study of a job."""
+    study = LawsStudy(Job.load(name))
+    with tempfile.TemporaryDirectory() as folder:
+        report = run_study(study, Path(folder)).report
+    first, second = report.tables
+    return (
+        f"### `{name}`\n\n{report.headline}\n\n{markdown(first)}\n\n{second.caption}\n\n{markdown(second)}\n\n"
+        + "".join(f"{note}\n" for note in report.notes if note.startswith("The last"))
+    )
+
+
+if __name__ == "__main__":
+    written = "\n" + "\n".join(tables(name) for name in JOBS) + "\n"
+    PAGE.write_text(PLACE.sub(lambda place: place[1] + written + place[2], PAGE.read_text()), encoding="utf-8")
