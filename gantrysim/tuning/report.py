@@ -16,7 +16,8 @@ from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot, Report
 from gantrysim.tuning import plots as drawing
 from gantrysim.tuning.objective import METRICS, RIPPLE, column, micrometres
-from gantrysim.tuning.search import RANKS, Candidate, History, Phase
+from gantrysim.tuning.candidates import RANKS, Candidate
+from gantrysim.tuning.search import History, Phase
 from gantrysim.tuning.servo import TUNED, UNITS
 from gantrysim.tuning.stability import phase_margin
 from gantrysim.tuning.study import TuningStudy

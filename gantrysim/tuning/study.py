@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from importlib.metadata import version
@@ -21,7 +21,8 @@ from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.worker import MeasureTogether
 from gantrysim.tuning.objective import METRICS, case_of, measure_together, micrometres, trial_result
-from gantrysim.tuning.search import Candidate, History, Phase, search
+from gantrysim.tuning.candidates import Candidate
+from gantrysim.tuning.search import History, Phase, search
 from gantrysim.tuning.servo import TUNED, servo_toml
 from gantrysim.tuning.space import SPACES, SearchSpace
 from gantrysim.tuning.stability import Stability, sensitivity_bound
@@ -221,11 +222,16 @@ class TuningStudy(Study):
         return self._histories[-1][1]
 
     def _replay(self, rows: list[Row]) -> History:
-        own, left = self._search_rounds(), iter(rows)
+        left = iter(rows)
+        return self.found(lambda cases: [next(left) for _ in cases])
+
+    def found(self, measure: Callable[[list[Case]], list[Row]]) -> History:
+        """Return the history of the search with the rows that a function returns for its cases."""
+        own = self._search_rounds()
         cases = next(own)
         while True:
             try:
-                cases = own.send([next(left) for _ in cases])
+                cases = own.send(measure(cases))
             except StopIteration as stop:
                 return stop.value
 

@@ -18,7 +18,8 @@ from gantrysim.study import StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.tuning import TuningStudy, objective, report
 from gantrysim.tuning.objective import METRICS, case_of, measure_together
-from gantrysim.tuning.search import Candidate, History, TrialResult
+from gantrysim.tuning.candidates import Candidate, TrialResult
+from gantrysim.tuning.search import History
 from gantrysim.tuning.servo import TUNED
 
 from support.distinct import unaccounted

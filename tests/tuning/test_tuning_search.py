@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo
-from gantrysim.tuning.search import Candidate, TrialResult, search
+from gantrysim.tuning.candidates import Candidate, TrialResult
+from gantrysim.tuning.search import search
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
@@ -75,7 +76,7 @@ def run(own, stability, measure, machines=1, budget=200, seed=1, **more):
 @pytest.mark.parametrize("factor", [1 / 30, 0.1, 1.0, 10.0, 30.0])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_minimum_of_a_bowl_is_found_from_anywhere(unconstrained, factor, seed):
-    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=400, seed=seed)
+    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=80, seed=seed)
     assert history.best.metric < FOUND
 
 
@@ -84,11 +85,11 @@ def test_each_axis_finds_its_own_gains(unconstrained):
         errors = [math.log10(servo.kp[a] / (best * DERIVED.kp[a])) for a, best in enumerate((0.2, 0.6))]
         return TrialResult(1.0 + sum(error**2 for error in errors))
 
-    history, _ = run(space(per_axis=True), unconstrained, measure, budget=600)
+    history, _ = run(space(per_axis=True), unconstrained, measure, budget=250)
     assert history.best.metric < FOUND
     assert history.best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.2, rel=0.3)
     assert history.best.servo.kp[1] / DERIVED.kp[1] == pytest.approx(0.6, rel=0.3)
-    shared, _ = run(space(), unconstrained, measure, budget=600)
+    shared, _ = run(space(), unconstrained, measure, budget=250)
     assert shared.best.metric > 1.1
 
 
@@ -150,7 +151,7 @@ def test_the_result_is_the_best_on_its_worst_machine_and_was_run_on_all(unconstr
     assert best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.3, rel=0.1)  # half way on the logarithm
     assert best.metric == pytest.approx(1.301, abs=0.03)
     once = [len(candidate.results) for candidate in history.candidates]
-    assert once.count(1) > 0.4 * len(once)  # even where the hardest machine changes all the time
+    assert once.count(1) > 0.3 * len(once)  # even where the hardest machine changes all the time
     for leader in history.leaders:
         assert len(leader.results) == 3
 
