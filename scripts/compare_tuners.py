@@ -22,8 +22,8 @@ from scipy.optimize import differential_evolution, minimize
 
 from gantrysim import Job
 from gantrysim.tuning import TuningStudy
-from gantrysim.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
 from gantrysim.tuning.candidates import Candidate
+from gantrysim.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
 from gantrysim.tuning.search import box, candidate_at
 from gantrysim.tuning.space import SEARCHED
 

@@ -33,22 +33,22 @@ class Candidate:
     """A servo considered by the search.
 
     Attributes:
-        generation: number of its round; 0 of the start.
-        number: within its generation, from 1.
+        round: of the search; 0 of the start.
+        number: within its round, from 1.
         servo: with its gains.
-        point: its coordinates; none of the start.
         excess: of the margin, as in `Stability`; above 0 the margin is not kept.
         results: by the number of the machine.
         runs: number of runs the search had made when the candidate was last run.
+        point: its coordinates, (d,); (0,) of a start that is not at a point.
     """
 
-    generation: int
+    round: int
     number: int
     servo: Servo
     excess: float = 0.0
-    point: Floats = field(default_factory=lambda: np.empty(0))
     results: dict[int, TrialResult] = field(default_factory=dict)
     runs: int = 0
+    point: Floats = field(default_factory=lambda: np.empty(0))
 
     def order(self, ripple: float) -> tuple[int, float]:
         """Return rank and amount from the results so far; `ripple` is the largest allowed, a share of peak torque."""

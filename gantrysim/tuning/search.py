@@ -56,7 +56,7 @@ class History:
         leaders: successive best candidates; the first is the start, the last the answer.
         skipped: number of candidates not run, as no frequency keeps their margin.
         runs: number of runs made.
-        generations: number of rounds.
+        rounds: number of rounds.
         ended: why the search ended.
     """
 
@@ -64,7 +64,7 @@ class History:
     leaders: list[Candidate]
     skipped: int
     runs: int
-    generations: int
+    rounds: int
     ended: Ended
 
     @property
@@ -123,13 +123,13 @@ def search(
         begin, bounds, space.natural, known=bool(seen), machines=machines, ripple=ripple, seed=seed, batch=batch
     )
     points = next(proposals)
-    generation, skipped = 0, 0
+    count, skipped = 0, 0
     ended: Ended | None = None
     while ended is None:
-        generation += 1
+        count += 1
         candidates = []
         for number, point in enumerate(points, 1):
-            candidate, guess = candidate_at(generation, number, space, stability, point, guess)
+            candidate, guess = candidate_at(count, number, space, stability, point, guess)
             candidates.append(candidate)
         stable = [candidate for candidate in candidates if candidate.excess <= 0]
         skipped += len(candidates) - len(stable)
@@ -165,7 +165,7 @@ def search(
                 points = proposals.send(seen)
             except StopIteration:
                 ended = "converged" if len(tried) > 1 else "no candidate"
-    return History(tried, leaders, skipped, runs, generation, ended)
+    return History(tried, leaders, skipped, runs, count, ended)
 
 
 def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float) -> bool:
@@ -200,12 +200,21 @@ def box(space: SearchSpace, stability: Stability) -> tuple[Floats, Floats, Faste
 
 
 def candidate_at(
-    generation: int, number: int, space: SearchSpace, stability: Stability, point: Floats, guess: Fastest
+    count: int, number: int, space: SearchSpace, stability: Stability, point: Floats, guess: Fastest
 ) -> tuple[Candidate, Fastest]:
-    """Return the candidate at a point, and the fastest loops of its shape as the next guess."""
+    """Return the candidate at a point, and the fastest loops of its shape as the next guess.
+
+    Args:
+        count: number of the round.
+        number: within the round.
+        space: of the servos.
+        stability: whose margin is kept.
+        point: rho, where more than 0 counts as 0, and shape.
+        guess: the fastest loops of another shape.
+    """
     rho, shape = point[: space.groups], point[space.groups :]
     fastest = stability.fastest(space, shape, guess)
     if fastest.excess > 0:
-        return Candidate(generation, number, space.servo(fastest.frequencies, shape), fastest.excess, point), guess
+        return Candidate(count, number, space.servo(fastest.frequencies, shape), fastest.excess, point=point), guess
     servo = space.servo(fastest.frequencies + np.minimum(rho, 0.0), shape)
-    return Candidate(generation, number, servo, float(stability.excess(servo).max()), point), fastest
+    return Candidate(count, number, servo, float(stability.excess(servo).max()), point=point), fastest

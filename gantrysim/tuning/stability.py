@@ -145,6 +145,7 @@ class Stability:
         return np.max([self._excess_on(servo, machine) for machine in chosen], axis=0)
 
     def _excess_on(self, servo: Servo, machine: int) -> Floats:
+        """Return the excess on one of the machines; the slower margins are computed where a loop is unstable."""
         key = servo, machine
         if key not in self._excess:
             peaks = self._plants[machine].sensitivity(servo)

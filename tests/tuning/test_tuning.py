@@ -17,8 +17,8 @@ from gantrysim.stability.margins import margins_of
 from gantrysim.study import StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.tuning import TuningStudy, objective, report
-from gantrysim.tuning.objective import METRICS, case_of, measure_together
 from gantrysim.tuning.candidates import Candidate, TrialResult
+from gantrysim.tuning.objective import METRICS, case_of, measure_together
 from gantrysim.tuning.search import History
 from gantrysim.tuning.servo import TUNED
 
@@ -393,7 +393,7 @@ def test_the_folder_holds_rows_servo_report_and_plots(outcome):
     with (folder / "study.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == len(done.rows)
-    assert list(rows[0])[:5] == ["stage", "generation", "candidate", "machine", "status"]
+    assert list(rows[0])[:5] == ["stage", "round", "candidate", "machine", "status"]
     described = tomllib.loads((folder / "study.toml").read_text())
     assert described["command"] == "gantrysim tune job.toml"
     assert described["settings"] == {
@@ -415,7 +415,7 @@ def test_the_tuned_servo_is_written_exactly(outcome):
     row = next(
         row
         for row in done.rows
-        if (row["generation"], row["candidate"], row["machine"]) == (history.best.generation, history.best.number, 0)
+        if (row["round"], row["candidate"], row["machine"]) == (history.best.round, history.best.number, 0)
     )
     assert 1e3 * np.sqrt(np.mean(contour**2)) == pytest.approx(row["contour_rms_um"], rel=EXACT)
     text = (folder / TUNED).read_text()
