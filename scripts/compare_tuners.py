@@ -59,21 +59,19 @@ class Runs:
     """Results of runs, each kept in a file as soon as it is made."""
 
     def __init__(self, path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-        whole = [json.loads(line) for line in lines if line.endswith("\n")]  # a stop may cut the last one
-        self.known = dict(whole)
-        self.file = path.open("w")
-        self.file.writelines(line for line in lines if line.endswith("\n"))
+        text = path.read_text() if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]  # a stop may cut the last line
+        if whole != text:
+            path.write_text(whole)
+        self.path, self.known = path, dict(map(json.loads, whole.splitlines()))
 
     def __call__(self, cases, metric):
         missing = {case.key: case for case in cases if case.key not in self.known}
-        for key, row in zip(missing, measure_together(list(missing.values()), metric), strict=True):
-            self.known[key] = {
-                name: row[name] for name in ("status", "fault_time_s", column(metric), RIPPLE) if name in row
-            }
-            self.file.write(json.dumps([key, self.known[key]]) + "\n")
-        self.file.flush()
+        names = ("status", "fault_time_s", column(metric), RIPPLE)
+        with self.path.open("a") as file:
+            for key, row in zip(missing, measure_together(list(missing.values()), metric), strict=True):
+                self.known[key] = {name: row[name] for name in names if name in row}
+                file.write(json.dumps([key, self.known[key]]) + "\n")
         return [self.known[case.key] for case in cases]
 
 

@@ -123,8 +123,8 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
             "loop",
             "Loops and margins",
             "The open loop L of every axis near -1, and |S| = |1/(1 + L)|; thin lines are the other machines "
-            f"on which the margin is kept. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain margin of at least "
-            f"{study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
+            f"on which the margin is kept. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain "
+            f"margin of at least {study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
             drawing.draw_loops(study.stability, start, tuned, axes),
             tables=[_margins_table(study, history)],
         ),
@@ -204,7 +204,7 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
     return Table(
         ["", *(Column(phase, ".4g") for phase in history.phases), Column("limit", ".4g")],
         [[name, *(result[name] for result in results), limits.get(name)] for name in results[0]],
-        f"Results; margins are the worst of all axes on {study.stability.machines} machines, torque ripple on those run",
+        f"Results; margins are the worst of {study.stability.machines} machines, torque ripple of those that were run",
     )
 
 

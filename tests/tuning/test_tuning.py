@@ -18,7 +18,7 @@ from gantrysim.study import StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.tuning import TuningStudy, objective, report
 from gantrysim.tuning.candidates import Candidate, TrialResult
-from gantrysim.tuning.objective import METRICS, case_of, measure_together
+from gantrysim.tuning.objective import METRICS, case_of, measure_together, trial_result
 from gantrysim.tuning.search import History
 from gantrysim.tuning.servo import TUNED
 
@@ -28,6 +28,8 @@ from support.tunings import GAINS, best_of_grid, circle, detuned, searched, tuni
 
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
+UNSEEN = 1.1  # largest ratio of the metric on an unseen machine to that of the worst machine of the search
+CONVERGED = 12.5e-6  # physics step [s]
 NEAR = 1e-3  # relative, of margins found along another grid of frequencies
 
 
@@ -153,6 +155,24 @@ def test_the_search_reaches_the_best_of_a_fine_grid_on_machines_that_differ(seed
     grid, runs = best_of_grid(study, {**fine, "velocity_ff": (0.0, 5.0), "acceleration_ff": (0.6, 0.8, 1.0)})
     assert runs > 1000
     assert history.best.metric <= OF_GRID * grid
+
+
+@pytest.mark.soak
+def test_tuned_gains_keep_their_limits_on_unseen_machines_at_a_converged_step():
+    study = TuningStudy(Job.load("fanuc-spiral"), budget=100)
+    best = study.history(searched(study)).best
+    fine = study.job.changed({"simulation.physics_step": CONVERGED})
+    cases = [case_of(fine, best.servo, one) for one in study.unseen_perturbations]
+    results = [trial_result(row, study.metric) for row in study.measure_together(cases)]
+    kept = [
+        one.fault is None
+        and one.metric <= UNSEEN * best.metric
+        and one.ripple <= 0.01 * study.ripple
+        and float(study.unseen_stability.excess(best.servo, [k]).max()) <= 0
+        for k, one in enumerate(results)
+    ]
+    assert len(kept) == 32
+    assert sum(kept) >= 30
 
 
 def test_the_result_is_run_on_all_machines_and_meets_all_limits(outcome):
