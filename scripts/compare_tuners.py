@@ -200,7 +200,7 @@ def table(rows, robust, budgets):
         for budget in budgets:
             means = [np.mean(found.get((job, start, method, budget), [math.nan])) for method in (OWN, *OTHERS)]
             share = means[0] / np.nanmin(means[1:]) if np.isfinite(means[1:]).any() else math.nan
-            cells = [f"{mean:.2f}" if math.isfinite(mean) else "" for mean in means]
+            cells = ["" if math.isnan(mean) else f"{mean:.2f}" if math.isfinite(mean) else "none" for mean in means]
             lines.append(f"| `{job}` | {start} | {budget} | {' | '.join(cells)} | {share:.2f} |")
     return "\n".join(lines)
 

@@ -119,7 +119,7 @@ def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypat
 def test_tuners_are_compared_on_the_same_runs_and_a_stopped_comparison_resumes(script, job, tmp_path):
     few = ["--jobs", job, "--starts", "tenth", "--budgets", 8, 14, "--out", "a"]
     few += ["--methods", "gantrysim tune", "Nelder-Mead", "CMA-ES", "differential evolution"]
-    names, output = script("compare_tuners.py", *few)
+    _, output = script("compare_tuners.py", *few)
     results, runs = tmp_path / "a" / "results.csv", tmp_path / "a" / "runs-short.jsonl"
     rows = list(csv.DictReader(results.read_text().splitlines()))
     assert len(rows) == 4 * 2

@@ -65,8 +65,9 @@ def tune(
     """Find the servo gains that minimise a job's error on the worst of several perturbed machines.
 
     A trust region starts at the best of the job's gains and those derived from the machine. Every candidate keeps the
-    margin on every axis and machine; candidates with too much torque ripple, or a fault, rank behind all others. The result is written as tuned.toml, for gantrysim run
-    --servo, with a report that compares start and tuned. An interrupted search resumes when rerun.
+    margin on every axis and machine; candidates with too much torque ripple, or a fault, rank behind all others.
+    The result is written as tuned.toml, for gantrysim run --servo, with a report that compares start and tuned. An
+    interrupted search resumes when rerun.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """

@@ -16,7 +16,7 @@ from gantrysim.tuning.servo import TUNED
 from support.studies import PATIENCE, content, spoken
 from support.tunings import circle, detuned
 
-SMALL = ("--budget", 24, "--robust", 1, "--unseen", 2, "--workers", 1)
+SMALL = ("--budget", 24, "--robust", 1, "--guards", 2, "--unseen", 2, "--workers", 1)
 
 
 @pytest.fixture

@@ -246,7 +246,7 @@ class Interrupted(TuningStudy):
 @pytest.mark.parametrize("at", [3, 45])
 def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_path, at):
     _, done, folder = outcome
-    settings = {"budget": 44, "robust": 1, "unseen": 2}
+    settings = {"budget": 44, "robust": 1, "guards": 2, "unseen": 2}
     broken = Interrupted(poor, **settings)
     object.__setattr__(broken, "at", at)
     with pytest.raises(StudyInterrupted) as interrupted:
