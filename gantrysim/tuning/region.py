@@ -114,7 +114,7 @@ class TrustRegion:
             values = cost(np.vstack([point, point + _NUDGE * np.eye(len(point))]))
             return float(values[0]), (values[1:] - values[0]) / _NUDGE
 
-        samples = self.rng.uniform(*box.T, (_SAMPLES, len(centre)))
+        samples = self.rng.uniform(box[:, 0], box[:, 1], (_SAMPLES, len(centre)))
         changed = self.rng.random(samples.shape) < _CHANGED / len(centre)
         samples = np.where(changed, samples, centre)
         best = samples[np.argsort(cost(samples), kind="stable")[:_STARTS]]

@@ -122,9 +122,9 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
         Plot(
             "loop",
             "Loops and margins",
-            "The open loop L of every axis near -1, and |S| = |1/(1 + L)|; thin lines are the other machines on which the "
-            f"margin is kept. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain margin of at "
-            f"least {study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
+            "The open loop L of every axis near -1, and |S| = |1/(1 + L)|; thin lines are the other machines on which "
+            f"the margin is kept. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain margin "
+            f"of at least {study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
             drawing.draw_loops(study.stability, start, tuned, axes),
             tables=[_margins_table(study, history)],
         ),

@@ -359,6 +359,8 @@ def test_the_law_is_that_of_the_job_by_default(job):
         ({"metric": "contour"}, "unknown metric 'contour': did you mean contour_"),
         ({"margin": 1.0}, "margin = 1: must be greater than 1, the gain factor at which a loop turns unstable"),
         ({"ripple": 0.0}, "ripple = 0 %: must be greater than 0 %"),
+        ({"guards": 257}, "guards = 257: must be at most 256"),
+        ({"batch": 0}, "batch = 0: must be at least 1"),
         ({"robust": -1}, "robust = -1: must be at least 0"),
         ({"robust": 65, "budget": 999}, "robust = 65: must be at most 64"),
         ({"unseen": -1}, "unseen = -1: must be at least 0"),
@@ -417,8 +419,8 @@ def test_the_folder_holds_rows_servo_report_and_plots(outcome):
     described = tomllib.loads((folder / "study.toml").read_text())
     assert described["command"] == "gantrysim tune job.toml"
     assert described["settings"] == {
-        "law": "pid", "metric": "contour_rms", "budget": 44, "robust": 1, "margin": 2.0, "ripple": 2.0,
-        "per_axis": False, "unseen": 2, "seed": 1, "spread": dataclasses.asdict(Tolerances()),
+        "law": "pid", "metric": "contour_rms", "budget": 44, "robust": 1, "guards": 2, "batch": 4, "margin": 2.0,
+        "ripple": 2.0, "per_axis": False, "unseen": 2, "seed": 1, "spread": dataclasses.asdict(Tolerances()),
     }  # fmt: skip
     page = (folder / "report.html").read_text()
     for title in ("Error budget", "Error along the path", "Search", "Gains", "Loops and margins", "Unseen machines"):
