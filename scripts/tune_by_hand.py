@@ -1,4 +1,4 @@
-"""Change a servo's gains by hand and compare the runs: contour error, following error, torque ripple and gain margin.
+"""Change a servo's gains by hand and compare the runs: contour error, following error, torque ripple and margins.
 
 python scripts/tune_by_hand.py [JOB] [CHANGE ...]
 
@@ -37,12 +37,12 @@ try:
     machine, own = job.built_machine, job.built_servo
 except InputError as error:
     parser.error(str(error))
-plant = Plant.of(machine, own.period, own.delay)
+plant = Plant.of(machine, own.period, own.delay, drives=own.drives)
 trials: list[tuple[str, Servo, Analysis]] = []
 
 table = Table("trial", title=f"{job.name} on {machine.name}", title_justify="left")
 following = [f"{axis.name}, rms\n[{THOUSANDTH[axis.unit]}]" for axis in machine.axes]
-for column in ("contour,\nrms [µm]", "\nmax [µm]", *following, "torque\nripple", "gain\nmargin"):
+for column in ("contour,\nrms [µm]", "\nmax [µm]", *following, "torque\nripple", "gain\nmargin", "peak\nof |S|"):
     table.add_column(column, justify="right")
 
 
@@ -72,8 +72,9 @@ def run_trial(name: str, servo: Servo) -> None:
     values, margins = trials[-1][2].values, plant.margins(servo)
     errors = [values.contour.rms, values.contour.max, *(error.rms for error in values.tracking.values())]
     ripple = max(torque_ripple(run) / [axis.peak_torque for axis in machine.axes])
-    least = f"{min(margin.gain for margin in margins):.2f}" if all(margin.stable for margin in margins) else "unstable"
-    table.add_row(name, *(f"{UM * error:.1f}" for error in errors), f"{100 * ripple:.2f} %", least)
+    least, most = min(margin.gain for margin in margins), max(margin.sensitivity for margin in margins)
+    held = [f"{least:.2f}", f"{most:.2f}"] if all(margin.stable for margin in margins) else ["unstable", "unstable"]
+    table.add_row(name, *(f"{UM * error:.1f}" for error in errors), f"{100 * ripple:.2f} %", *held)
 
 
 def prompt() -> str:

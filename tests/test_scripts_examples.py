@@ -1,5 +1,7 @@
 """The example scripts on a short job: results, files and errors."""
 
+import csv
+import json
 import runpy
 import sys
 from pathlib import Path
@@ -112,6 +114,29 @@ def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypat
         "kp 600: fault: following error on axis y",
     ):
         assert text in " ".join(output.split())
+
+
+def test_tuners_are_compared_on_the_same_runs_and_a_stopped_comparison_resumes(script, job, tmp_path):
+    few = ["--jobs", job, "--starts", "tenth", "--budgets", 8, 14, "--out", "a"]
+    few += ["--methods", "gantrysim tune", "Nelder-Mead", "CMA-ES", "differential evolution"]
+    _, output = script("compare_tuners.py", *few)
+    results, runs = tmp_path / "a" / "results.csv", tmp_path / "a" / "runs-short.jsonl"
+    rows = list(csv.DictReader(results.read_text().splitlines()))
+    assert len(rows) == 4 * 2
+    made = [json.loads(line)[1] for line in runs.read_text().splitlines()]
+    metrics = {found.get("contour_rms_um") for found in made}
+    assert {float(row["metric"]) for row in rows} <= metrics | {np.inf}
+    for method in ("gantrysim tune", "Nelder-Mead", "CMA-ES"):  # a larger budget is never worse
+        less, more = (float(row["metric"]) for row in rows if row["method"] == method)
+        assert more <= less
+    assert f"| {float(rows[0]['metric']):.2f} |" in output
+    kept, size = results.read_text(), runs.stat().st_size
+    results.write_text("".join(kept.splitlines(keepends=True)[:-3]))  # stopped within the last but one
+    with runs.open("a") as file:
+        file.write('["cut')
+    script("compare_tuners.py", *few)
+    assert results.read_text() == kept
+    assert runs.stat().st_size == size  # no run was made again
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,12 @@ def tune(
     robust: Annotated[
         int, typer.Option(metavar="K", help="Perturbed machines besides the job's own; the worst of all counts.")
     ] = 4,
+    guards: Annotated[
+        int, typer.Option(metavar="N", help="Machines besides these on which the margin is kept, without runs.")
+    ] = 28,
+    batch: Annotated[
+        int, typer.Option(metavar="N", help="Candidates run side by side; more fill more cores, but waste some runs.")
+    ] = 4,
     metric: Annotated[
         str,
         typer.Option(
@@ -68,10 +74,10 @@ def tune(
 ) -> None:
     """Find the servo gains that minimise a job's error on the worst of several perturbed machines.
 
-    CMA-ES starts at the job's gains. Every candidate keeps the margin on every axis and machine; candidates with too
-    much torque ripple, or a fault, rank behind all others. The result is written as tuned.toml, for gantrysim run
-    --servo, with a report that compares start and tuned. An interrupted search resumes when rerun. --export trio adds
-    tuned-trio.bas, for the controller.
+    A trust region starts at the best of the job's gains and those derived from the machine. Every candidate keeps the
+    margin on every axis and machine; candidates with too much torque ripple, or a fault, rank behind all others.
+    The result is written as tuned.toml, for gantrysim run --servo, with a report that compares start and tuned. An
+    interrupted search resumes when rerun. --export trio adds tuned-trio.bas, for the controller.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
@@ -89,6 +95,8 @@ def tune(
         metric=metric,
         budget=budget,
         robust=robust,
+        guards=guards,
+        batch=batch,
         margin=margin,
         ripple=ripple,
         per_axis=per_axis,

@@ -177,6 +177,14 @@ class Plant:
             margins |= zip(loops.system.axes, _margins(loops), strict=True)
         return tuple(margins[a] for a in range(self.axes))
 
+    def sensitivity(self, servo: LinearLaw) -> Floats:
+        """Return the peak of |S| of each axis, inf for an unstable loop, (axes,); as in `margins`, but much faster."""
+        peaks = np.full(self.axes, np.inf)
+        for loops in self._loops(servo):
+            if loops.stable():
+                peaks[list(loops.system.axes)] = loops.peaks(loops.open(loops.plant.theta, loops.plant.P))
+        return peaks
+
     def loop(self, servo: LinearLaw, frequency: ArrayLike) -> Complexes:
         """Return L, the open loop of each axis with all others closed, (n, axes).
 

@@ -26,7 +26,7 @@ from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, Value, judged
-from gantrysim.tuning.search import TrialResult
+from gantrysim.tuning.candidates import TrialResult
 
 METRICS = {
     f"{link}_{statistic}": f"{word} {link} error"

@@ -14,7 +14,8 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 from gantrysim.study.drawing import logarithmic
-from gantrysim.tuning.search import RANKS, History, Phase
+from gantrysim.tuning.candidates import RANKS
+from gantrysim.tuning.search import History, Phase
 from gantrysim.tuning.space import SEARCHED
 from gantrysim.tuning.stability import Stability
 

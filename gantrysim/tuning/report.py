@@ -15,8 +15,9 @@ from gantrysim.report import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot, Report
 from gantrysim.tuning import plots as drawing
+from gantrysim.tuning.candidates import RANKS, Candidate
 from gantrysim.tuning.objective import METRICS, RIPPLE, column, micrometres
-from gantrysim.tuning.search import RANKS, Candidate, History, Phase
+from gantrysim.tuning.search import History, Phase
 from gantrysim.tuning.servo import TUNED, UNITS
 from gantrysim.tuning.stability import phase_margin
 from gantrysim.tuning.study import TuningStudy
@@ -24,9 +25,8 @@ from gantrysim.tuning.study import TuningStudy
 _AT_LIMIT = 0.98  # share of a limit from which it counts as reached
 _ENDED = {
     "budget": "budget used up",
-    "converged": "candidates of a generation within 2 %",
-    "no progress": "less than 0.2 % gained in 25 generations",
-    "no candidate": "no candidate of 200 generations kept the margin",
+    "converged": "less than 0.2 % gained by six trust regions in succession",
+    "no candidate": "no candidate kept the margin",
 }
 
 
@@ -71,8 +71,8 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
     axes = "each axis by itself" if study.per_axis else "one factor for all axes"
     return [
         *found,
-        f"CMA-ES over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
-        f"{study.budget}) of {len(history.candidates)} candidates in {history.generations} generations; skipped, as no "
+        f"Trust region over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
+        f"{study.budget}) of {len(history.candidates)} candidates in {history.rounds} rounds; skipped, as no "
         f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
         f"{TUNED} holds the tuned servo, for gantrysim run --servo.",
     ]
@@ -122,9 +122,9 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
         Plot(
             "loop",
             "Loops and margins",
-            "The open loop L of every axis near -1, and |S| = |1/(1 + L)|; thin lines are the other machines of the "
-            f"search. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain margin of at least "
-            f"{study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
+            "The open loop L of every axis near -1, and |S| = |1/(1 + L)|; thin lines are the other machines on which "
+            f"the margin is kept. A loop outside the disc of radius 1 - 1/{study.margin:g} around -1 has a gain margin "
+            f"of at least {study.margin:g} and a phase margin of at least {phase_margin(study.margin):.0f} deg.",
             drawing.draw_loops(study.stability, start, tuned, axes),
             tables=[_margins_table(study, history)],
         ),
@@ -204,7 +204,7 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
     return Table(
         ["", *(Column(phase, ".4g") for phase in history.phases), Column("limit", ".4g")],
         [[name, *(result[name] for result in results), limits.get(name)] for name in results[0]],
-        "Results; margins and torque ripple are the worst of all axes and machines of the search",
+        f"Results; margins are the worst of {study.stability.machines} machines, torque ripple of those that were run",
     )
 
 
@@ -263,5 +263,5 @@ def _margins_table(study: TuningStudy, history: History) -> Table:
             for a, name in enumerate(study.job.built_machine.axis_names)
             for phase, own in ((phase, margins[a]) for phase, margins in worst.items())
         ],
-        f"Margins, {_machines(study)}; crossover on the job's machine",
+        f"Margins, worst of {study.stability.machines} machines; crossover on the job's machine",
     )

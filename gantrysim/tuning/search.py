@@ -1,4 +1,4 @@
-"""The search: CMA-ES over shapes of the servo, each as fast as its margin admits.
+"""The search: a trust region over shapes of the servo, each as fast as its margin admits.
 
 Candidates are ranked, best first:
 
@@ -8,115 +8,43 @@ Candidates are ranked, best first:
     4  ended by a fault, the later the better
     5  margin too small at every frequency, by the excess; not run
 
-Metric and torque ripple of a candidate are the largest over all machines. CMA-ES uses the ranks alone, so constraints
-need no weights.
+Metric and torque ripple of a candidate are the largest over all machines.
 
-The first coordinates of the optimiser are rho = log10(w / w_M), where w_M is the highest frequency at which loops of
-this shape (see `gantrysim.tuning.space`) keep the margin; above 0 they count as 0. So every candidate keeps the margin,
-and the edge of the feasible region, at 0, is easily found.
+The first coordinates of a point are rho = log10(w / w_M) <= 0, where w_M is the highest frequency at which loops of
+this shape (see `gantrysim.tuning.space`) keep the margin. So every candidate keeps the margin, and the edge of the
+feasible region, at 0, is easily found; a shape that has no such frequency costs no run.
+
+The first round has the start, its shape at the edge, and the natural shape at the edge; the second a simplex around the
+best of these. From then on `gantrysim.tuning.region` proposes the points. When its region has become small, another
+begins: in turn around the best candidate, and around the best of some random points.
 
 A candidate is first run on one machine, the hardest for the best candidate so far: its metric over all machines is no
-less. Only one that would become the best is run on all others.
+less. Only one that would become the best is run on all others. For the others, that metric is estimated by the ratio
+of the two at the nearest candidate that was run on all.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
+from gantrysim.tuning.candidates import Candidate, Trial, TrialResult
+from gantrysim.tuning.rounds import BATCH, rounds
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
-if TYPE_CHECKING:
-    from cmaes import CMA
-
-RANKS = {1: "feasible", 2: "torque ripple too high", 3: "margin too small", 4: "fault"}  # of candidates that are run
-
-Ended = Literal["budget", "converged", "no progress", "no candidate"]
+Ended = Literal["budget", "converged", "no candidate"]
 Phase = Literal["start", "tuned"]
 
-_SIGMA = 0.3  # initial standard deviation of every coordinate
-_RHO = (-1.5, 0.3)  # bounds of rho, the lower one relative to the start
-_CONVERGED = 0.01  # standard deviation of a generation's coordinates, 2 % of a gain
-_PATIENCE, _PROGRESS = 25, 0.002  # generations in which the metric must fall by this share
-_FRUITLESS = 200  # generations without a candidate that keeps the margin
-
-
-@dataclass(frozen=True)
-class TrialResult:
-    """Result of a run.
-
-    Attributes:
-        metric: to be minimised; inf where a fault ended the run.
-        ripple: torque ripple as a share of the peak torque, the largest of all axes.
-        fault: time of the fault that ended the run, or None [s].
-    """
-
-    metric: float
-    ripple: float = 0.0
-    fault: float | None = None
-
-
-@dataclass(eq=False)
-class Candidate:
-    """A servo considered by the search.
-
-    Attributes:
-        generation: 0 of the start.
-        number: within its generation, from 1.
-        servo: with its gains.
-        excess: of the margin, as in `Stability`; above 0 the margin is not kept.
-        results: by the number of the machine.
-        runs: number of runs the search had made when the candidate was last run.
-    """
-
-    generation: int
-    number: int
-    servo: Servo
-    excess: float = 0.0
-    results: dict[int, TrialResult] = field(default_factory=dict)
-    runs: int = 0
-
-    def order(self, ripple: float) -> tuple[int, float]:
-        """Return rank and amount from the results so far; `ripple` is the largest allowed, a share of peak torque."""
-        faults = [result.fault for result in self.results.values() if result.fault is not None]
-        if faults:
-            return 4, -min(faults)
-        if self.excess > 0:
-            return 3 if self.results else 5, self.excess
-        if self.ripple > ripple:
-            return 2, math.log(self.ripple / ripple)
-        return 1, self.metric
-
-    @property
-    def metric(self) -> float:
-        """The largest over the machines run so far."""
-        return max((result.metric for result in self.results.values()), default=math.inf)
-
-    @property
-    def ripple(self) -> float:
-        """The largest over the machines run so far."""
-        return max((result.ripple for result in self.results.values()), default=math.inf)
-
-    @property
-    def hardest(self) -> int:
-        """Number of the machine with the earliest fault, or else the largest metric."""
-        faults = {machine: math.inf if one.fault is None else one.fault for machine, one in self.results.items()}
-        return max(self.results, key=lambda machine: (-faults[machine], self.results[machine].metric))
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A run to be made: a candidate on a machine, by its number."""
-
-    candidate: Candidate
-    machine: int
+_RHO = -1.5  # lower bound of rho, relative to the start
+_CONFIRMED = 0.002  # share by which a candidate must be better on one machine to be run on the others
+_ROUNDED = 1e-3  # relative difference of gains that counts as none
 
 
 @dataclass(frozen=True)
@@ -128,7 +56,7 @@ class History:
         leaders: successive best candidates; the first is the start, the last the answer.
         skipped: number of candidates not run, as no frequency keeps their margin.
         runs: number of runs made.
-        generations: number of generations.
+        rounds: number of rounds.
         ended: why the search ended.
     """
 
@@ -136,7 +64,7 @@ class History:
     leaders: list[Candidate]
     skipped: int
     runs: int
-    generations: int
+    rounds: int
     ended: Ended
 
     @property
@@ -166,6 +94,7 @@ def search(
     budget: int,
     ripple: float,
     seed: int,
+    batch: int = BATCH,
     on_leader: Callable[[Candidate], None] = lambda candidate: None,
 ) -> Search:
     """Yield the trials to be run next, receive their results in the same order, and return the history.
@@ -179,30 +108,33 @@ def search(
         budget: maximum number of runs, at least 2 for each machine: the start and one candidate.
         ripple: largest torque ripple allowed, a share of the peak torque.
         seed: of the random numbers.
+        batch: number of candidates of a round.
         on_leader: called with every candidate that becomes the best.
     """
     start = Candidate(0, 1, space.start, float(stability.excess(space.start).max()))
     tried, leaders = [start], [start]
     runs = yield from _run(start, range(machines), 0)
     on_leader(start)
-    guess = stability.fastest(space, space.begin[1], Fastest(np.zeros(space.groups)))
-    optimiser = _optimiser(space, guess, seed)
-    generation, skipped, fruitless, improved = 0, 0, 0, (0, math.inf)
+    begin, bounds, guess = box(space, stability)
+    if start.excess <= 0 and _alike(space.start, space.servo(*space.begin)):
+        start.point = begin
+    seen = [start] if start.point.size else []
+    proposals = rounds(
+        begin, bounds, space.natural, known=bool(seen), machines=machines, ripple=ripple, seed=seed, batch=batch
+    )
+    points = next(proposals)
+    count, skipped = 0, 0
     ended: Ended | None = None
     while ended is None:
-        generation += 1
-        points = [optimiser.ask() for _ in range(optimiser.population_size)]
+        count += 1
         candidates = []
         for number, point in enumerate(points, 1):
-            candidate, guess = _candidate(generation, number, space, stability, point, guess)
+            candidate, guess = candidate_at(count, number, space, stability, point, guess)
             candidates.append(candidate)
         stable = [candidate for candidate in candidates if candidate.excess <= 0]
         skipped += len(candidates) - len(stable)
         room = budget - runs - (machines - 1)  # leaves enough to run a new best candidate on all machines
-        if stable and room <= 0:
-            ended = "budget"
-            break
-        chosen = stable[:room]
+        chosen = stable[: max(room, 0)]
         if chosen:
             machine = leaders[-1].hardest
             results = yield [Trial(candidate, machine) for candidate in chosen]
@@ -210,12 +142,13 @@ def search(
                 runs += 1
                 candidate.results[machine], candidate.runs = result, runs
             tried += chosen
-        contenders = list(chosen)
+        last = len(chosen) < len(stable)
+        contenders = list(tried if last else chosen)
         while contenders:
             first = min(contenders, key=lambda candidate: candidate.order(ripple))
-            if first.order(ripple) >= leaders[-1].order(ripple):
-                break
             others = [machine for machine in range(machines) if machine not in first.results]
+            if not _better(first, leaders[-1], ripple, 0.0 if last or not others else _CONFIRMED):
+                break
             if not others:
                 leaders.append(first)
                 on_leader(first)
@@ -224,22 +157,26 @@ def search(
                 break
             else:
                 runs = yield from _run(first, others, runs)
-        if len(chosen) < len(stable):
+        seen += [one for one in candidates if one.results or one.excess > 0]
+        if last:
             ended = "budget"
-            break
-        ranks = {id(c): rank for rank, c in enumerate(sorted(candidates, key=lambda c: c.order(ripple)))}
-        optimiser.tell([(point, ranks[id(c)]) for point, c in zip(points, candidates, strict=True)])
-        fruitless = 0 if stable else fruitless + 1
-        rank, metric = leaders[-1].order(ripple)
-        if rank > 1 or metric < improved[1] * (1 - _PROGRESS):
-            improved = (generation, metric if rank == 1 else math.inf)
-        if _converged(points, space.groups):
-            ended = "converged"
-        elif generation - improved[0] >= _PATIENCE:
-            ended = "no progress"
-        elif fruitless >= _FRUITLESS:
-            ended = "no candidate"
-    return History(tried, leaders, skipped, runs, generation, ended)
+        else:
+            try:
+                points = proposals.send(seen)
+            except StopIteration:
+                ended = "converged" if len(tried) > 1 else "no candidate"
+    return History(tried, leaders, skipped, runs, count, ended)
+
+
+def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float) -> bool:
+    """Return whether a candidate, by the machines it was run on, is better than the leader by a share of its metric."""
+    (rank, amount), (best, least) = candidate.order(ripple), leader.order(ripple)
+    return (rank, amount) < (best, least * (1 - share) if rank == best == 1 else least)
+
+
+def _alike(servo: Servo, other: Servo) -> bool:
+    """Return whether servos have the same gains, but for rounding."""
+    return all(np.allclose(getattr(servo, name), getattr(other, name), _ROUNDED) for name in GAIN_NAMES)
 
 
 def _run(candidate: Candidate, machines: Iterable[int], runs: int) -> Generator[list[Trial], list[TrialResult], int]:
@@ -251,30 +188,33 @@ def _run(candidate: Candidate, machines: Iterable[int], runs: int) -> Generator[
     return candidate.runs
 
 
-def _optimiser(space: SearchSpace, fastest: Fastest, seed: int) -> CMA:
-    """Return the optimiser at the start, given the fastest loops of its shape."""
-    from cmaes import CMA  # slow to import
-
+def box(space: SearchSpace, stability: Stability) -> tuple[Floats, Floats, Fastest]:
+    """Return the start and the bounds of all coordinates, (n,) and (n, 2), and a guess of fastest loops."""
     frequencies, shape = space.begin
-    rho = np.minimum(frequencies - fastest.frequencies, 0.0) if fastest.excess <= 0 else np.zeros(space.groups)
-    bounds = np.concatenate([np.stack([rho + _RHO[0], np.full(space.groups, _RHO[1])], axis=1), space.bounds])
-    return CMA(np.concatenate([rho, shape]), _SIGMA, bounds=bounds, seed=seed)
+    natural = Fastest(np.zeros(space.groups))
+    fastest = stability.fastest(space, shape, natural)
+    keeps = fastest.excess <= 0
+    rho = np.minimum(frequencies - fastest.frequencies, 0.0) if keeps else np.zeros(space.groups)
+    bounds = np.concatenate([np.stack([rho + _RHO, np.zeros(space.groups)], axis=1), space.bounds])
+    return np.concatenate([rho, shape]), bounds, fastest if keeps else natural
 
 
-def _candidate(
-    generation: int, number: int, space: SearchSpace, stability: Stability, point: Floats, guess: Fastest
+def candidate_at(
+    count: int, number: int, space: SearchSpace, stability: Stability, point: Floats, guess: Fastest
 ) -> tuple[Candidate, Fastest]:
-    """Return the candidate at a point of the optimiser, and the fastest loops of its shape as the next guess."""
+    """Return the candidate at a point, and the fastest loops of its shape as the next guess.
+
+    Args:
+        count: number of the round.
+        number: within the round.
+        space: of the servos.
+        stability: whose margin is kept.
+        point: rho, where more than 0 counts as 0, and shape.
+        guess: the fastest loops of another shape.
+    """
     rho, shape = point[: space.groups], point[space.groups :]
     fastest = stability.fastest(space, shape, guess)
     if fastest.excess > 0:
-        return Candidate(generation, number, space.servo(fastest.frequencies, shape), fastest.excess), guess
+        return Candidate(count, number, space.servo(fastest.frequencies, shape), fastest.excess, point=point), guess
     servo = space.servo(fastest.frequencies + np.minimum(rho, 0.0), shape)
-    return Candidate(generation, number, servo, float(stability.excess(servo).max())), fastest
-
-
-def _converged(points: list[Floats], groups: int) -> bool:
-    """Return whether the points of a generation nearly coincide."""
-    places = np.array(points)
-    places[:, :groups] = np.minimum(places[:, :groups], 0.0)
-    return bool(places.std(axis=0).max() < _CONVERGED)
+    return Candidate(count, number, servo, float(stability.excess(servo).max()), point=point), fastest

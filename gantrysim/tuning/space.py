@@ -98,6 +98,11 @@ class SearchSpace:
         shape = grouped[1:].ravel()
         return grouped[0], np.clip(shape, *self._bounds_of(shape).T)
 
+    @property
+    def natural(self) -> Floats:
+        """The shape of the natural numbers, within the bounds, (shapes,)."""
+        return np.repeat([1.0 if name in "va" else 0.0 for name in SPACES[self.name][1:]], self.groups)
+
     @cached_property
     def bounds(self) -> Floats:
         """Lower and upper bounds of a shape, (shapes, 2)."""

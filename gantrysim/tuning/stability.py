@@ -27,8 +27,8 @@ from gantrysim.tuning.space import SearchSpace
 _UNSTABLE = 10.0  # excess of a barely unstable loop, above that of any stable one
 _MIN_GAIN = 1e-6
 _STEP = 0.03  # first step of the search for a bracket [decades of w]
-_WIDTH = 0.002  # of the bracket at which the search ends [decades of w]
-_TOLERANCE = 0.003  # of the excess below 0, at which it ends as well
+_WIDTH = 0.0003  # of the bracket at which the search ends [decades of w]
+_TOLERANCE = 0.0005  # of the excess below 0, at which it ends as well
 _REACH = 2.0  # to both sides of the natural frequency [decades of w]
 
 
@@ -96,6 +96,7 @@ class Stability:
         self.machines = len(machines)
         self._plants = [Plant.of(machine, period, delay, drives=drives) for machine in machines]
         self._margins: dict[tuple[Servo, int], tuple[Margins, ...]] = {}
+        self._excess: dict[tuple[Servo, int], Floats] = {}
 
     def margins(self, servo: Servo, machine: int = 0) -> tuple[Margins, ...]:
         """Return the margins of every axis on one of the machines."""
@@ -141,10 +142,20 @@ class Stability:
             machines: numbers of the machines, by default all.
         """
         chosen = range(self.machines) if machines is None else machines
-        excess = [[self._excess(margins) for margins in self.margins(servo, k)] for k in chosen]
-        return np.max(excess, axis=0)
+        return np.max([self._excess_on(servo, machine) for machine in chosen], axis=0)
 
-    def _excess(self, margins: Margins) -> float:
+    def _excess_on(self, servo: Servo, machine: int) -> Floats:
+        """Return the excess on one of the machines; the slower margins are computed where a loop is unstable."""
+        key = servo, machine
+        if key not in self._excess:
+            peaks = self._plants[machine].sensitivity(servo)
+            if np.isfinite(peaks).all():
+                self._excess[key] = np.log(np.maximum(peaks, _MIN_GAIN) / self.peak)
+            else:
+                self._excess[key] = np.array([self._excess_of(margins) for margins in self.margins(servo, machine)])
+        return self._excess[key]
+
+    def _excess_of(self, margins: Margins) -> float:
         if margins.stable:
             return math.log(max(margins.sensitivity, _MIN_GAIN) / self.peak)
         return _UNSTABLE - math.log(max(margins.gain, _MIN_GAIN))

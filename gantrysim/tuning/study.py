@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from importlib.metadata import version
@@ -20,23 +20,32 @@ from gantrysim.run import Run
 from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.worker import MeasureTogether
+from gantrysim.tuning.candidates import Candidate
 from gantrysim.tuning.objective import METRICS, case_of, measure_together, micrometres, trial_result
-from gantrysim.tuning.search import Candidate, History, Phase, search
+from gantrysim.tuning.rounds import BATCH
+from gantrysim.tuning.search import History, Phase, search
 from gantrysim.tuning.servo import TUNED, servo_toml
 from gantrysim.tuning.space import SPACES, SearchSpace
 from gantrysim.tuning.stability import Stability, sensitivity_bound
 
-_BOUNDS = (("seed", 0, 2**32 - 1), ("robust", 0, 64), ("unseen", 0, math.inf), ("budget", 1, math.inf))
+_BOUNDS = (
+    ("seed", 0, 2**32 - 1),
+    ("robust", 0, 64),
+    ("guards", 0, 256),
+    ("batch", 1, 256),
+    ("unseen", 0, math.inf),
+    ("budget", 1, math.inf),
+)
 _UNSEEN: dict[Phase, str] = {"start": "unseen, before", "tuned": "unseen, after"}  # values of the column "stage"
 
 
 @dataclass(frozen=True)
 class TuningStudy(Study):
-    """The gains that minimise a metric of a job, found by CMA-ES.
+    """The gains that minimise a metric of a job, found by a trust region.
 
     The metric is the largest over the job's own machine and perturbed ones, drawn from a Latin hypercube. The gains
 
-    - keep the margin on every axis of each of these machines, see `gantrysim.tuning.stability`;
+    - keep the margin on every axis of each of these machines and of the guards, see `gantrysim.tuning.stability`;
     - keep the torque ripple, the largest of all axes as a share of the peak torque, on each of them;
     - end in no fault on any.
 
@@ -49,6 +58,8 @@ class TuningStudy(Study):
         metric: one of `METRICS`: rms, p95 or max of the contour error, or of the tracking part of the error budget.
         budget: maximum number of runs of the search.
         robust: number of perturbed machines besides the job's own.
+        guards: number of perturbed machines on which the margin is kept too, without runs; none where robust is 0.
+        batch: number of candidates that are run side by side; more fill more cores, but waste some runs.
         margin: least gain margin, in every direction.
         ripple: largest torque ripple [% of the peak torque]. The derived gains have 0.5 to 1.5 % in the built-in jobs,
             where beyond 2 % a little more gain makes the torque chatter.
@@ -62,6 +73,8 @@ class TuningStudy(Study):
     metric: str = "contour_rms"
     budget: int = 300
     robust: int = 4
+    guards: int = 28
+    batch: int = BATCH
     margin: float = 2.0
     ripple: float = 2.0
     per_axis: bool = False
@@ -100,7 +113,7 @@ class TuningStudy(Study):
     @property
     def settings(self) -> dict[str, Any]:
         """The settings of the search."""
-        named = ("metric", "budget", "robust", "margin", "ripple", "per_axis", "unseen", "seed")
+        named = ("metric", "budget", "robust", "guards", "batch", "margin", "ripple", "per_axis", "unseen", "seed")
         return {"law": self.space.name, **{name: getattr(self, name) for name in named}, "spread": asdict(self.spread)}
 
     @property
@@ -142,8 +155,9 @@ class TuningStudy(Study):
 
     @cached_property
     def stability(self) -> Stability:
-        """Stability margins on the machines of the search."""
-        return self._stability_on(self.machines)
+        """Stability margins on the machines of the search and the guards."""
+        guards = self._drawn(self.guards if self.robust else 0, self.seed + 2)
+        return self._stability_on([*self.machines, *(self.job.built_machine.perturbed(one) for one in guards)])
 
     @cached_property
     def unseen_stability(self) -> Stability:
@@ -189,11 +203,12 @@ class TuningStudy(Study):
             budget=self.budget,
             ripple=0.01 * self.ripple,
             seed=self.seed,
+            batch=self.batch,
             on_leader=self._leaders.append,
         )
         trials = next(own)
         while True:
-            stage = "search" if trials[0].candidate.generation else "start"
+            stage = "search" if trials[0].candidate.round else "start"
             rows = yield [
                 self._case(stage, trial.candidate, trial.machine, self.perturbations[trial.machine]) for trial in trials
             ]
@@ -209,7 +224,7 @@ class TuningStudy(Study):
             candidate.servo,
             perturbation,
             stage=stage,
-            generation=candidate.generation,
+            round=candidate.round,
             candidate=candidate.number,
             machine=machine,
         )
@@ -221,11 +236,16 @@ class TuningStudy(Study):
         return self._histories[-1][1]
 
     def _replay(self, rows: list[Row]) -> History:
-        own, left = self._search_rounds(), iter(rows)
+        left = iter(rows)
+        return self.found(lambda cases: [next(left) for _ in cases])
+
+    def found(self, measure: Callable[[list[Case]], list[Row]]) -> History:
+        """Return the history of the search with the rows that a function returns for its cases."""
+        own = self._search_rounds()
         cases = next(own)
         while True:
             try:
-                cases = own.send([next(left) for _ in cases])
+                cases = own.send(measure(cases))
             except StopIteration as stop:
                 return stop.value
 
@@ -258,7 +278,7 @@ class TuningStudy(Study):
             f"{self.metric}: {micrometres(start.metric)} at the start, {micrometres(best.metric)} tuned{worst}.",
             f"Gain margin at least {self.margin:g} in every direction, torque ripple at most {self.ripple:g} % of the "
             "peak torque.",
-            f"Candidate {best.number} of generation {best.generation}; {history.runs} runs, seed {self.seed}.",
+            f"Candidate {best.number} of round {best.round}; {history.runs} runs, seed {self.seed}.",
             f"Usage: gantrysim run JOB --servo {TUNED}",
         ]
         return servo_toml(job, best.servo, comments)

@@ -18,7 +18,7 @@ from gantrysim.tuning.servo import TUNED
 from support.studies import PATIENCE, content, spoken
 from support.tunings import circle, detuned
 
-SMALL = ("--budget", 24, "--robust", 1, "--unseen", 2, "--workers", 1)
+SMALL = ("--budget", 24, "--robust", 1, "--guards", 2, "--unseen", 2, "--workers", 1)
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def test_a_tuned_job_runs_with_the_tuned_servo(gantrysim_command, tmp_path, file
     assert said == ""
     out = " ".join(output.split())
     assert "Rms contour error, worst of 2 machines: " in out
-    assert "CMA-ES over kp, ki, kd, velocity_ff, acceleration_ff, one factor for all axes, seed 1: " in out
+    assert "Trust region over kp, ki, kd, velocity_ff, acceleration_ff, one factor for all axes, seed 1: " in out
     assert "written to out/tune-circle/: job.toml, plots, report.html, study.csv, study.toml, tuned.toml" in out
     tuned = tmp_path / "out" / "tune-circle" / TUNED
     run = ("run", file, "--servo", tuned, "--no-video", "--no-report", "--out")

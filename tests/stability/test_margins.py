@@ -613,3 +613,13 @@ def test_of_several_ranges_that_stabilise_an_axis_the_highest_is_given():
             return 0.1 < factor < 0.2 or 0.4 < factor < 0.8
 
     assert _factors(Ranges(), 0, np.array([0.2, 0.8, 0.4, 0.1]), False) == (0.4, 0.8)
+
+
+@pytest.mark.parametrize("name", ["xy", "stage"])
+@pytest.mark.parametrize("factor", [0.5, 1.0, 1.5, 30.0])
+def test_the_peak_of_s_alone_is_that_of_the_margins(name, factor):
+    machine = Machine(name)
+    plant, servo = Plant.of(machine, 1e-3), scaled(Servo.derive(machine.axes, 1e-3), factor)
+    expected = [own.sensitivity for own in plant.margins(servo)]
+    assert plant.sensitivity(servo).tolist() == expected
+    assert np.isinf(expected).any() == (factor > 2)

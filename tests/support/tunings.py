@@ -90,4 +90,4 @@ def searched(study):
 
 def tuning(job, **more):
     """A study that is small unless the test says otherwise."""
-    return TuningStudy(job, **{"budget": 40, "robust": 1, "unseen": 2, **more})
+    return TuningStudy(job, **{"budget": 40, "robust": 1, "guards": 2, "unseen": 2, **more})

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo
-from gantrysim.tuning.search import Candidate, TrialResult, search
+from gantrysim.tuning.candidates import Candidate, TrialResult
+from gantrysim.tuning.search import search
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
@@ -75,7 +76,7 @@ def run(own, stability, measure, machines=1, budget=200, seed=1, **more):
 @pytest.mark.parametrize("factor", [1 / 30, 0.1, 1.0, 10.0, 30.0])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_minimum_of_a_bowl_is_found_from_anywhere(unconstrained, factor, seed):
-    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=400, seed=seed)
+    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=80, seed=seed)
     assert history.best.metric < FOUND
 
 
@@ -84,11 +85,11 @@ def test_each_axis_finds_its_own_gains(unconstrained):
         errors = [math.log10(servo.kp[a] / (best * DERIVED.kp[a])) for a, best in enumerate((0.2, 0.6))]
         return TrialResult(1.0 + sum(error**2 for error in errors))
 
-    history, _ = run(space(per_axis=True), unconstrained, measure, budget=600)
+    history, _ = run(space(per_axis=True), unconstrained, measure, budget=120)
     assert history.best.metric < FOUND
     assert history.best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.2, rel=0.3)
     assert history.best.servo.kp[1] / DERIVED.kp[1] == pytest.approx(0.6, rel=0.3)
-    shared, _ = run(space(), unconstrained, measure, budget=600)
+    shared, _ = run(space(), unconstrained, measure, budget=120)
     assert shared.best.metric > 1.1
 
 
@@ -96,8 +97,8 @@ def test_every_candidate_that_is_run_keeps_the_margin_and_the_edge_is_reached(st
     def measure(servo, machine):  # the faster the better
         return TrialResult(DERIVED.kp[0] / servo.kp[0])
 
-    history, rounds = run(space(detuned(0.1)), stability, measure, budget=150)
-    tried = {id(candidate): candidate for lot in rounds for candidate, _ in lot if candidate.generation}
+    history, rounds = run(space(detuned(0.1)), stability, measure, budget=80)
+    tried = {id(candidate): candidate for lot in rounds for candidate, _ in lot if candidate.round}
     assert all(float(stability.excess(candidate.servo).max()) <= 0 for candidate in tried.values())
     assert -0.01 < float(stability.excess(history.best.servo).max()) <= 0
 
@@ -106,7 +107,7 @@ def test_shapes_that_keep_the_margin_at_no_frequency_are_not_run(stability):
     hardly_damped = dataclasses.replace(DERIVED, kd=tuple(0.15 * kd for kd in DERIVED.kd), ki=(17.0, 23.0))
     history, rounds = run(space(hardly_damped, "pid"), stability, bowl, budget=40)
     assert history.skipped > 0
-    assert len(history.candidates) + history.skipped <= 1 + 8 * history.generations
+    assert len(history.candidates) + history.skipped <= 1 + 5 * history.rounds
     assert sum(map(len, rounds)) == len(history.candidates) == history.runs
 
 
@@ -143,14 +144,14 @@ def harder(servo, machine):
 
 
 def test_the_result_is_the_best_on_its_worst_machine_and_was_run_on_all(unconstrained):
-    history, _ = run(space(detuned(0.1)), unconstrained, harder, machines=3, budget=400)
+    history, _ = run(space(detuned(0.1)), unconstrained, harder, machines=3, budget=200)
     best = history.best
     assert set(best.results) == {0, 1, 2}
     assert best.metric == max(harder(best.servo, machine).metric for machine in range(3))
     assert best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.3, rel=0.1)  # half way on the logarithm
     assert best.metric == pytest.approx(1.301, abs=0.03)
     once = [len(candidate.results) for candidate in history.candidates]
-    assert once.count(1) > 0.4 * len(once)  # even where the hardest machine changes all the time
+    assert once.count(1) > 0.3 * len(once)  # even where the hardest machine changes all the time
     for leader in history.leaders:
         assert len(leader.results) == 3
 
@@ -174,17 +175,6 @@ def test_the_same_seed_searches_the_same_and_another_one_does_not(unconstrained)
     assert first != other
 
 
-def test_the_search_depends_on_the_ranking_alone(unconstrained):
-    """A rescaled metric with the same order leads to the same candidates."""
-
-    def scaled(servo, machine):
-        return TrialResult(math.exp(5 * bowl(servo, machine).metric))
-
-    one, _ = run(space(detuned(0.3)), unconstrained, bowl, budget=100)
-    other, _ = run(space(detuned(0.3)), unconstrained, scaled, budget=100)
-    assert [c.servo for c in one.candidates] == [c.servo for c in other.candidates]
-
-
 def test_candidates_with_too_much_torque_ripple_rank_behind(unconstrained):
     """The minimum of the bowl has too much ripple: the result stays at the limit."""
 
@@ -192,10 +182,10 @@ def test_candidates_with_too_much_torque_ripple_rank_behind(unconstrained):
         kd = servo.kd[0] / DERIVED.kd[0]
         return dataclasses.replace(bowl(servo, machine), ripple=RIPPLE * kd / 0.15)
 
-    history, _ = run(space(detuned(0.1)), unconstrained, measure, budget=300)
+    history, _ = run(space(detuned(0.1)), unconstrained, measure, budget=100)
     assert history.best.ripple <= RIPPLE
     assert history.best.servo.kd[0] / DERIVED.kd[0] == pytest.approx(0.15, rel=0.1)
-    free, _ = run(space(detuned(0.1)), unconstrained, bowl, budget=300)
+    free, _ = run(space(detuned(0.1)), unconstrained, bowl, budget=100)
     assert free.best.servo.kd[0] / DERIVED.kd[0] == pytest.approx(0.2, rel=0.1)
 
 
@@ -208,7 +198,7 @@ def test_the_search_leaves_torque_ripple_and_faults_behind(unconstrained):
             return TrialResult(math.inf, math.inf, 5.0 - far)
         return TrialResult(bowl(servo, machine).metric, RIPPLE * (far + 0.8))
 
-    history, _ = run(space(detuned(30.0)), unconstrained, measure, budget=300)
+    history, _ = run(space(detuned(30.0)), unconstrained, measure, budget=100)
     assert history.start.order(RIPPLE)[0] == 4
     assert history.best.order(RIPPLE)[0] == 1
     assert history.best.metric < 1.1
@@ -258,7 +248,7 @@ def test_a_start_below_the_margin_gains_no_rank_by_its_metric():
 
 def test_the_search_ends_when_its_candidates_converge(unconstrained):
     history, _ = run(space(), unconstrained, bowl, budget=5000)
-    assert history.ended in ("converged", "no progress")
+    assert history.ended == "converged"
     assert history.runs < 2000
     assert history.best.metric < 1.001
 
@@ -266,8 +256,8 @@ def test_the_search_ends_when_its_candidates_converge(unconstrained):
 def test_the_search_ends_without_progress(unconstrained):
     flat = np.random.default_rng(1)
     history, _ = run(space(), unconstrained, lambda servo, machine: TrialResult(1.0 + flat.random()), budget=5000)
-    assert history.ended in ("converged", "no progress")
-    assert history.generations < 200
+    assert history.ended == "converged"
+    assert history.rounds < 300
 
 
 def test_the_search_ends_if_no_candidate_keeps_the_margin(stability):
@@ -284,16 +274,16 @@ def test_the_search_ends_if_no_candidate_keeps_the_margin(stability):
             return np.full(servo.axes, 0.5)
 
     history, rounds = run(space(), Lost(), bowl, budget=100)
-    assert history.ended in ("no candidate", "converged")
+    assert history.ended == "no candidate"
     assert history.best is history.start
     assert [len(lot) for lot in rounds] == [1]
-    assert history.skipped == 8 * history.generations
+    assert history.skipped > 2 * history.rounds
 
 
 def test_few_candidates_are_run_on_more_than_the_hardest_machine(unconstrained):
     def measure(servo, machine):
         return TrialResult(bowl(servo, machine).metric * (1.0 + 0.1 * machine))
 
-    history, _ = run(space(detuned(0.1)), unconstrained, measure, machines=5, budget=200)
+    history, _ = run(space(detuned(0.1)), unconstrained, measure, machines=5, budget=120)
     assert history.best.hardest == 4
     assert sum(len(one.results) == 1 for one in history.candidates) > 0.8 * len(history.candidates)

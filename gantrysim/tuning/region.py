@@ -1,0 +1,126 @@
+"""A trust region: the points around the best one at which a surrogate expects the least value.
+
+The surrogate predicts the logarithm of the metric and, where it comes near its limit, that of the torque ripple. A
+round of points is chosen one after the other as the least of
+
+    metric - c deviation + penalty of (ripple + its deviation) above the limit
+
+with several c, each point then taken to have its predicted value. The region grows when a round finds a better point,
+and shrinks when it does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from gantrysim.arrays import Floats
+from gantrysim.tuning.surrogate import Surrogate
+
+_RADIUS, _LARGEST, _SMALLEST = 0.4, 0.8, 0.01  # half the side of the region
+_GROWTH, _SHRINKAGE = 1.6, 0.6
+_SIDES = (0.4, 2.5)  # of the region along a coordinate, over their mean: as the scales of the metric
+_NEAREST = 100  # measured points in a surrogate
+_ABOVE = 2.0  # values further above the least are cut, so that they do not bend the surrogate there
+_RIPPLES, _NEAR = (-2.0, 1.0), -0.7  # the same for the ripple; below _NEAR everywhere, it is left out
+_CAUTION = (0.0, 1.0, 2.0, 1.0)  # c of the points of a round, in turn
+_PENALTY = 20.0
+_SAMPLES, _STARTS, _STEPS = 400, 3, 40  # to find the least: random points, descents from the best, steps of each
+_CHANGED = 10  # coordinates of a random point that differ from the centre, in the mean
+_NUDGE = 1e-5  # of a difference quotient
+
+
+class Measured(NamedTuple):
+    """Measured points.
+
+    Attributes:
+        points: (n, d).
+        metric: logarithm of the metric, inf where there is none, (n,).
+        ripple: logarithm of the torque ripple over its limit, inf where there is none, (n,).
+    """
+
+    points: Floats
+    metric: Floats
+    ripple: Floats
+
+
+@dataclass(eq=False)
+class TrustRegion:
+    """A box around the best point that shrinks until it holds the minimum.
+
+    Attributes:
+        bounds: of the coordinates, (d, 2).
+        rng: of the random points.
+        radius: half the mean side.
+    """
+
+    bounds: Floats
+    rng: np.random.Generator
+    radius: float = _RADIUS
+    _metric: Surrogate | None = None
+    _ripple: Surrogate | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether the region is small."""
+        return self.radius < _SMALLEST
+
+    def adapt(self, *, improved: bool) -> None:
+        """Grow or shrink the region after a round."""
+        self.radius = min(self.radius * _GROWTH, _LARGEST) if improved else self.radius * _SHRINKAGE
+
+    def ask(self, measured: Measured, best: int, count: int) -> list[Floats]:
+        """Return the points of a round, (d,) each.
+
+        Args:
+            measured: so far.
+            best: number of the best measured point, the centre of the region.
+            count: number of points to return.
+        """
+        centre = measured.points[best]
+        near = np.argsort(((measured.points - centre) ** 2).sum(axis=1), kind="stable")[:_NEAREST]
+        points, values, slack = (own[near] for own in measured)
+        least = float(values.min())
+        values = np.minimum(values, _ABOVE + (least if np.isfinite(least) else 0.0))
+        metric = self._metric = Surrogate.fitted(points, values, self._metric)
+        known = np.isfinite(slack)
+        ripple = None
+        if known.any() and slack[known].max() > _NEAR:
+            ripple = self._ripple = Surrogate.fitted(points[known], np.clip(slack[known], *_RIPPLES), self._ripple)
+        half = self.radius * np.clip(metric.scales / np.exp(np.log(metric.scales).mean()), *_SIDES)
+        low, high = np.maximum(centre - half, self.bounds[:, 0]), np.minimum(centre + half, self.bounds[:, 1])
+        chosen = []
+        for k in range(count):
+            point = self._least(metric, ripple, centre, np.stack([low, high], axis=1), _CAUTION[k % len(_CAUTION)])
+            chosen.append(point)
+            metric = metric.extended(point, float(metric.predict(point[None])[0][0]))
+        return chosen
+
+    def _least(
+        self, metric: Surrogate, ripple: Surrogate | None, centre: Floats, box: Floats, caution: float
+    ) -> Floats:
+        def cost(points: Floats) -> Floats:
+            value, deviation = metric.predict(points)
+            value = value - caution * deviation
+            if ripple is not None:
+                slack, deviation = ripple.predict(points)
+                value = value + _PENALTY * np.maximum(slack + deviation, 0.0)
+            return value
+
+        def sloped(point: Floats) -> tuple[float, Floats]:
+            values = cost(np.vstack([point, point + _NUDGE * np.eye(len(point))]))
+            return float(values[0]), (values[1:] - values[0]) / _NUDGE
+
+        samples = self.rng.uniform(box[:, 0], box[:, 1], (_SAMPLES, len(centre)))
+        changed = self.rng.random(samples.shape) < _CHANGED / len(centre)
+        samples = np.where(changed, samples, centre)
+        best = samples[np.argsort(cost(samples), kind="stable")[:_STARTS]]
+        found = [
+            minimize(sloped, one, jac=True, method="L-BFGS-B", bounds=box, options={"maxiter": _STEPS}).x
+            for one in best
+        ]
+        ends = np.vstack([found, best])
+        return np.asarray(ends[cost(ends).argmin()], float)
