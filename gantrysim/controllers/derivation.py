@@ -13,7 +13,7 @@ from gantrysim.controllers import notch
 from gantrysim.controllers.law import GAIN_NAMES, compensator
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.margins import Laws, Margins, Plant
+from gantrysim.stability.margins import NO_LOOP, Laws, Margins, Plant
 from gantrysim.stability.motion import Drives, Motion
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
@@ -57,6 +57,10 @@ class AxisDynamics(Protocol):
     @property
     def resolution(self) -> float:
         """Axis travel per encoder count, 0 for an exact measurement [mm]."""
+
+    @property
+    def steps(self) -> bool:
+        """Whether its motor is a stepper made for open loop."""
 
     @property
     def motion(self) -> Motion | None:
@@ -132,7 +136,7 @@ def loop(
     if frequency is not None:
         at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
-        slowest = max(one.lags.winding(one.axis) for one in loops)
+        slowest = max((one.lags.winding(one.axis) for one in loops if not one.lags.drives.steps(0)), default=0.0)
         lag = slowest + period + lags.delay + lags.feedback * period
         at = room = natural_frequency(lag, damping)
         bound, chain = "", _Chain.of(axes, loops, period, lags)
@@ -147,6 +151,8 @@ def loop(
             why += f"at more, {bound}; the lags alone leave room for {room:.3g} Hz"
         else:
             why += f"the lags of sampling, output and winding, {1e3 * lag:.3g} ms, leave room for no more"
+    if all(one.lags.drives.steps(0) for one in loops):
+        why = "steppers in open loop have no gains"
     notches = tuple(one.notch_at(at) or notch.NONE for one in loops)
     for one, mode in zip(loops, notches, strict=True):
         if mode != notch.NONE:
@@ -160,7 +166,8 @@ class _AxisLoop:
     def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, lags: Lags) -> None:
         self.axis, self.period, self.lags = axis, period, lags
         self._damping, self._integral_time = damping, integral_time
-        self._plant = None if axis.motion is None else Plant(axis.motion, period, lags.delay, lags.drives)
+        motion = None if lags.drives.steps(0) else axis.motion
+        self._plant = None if motion is None else Plant(motion, period, lags.delay, lags.drives)
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
@@ -199,7 +206,7 @@ class _AxisLoop:
 
     def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
         if self._plant is None:
-            return _UNBOUNDED
+            return NO_LOOP
         return self._plant.margins(self._laws(frequency, mode))[0]
 
     def _laws(self, frequency: float, mode: float) -> Laws:
@@ -271,6 +278,3 @@ def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
 
 def _kept(margins: Margins) -> bool:
     return margins.gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
-
-
-_UNBOUNDED = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)

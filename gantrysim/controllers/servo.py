@@ -40,7 +40,8 @@ DRIVE = (
     Parameter("interpolation_error_twice", "u", "amplitude of the encoder's error twice per signal period"),
     Parameter("signal_period", "u", "axis travel per signal period of the encoder"),
 )
-FEEDBACKS = ("motor", "load")
+FEEDBACKS = ("motor", "load", "none")
+MODES = ("torque", "stepper")
 
 # what `Servo.derive` takes from the axes unless it is given
 DERIVED = (
@@ -71,7 +72,9 @@ class Servo(Shown):
         current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period: as in `DRIVE`,
             by default 0.
         feedback: where the encoder of each axis is: on the "motor", the default, or on the "load" behind the axis'
-            compliance.
+            compliance; "none" of a stepper in open loop, of which the servo knows the microsteps that it has sent.
+        mode: what the servo sends to the drive of each axis: "torque", the default, or "stepper", of a stepper in open
+            loop, to which it sends positions and which takes no gains.
         feedback_delay: from the encoder's sample to the servo, in servo periods.
         encoder_seed: of the noise.
     """
@@ -96,6 +99,7 @@ class Servo(Shown):
     interpolation_error_twice: tuple[float, ...] = ()
     signal_period: tuple[float, ...] = ()
     feedback: tuple[str, ...] = ()
+    mode: tuple[str, ...] = ()
     feedback_delay: int = 0
     encoder_seed: int = 0
 
@@ -122,6 +126,15 @@ class Servo(Shown):
                     f"signal_period = {signal:g} mm: must be greater than 0 mm where there is an interpolation error, "
                     f"which is {max(once, twice):g} mm"
                 )
+        for place, mode in zip(self.feedback, self.mode, strict=True):
+            if place == "none" and mode != "stepper":
+                raise InputError(f"servo feedback = 'none': a drive in mode {mode!r} needs it; use 'motor' or 'load'")
+        for name in GAIN_NAMES:
+            for value, mode in zip(getattr(self, name), self.mode, strict=True):
+                if value and mode == "stepper":
+                    raise InputError(
+                        f"{name} = {value:g} in mode 'stepper': must be 0, nothing is fed back; use 'torque'"
+                    )
         _check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
         _check_whole("encoder_seed", self.encoder_seed, _LARGEST_SEED)
 
@@ -150,12 +163,19 @@ class Servo(Shown):
     @property
     def drives(self) -> Drives:
         """What of the drives lies in the loops."""
-        return drives_of(self.feedback, self.current_bandwidth)
+        return drives_of(self.feedback, self.current_bandwidth, self.mode)
 
     @property
     def lags(self) -> Lags:
         """What makes the loops late."""
         return Lags(self.delay, self.feedback_delay, self.drives)
+
+    def check_torque(self, what: str) -> None:
+        """Raise InputError unless the servo sends torques to all drives, which something needs, named in words."""
+        if set(self.mode) != {MODES[0]}:
+            raise InputError(
+                f"{what}: servo mode = {', '.join(map(repr, self.mode))}, with other gains or none; only for 'torque'"
+            )
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return law, notch and feedback delay of each axis as the stability of its loop depends on them."""
@@ -178,6 +198,7 @@ class Servo(Shown):
         following_error_limit: float = FOLLOWING_ERROR_LIMIT,
         delay: float = 0.0,
         feedback: str | Sequence[str] = FEEDBACKS[0],
+        mode: str | Sequence[str] | None = None,
         feedback_delay: int = 0,
         encoder_seed: int = 0,
         **given: float | Sequence[float] | None,
@@ -199,7 +220,9 @@ class Servo(Shown):
             integral_time: kp / ki [s].
             following_error_limit: for every axis [mm].
             delay: from sample to output [s].
-            feedback: "motor" or "load", for all axes or one per axis.
+            feedback: "motor" or "load", for all axes or one per axis; a stepper in open loop without an encoder takes
+                "none" for "motor".
+            mode: "torque" or "stepper", for all axes or one per axis; by default that of its motor.
             feedback_delay: from the encoder to the servo, in servo periods.
             encoder_seed: of the encoders' noise.
             given: any of `DERIVED` to override, one value or one per axis.
@@ -213,10 +236,15 @@ class Servo(Shown):
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
         at_least("integral_time", min(integral_time, _LONGEST_PERIOD), _SHORTEST_PERIOD, "s")
-        places = _per_axis("feedback", feedback, len(axes))
+        modes = _per_axis("mode", mode or tuple("stepper" if axis.steps else "torque" for axis in axes), len(axes))
+        counts = _per_axis("resolution", given.get("resolution", [axis.resolution for axis in axes]), len(axes))
+        places = tuple(
+            "none" if own == "stepper" and place == "motor" and not count else place
+            for own, place, count in zip(modes, _per_axis("feedback", feedback, len(axes)), counts, strict=True)
+        )
         widths = _per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
         _check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
-        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths))
+        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths, modes))
         found = loop(axes, period, frequency, zeta, integral_time, lags)
         pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
         derived: dict[str, list[float]] = {
@@ -238,10 +266,15 @@ class Servo(Shown):
             if value is None:
                 continue
             derived[name] = list(_per_axis(name, value, len(axes)))
+        for name in GAIN_NAMES:
+            if not isinstance(given.get(name), Iterable):
+                kept = zip(derived[name], modes, strict=True)
+                derived[name] = [0.0 if mode == "stepper" else value for value, mode in kept]
         return cls(
             period=period,
             delay=delay,
             feedback=places,
+            mode=modes,
             feedback_delay=feedback_delay,
             encoder_seed=encoder_seed,
             **{name: tuple(values) for name, values in derived.items()},
@@ -254,8 +287,10 @@ _UNLESS_GIVEN: dict[str, float | str] = {
     "notch_depth": NOTCH_DEPTH,
     **{parameter.name: 0.0 for parameter in DRIVE},
     "feedback": FEEDBACKS[0],
+    "mode": MODES[0],
 }
 _COMMON = ("period", "delay", "feedback_delay", "encoder_seed")
+_WORDS = {"feedback": FEEDBACKS, "mode": MODES}
 _DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
 
 
@@ -264,13 +299,17 @@ def _per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
     values = (value,) * axes if single else tuple(value)
     if len(values) != axes:
         raise InputError(f"{name} has {len(values)} values: must be one or {axes}, one per axis")
-    return tuple(_checked(name, one) for one in values) if name in ("feedback", "current_bandwidth") else values
+    return tuple(_checked(name, one) for one in values) if name in (*_WORDS, "current_bandwidth") else values
 
 
-def drives_of(feedback: Sequence[str], bandwidth: Sequence[float]) -> Drives:
-    """Return what of the drives lies in the loops, given feedback and current bandwidth of every axis."""
+def drives_of(feedback: Sequence[str], bandwidth: Sequence[float], mode: Sequence[str]) -> Drives:
+    """Return what of the drives lies in the loops, given feedback, current bandwidth and mode of every axis."""
     load = tuple(place == "load" for place in feedback)
-    return Drives(load if any(load) else (), tuple(bandwidth) if any(bandwidth) else ())
+    return Drives(
+        load if any(load) else (),
+        tuple(bandwidth) if any(bandwidth) else (),
+        tuple(mode) if set(mode) != {MODES[0]} else (),
+    )
 
 
 def _check_whole(name: str, value: float, most: int) -> None:
@@ -283,9 +322,9 @@ def _check_period(period: float) -> None:
 
 
 def _checked(name: str, value: Any) -> Any:
-    if name == "feedback":
-        if value not in FEEDBACKS:
-            raise InputError(f"servo feedback = {value!r}: must be one of {', '.join(map(repr, FEEDBACKS))}")
+    if name in _WORDS:
+        if value not in _WORDS[name]:
+            raise InputError(f"servo {name} = {value!r}: must be one of {', '.join(map(repr, _WORDS[name]))}")
         return value
     if name in _DRIVE_NAMES:
         return between(name, value, 0, _LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)

@@ -13,8 +13,9 @@ from gantrysim.design.table import Drive, Guides, MachineTable, Slide
 
 M = 1e-3  # metres per millimetre
 
-# custom numerics of an MJCF, a value per actuator: what a verdict needs and no physics [N·m, kg·m², 1, H, 1, µm/300 mm]
-FACTS = ("continuous_torque", "rotor_inertia", "pole_pairs", "inductance", "efficiency", "travel_error")
+# custom numerics of an MJCF, a value per actuator: what a verdict or a stepper's circuit needs
+# [N·m, kg·m², 1, H, 1, µm/300 mm, 1]
+FACTS = ("continuous_torque", "rotor_inertia", "pole_pairs", "inductance", "efficiency", "travel_error", "microsteps")
 
 # LuGre friction, as of the built-in machines
 _STATIC = 1.2  # per Coulomb friction
@@ -172,7 +173,11 @@ class Mjcf:
             damping = 2 * _BRISTLE_DAMPING * math.sqrt(bristles * inertia)
             attributes["lugre"] = (bristles, damping, coulomb, _STATIC * coulomb, _STRIBECK * slide_gear)
         if motor.detent_torque:
-            attributes["cogging"] = (motor.detent_torque, max(4 * motor.pole_pairs, 1), 0)
+            attributes["cogging"] = (
+                motor.detent_torque,
+                max(4 * motor.pole_pairs, 1),
+                math.pi,
+            )  # at rest at full steps
         if motor.inductance:
             attributes["inductance"] = motor.resistance * drive.lag
         if viscous:
@@ -193,7 +198,8 @@ class Mjcf:
             armature=drive.armature,
             **attributes,
         )
-        add(self.sensor, "actuatorpos", name=name, actuator=name, user=drive.counts)
+        if drive.encoder is not None:
+            add(self.sensor, "actuatorpos", name=name, actuator=name, user=drive.counts)
         facts = (
             motor.continuous,
             motor.rotor_inertia,
@@ -201,5 +207,6 @@ class Mjcf:
             motor.inductance,
             way.efficiency,
             way.error(300),
+            drive.fine_steps,
         )
         self._facts[name] = facts

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError
-from gantrysim.machine.axis import PER_SI
+from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import DRIVE
+from gantrysim.native.row import DRIVE, STEPPER
+
+_CIRCUIT = 2e-5  # longest step of a stepper's circuit [s]
 
 
 def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.void] | None:
@@ -23,7 +25,8 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
         step: physics step [s].
 
     Raises:
-        InputError: feedback from the load of an axis that has none, or a current loop of a motor without inductance.
+        InputError: feedback from the load of an axis that has none, a current loop of a motor without inductance, or
+            mode "stepper" of a motor that is none.
     """
     if servo.plain:
         return None
@@ -52,4 +55,24 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
                 )
             entry["lead"] = math.expm1(-2 * math.pi * bandwidth * step) / math.expm1(-step / axis.lag)
             entry["constant"] = axis.motor_constant
+        if servo.mode[a] == "stepper":
+            _step(entry, axis, servo, a, float(machine.drive_gain[a]), step)
     return entries
+
+
+def _step(entry: np.void, axis: Axis, servo: Servo, a: int, gain: float, step: float) -> None:
+    """Fill in the entry of a stepper in open loop, whose motor constant is the nominal one times the gain."""
+    motor = axis.stepping
+    if motor is None:
+        raise InputError(
+            f"servo mode of axis {axis.name} = 'stepper': its motor is no stepper with microsteps; use 'torque', or a "
+            "table of the machine with a motor of kind 'stepper'"
+        )
+    steps = math.ceil(step / _CIRCUIT)
+    inductance = motor.inductance if axis.lag > 0 else 0.0
+    entry["mode"], entry["counts"], entry["circuit"] = STEPPER, servo.feedback[a] == "none", steps
+    entry["poles"] = motor.pole_pairs / axis.scale
+    entry["microstep"] = axis.electrical_period / (4 * motor.microsteps)
+    entry["amplitude"] = min(servo.torque_limit[a], axis.peak_torque) / axis.motor_constant
+    entry["constant"], entry["resistance"], entry["bus"] = gain * axis.motor_constant, axis.resistance, axis.bus_voltage
+    entry["left"] = math.exp(-axis.resistance * step / steps / inductance) if inductance else 0.0

@@ -107,7 +107,7 @@ class Simulation:
             position,
             substeps,
             model,
-            LogBook(machine, setpoints, position, dispenser, checked, None if drives is None else drives["lead"]),
+            LogBook(machine, setpoints, position, dispenser, checked, drives),
             checked,
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, model, servo.period, substeps),
@@ -127,6 +127,9 @@ class Simulation:
         self._fill(row)
         self._supervise(row)
         drives = None if self.drives is None else self.drives.copy()
+        if drives is not None:
+            for name in ("start", "target", "next"):
+                drives[name] = self.position[0]
         row["drives"] = 0 if drives is None else drives.ctypes.data
         row["magic"] = magic()  # the last, for it arms the servo
         return Started(self, row, drives)
@@ -147,7 +150,8 @@ class Simulation:
         row["notch"][: servo.axes] = servo.filters
         # a demand beyond what the drive can give is clamped by the drive itself
         peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
-        row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)
+        unfed = np.array(servo.mode) == "stepper"  # where a law of the user's own does nothing
+        row["torque_limit"][: servo.axes] = np.where(unfed, np.inf, np.minimum(servo.torque_limit, peak))
         row["drive_gain"][: servo.axes] = machine.drive_gain
         for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
             for name in ("control", "output", "current"):

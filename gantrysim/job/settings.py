@@ -11,7 +11,8 @@ from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Paramete
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
-_Feedback = Literal["motor", "load"]
+_Feedback = Literal["motor", "load", "none"]
+_Mode = Literal["torque", "stepper"]
 
 PerAxis = float | list[float] | None
 
@@ -32,7 +33,10 @@ class _Derivation(BaseModel):
     integral_time: float = _setting(math.inf, "kp / ki; inf for no integral term [s]")
     following_error_limit: float = _setting(FOLLOWING_ERROR_LIMIT, "error at which the drives are disabled [mm or deg]")
     delay: float = _setting(0.0, "from the encoder's sample to the torque demand [s]")
-    feedback: _Feedback | list[_Feedback] = _setting("motor", "where the encoders are: on the motor or on the load")
+    feedback: _Feedback | list[_Feedback] = _setting(
+        "motor", "where the encoders are: on the motor or on the load, or none"
+    )
+    mode: _Mode | list[_Mode] | None = _setting(None, "what the drives are told, by default what their motors are for")
     feedback_delay: int = _setting(0, "from the encoder's sample to the servo, in servo periods")
     encoder_seed: int = _setting(0, "of the encoders' noise")
 

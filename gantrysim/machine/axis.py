@@ -22,6 +22,21 @@ PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per
 
 
 @dataclass(frozen=True)
+class Stepping:
+    """The two-phase stepper of an axis.
+
+    Attributes:
+        pole_pairs: p, electrical periods per turn; each is four full steps.
+        inductance: of a phase [H].
+        microsteps: per full step.
+    """
+
+    pole_pairs: float
+    inductance: float
+    microsteps: float
+
+
+@dataclass(frozen=True)
 class Axis:
     """A driven axis; u is its unit of travel, torques are at the motor shaft.
 
@@ -44,6 +59,7 @@ class Axis:
         motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
             has a delay of its own.
         chain: that of all axes, where a closed chain couples them; else None.
+        stepping: of an open-loop stepper, see `fact`; else None.
     """
 
     name: str
@@ -62,6 +78,7 @@ class Axis:
     resolution: float
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
+    stepping: Stepping | None = None
 
     @property
     def no_load_speed(self) -> float:
@@ -72,6 +89,16 @@ class Axis:
     def speed_limit(self) -> float:
         """The lower of declared speed and no-load speed [u/s]."""
         return min(self.declared_speed, self.no_load_speed)
+
+    @property
+    def steps(self) -> bool:
+        """Whether its motor is a stepper made for open loop."""
+        return self.stepping is not None
+
+    @property
+    def electrical_period(self) -> float:
+        """Travel per electrical period of a stepper, four full steps; 0 of any other motor [u]."""
+        return 2 * math.pi * self.scale / self.stepping.pole_pairs if self.stepping else 0.0
 
 
 @dataclass(frozen=True)
@@ -199,6 +226,7 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),
+        stepping=_stepping(model, i),
         **drive,
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
@@ -280,6 +308,21 @@ def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, Any]:
         raise InputError(f'actuator {name!r} must be a dcmotor with input="ff", or a motor')
     ideal = {"motor_constant": math.nan, "resistance": math.nan, "lag": 0.0, "bus_voltage": math.inf, "coulomb": 0.0}
     return {**ideal, "peak_torque": peak}
+
+
+def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
+    """Return a value of a custom numeric of the MJCF that has one per actuator."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    if index < 0 or model.numeric_size[index] != model.nactuator:
+        return default
+    return float(model.numeric_data[model.numeric_adr[index] + actuator])
+
+
+def _stepping(model: mujoco.MjModel, actuator: int) -> Stepping | None:
+    names = ("pole_pairs", "inductance", "microsteps")
+    found = Stepping(*(fact(model, name, actuator, 0.0) for name in names))
+    dcmotor = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_DCMOTOR
+    return found if dcmotor and found.microsteps >= 1 and found.pole_pairs >= 1 else None
 
 
 def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float) -> float:

@@ -44,6 +44,8 @@ WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any 
 
 # faults on purpose: what they do to an axis
 DROPOUT, OFFSET, SLIP, HELD, EXTRAPOLATED, WINDING, BUS = range(1, 8)
+# modes of a drive
+TORQUE, STEPPER = range(2)
 NEVER = 2**40  # tick of what does not happen in a run
 
 OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
@@ -143,7 +145,23 @@ DRIVE = np.dtype(
         ("delay", np.int64),  # servo ticks from the encoder to the servo
         ("history", np.float64, (MAX_FEEDBACK_DELAY + 1,)),  # of the encoder [u]
         ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 for no current loop
-        ("constant", np.float64),  # of the motor [N·m/A]
+        ("constant", np.float64),  # of the motor, that of a stepper with its perturbation [N·m/A]
+        ("mode", np.int64),
+        ("logged", np.int64),  # ticks of which the drive has written its part of the log
+        # of a stepper in open loop
+        ("counts", np.int64),  # 1 where its microsteps are counted in place of an encoder
+        ("circuit", np.int64),  # steps of the circuit per physics step
+        ("poles", np.float64),  # electrical radians per u
+        ("microstep", np.float64),  # [u]
+        ("amplitude", np.float64),  # of the phase currents [A]
+        ("resistance", np.float64),  # [ohm]
+        ("bus", np.float64),  # [V]
+        ("left", np.float64),  # share of a phase current that is left after a step of the circuit
+        ("start", np.float64),  # of the field, from which it turns to the target during a servo period [u]
+        ("target", np.float64),  # [u]
+        ("next", np.float64),  # target of the next period where the servo's delay is a whole one [u]
+        ("phases", np.float64, (2,)),  # currents [A]
+        ("volts", np.float64),  # largest phase voltage of the last physics step [V]
     ]
 )
 
@@ -161,7 +179,7 @@ LOG_AXIS = np.dtype(
         ("encoder", np.float64),  # position as measured [mm or deg]
         ("motor", np.float64),  # exact position [mm or deg]
         ("motor_speed", np.float64),  # [rad/s]
-        ("demand", np.float64),  # torque demand, clamped [N·m]
+        ("demand", np.float64),  # torque demand, clamped [N·m]; of a stepper in open loop its largest phase voltage [V]
         ("current", np.float64),  # of the motor, nan where MuJoCo does not simulate it [A]
     ]
 )

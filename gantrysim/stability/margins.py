@@ -59,9 +59,14 @@ class Margins:
     together: float
 
     def __str__(self) -> str:
+        if self == NO_LOOP:
+            return "without a loop"
         if not self.stable:
             return "unstable" + (f", stable with its gains times {self.gain:.2g}" if self.gain > 0 else "")
         return f"gain {self.gain:.3g}, phase {self.phase:.0f} deg, crossover {self.crossover:.3g} Hz"
+
+
+NO_LOOP = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)  # nothing is fed back
 
 
 class LinearLaw(Protocol):
@@ -128,7 +133,7 @@ class Plant:
         drives: of the servos.
 
     Attributes:
-        groups: axes that move each other, by number.
+        groups: axes that move each other, by number, but for steppers in open loop.
 
     Raises:
         InputError: a period or delay out of range.
@@ -142,7 +147,13 @@ class Plant:
         self.axes, self.drives = len(motion.C), drives
         if drives != _PLAIN:
             motion = motion.driven(drives)
-        self._responses = [FrequencyResponse.of(system) for system in motion.sampled(period, delay)]
+        systems = motion.sampled(period, delay)
+        for system in systems:
+            if len({drives.steps(a) for a in system.axes}) > 1:
+                raise InputError(
+                    "servo mode: axes that move each other must all be steppers in open loop or none; give them one"
+                )
+        self._responses = [FrequencyResponse.of(one) for one in systems if not drives.steps(one.axes[0])]
         self.groups = tuple(response.system.axes for response in self._responses)
 
     @classmethod
@@ -175,7 +186,7 @@ class Plant:
         margins: dict[int, Margins] = {}
         for loops in self._loops(servo):
             margins |= zip(loops.system.axes, _margins(loops), strict=True)
-        return tuple(margins[a] for a in range(self.axes))
+        return tuple(margins.get(a, NO_LOOP) for a in range(self.axes))
 
     def loop(self, servo: LinearLaw, frequency: ArrayLike) -> Complexes:
         """Return L, the open loop of each axis with all others closed, (n, axes).
@@ -190,14 +201,14 @@ class Plant:
         theta = 2 * np.pi * self.period * np.atleast_1d(np.asarray(frequency, float))
         if not ((theta > 0) & (theta <= np.pi * (1 + 1e-9))).all():
             raise InputError(f"frequency: must be above 0 and at most {0.5 / self.period:g} Hz")
-        L = np.empty((len(theta), self.axes), complex)
+        L = np.zeros((len(theta), self.axes), complex)
         for loops in groups:
             L[:, loops.system.axes] = loops.at(theta)
         return L
 
     def poles(self, servo: LinearLaw) -> Complexes:
         """Return the closed-loop poles, unstable outside the unit circle, (n,)."""
-        return np.concatenate([loops.poles() for loops in self._loops(servo)])
+        return np.concatenate([np.zeros(0), *(loops.poles() for loops in self._loops(servo))])
 
     def _loops(self, servo: LinearLaw) -> list[Loops]:
         """Return the loops of each group of axes that move each other."""
@@ -209,7 +220,7 @@ class Plant:
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
         if servo.drives != self.drives:
-            raise InputError("servo drives: their feedback and current bandwidth must be the plant's")
+            raise InputError("servo drives: their mode, feedback and current bandwidth must be the plant's")
         return [Loops(response, [laws[a] for a in response.system.axes], self.period) for response in self._responses]
 
 

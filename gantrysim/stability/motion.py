@@ -54,14 +54,20 @@ class Drives(NamedTuple):
     Attributes:
         load: whether the position fed back is that of the load, (axes,).
         bandwidth: of the current loop, 0 for none, (axes,) [Hz].
+        mode: what the servo tells the drive, "torque" or, of a stepper in open loop, its position, "stepper", (axes,).
     """
 
     load: tuple[bool, ...] = ()
     bandwidth: tuple[float, ...] = ()
+    mode: tuple[str, ...] = ()
 
     def of_axis(self, axis: int) -> Drives:
         """Return that of one axis."""
-        return Drives(self.load[axis : axis + 1], self.bandwidth[axis : axis + 1])
+        return Drives(*(own[axis : axis + 1] for own in self))
+
+    def steps(self, axis: int) -> bool:
+        """Return whether an axis is a stepper in open loop: no loop is closed around it."""
+        return bool(self.mode) and self.mode[axis] == "stepper"
 
 
 @dataclass(frozen=True, eq=False)

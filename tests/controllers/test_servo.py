@@ -24,6 +24,7 @@ class Plant:
     resolution: float = 1e-3
     motion: None = None
     chain: None = None
+    steps: bool = False
 
 
 def margin(frequency, damping, lag):
