@@ -143,7 +143,7 @@ class Sizing:
             _axis_sizing(
                 machine,
                 a,
-                math.sqrt(_spring(axis, servo.kp[a]) / axis.inertia) / (2 * math.pi),
+                _frequency(axis, servo.mode[a], servo.kp[a]),
                 min(margins[a].gain, margins[a].together) if margins else math.nan,
                 None if run is None else run.torque[:, a],
             )
@@ -192,9 +192,13 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
     )
 
 
-def _spring(axis: Axis, kp: float) -> float:
-    """Return the torque per travel that holds an axis: of its loop, or p T / scale of a stepper's field [N·m/u]."""
-    return kp if axis.stepping is None else axis.stepping.pole_pairs * axis.peak_torque / axis.scale
+def _frequency(axis: Axis, mode: str, kp: float) -> float:
+    """Return the natural frequency of an axis in its loop, of a velocity demand kp / 2 pi, or in its field [Hz]."""
+    if mode == "velocity":
+        return kp / (2 * math.pi)
+    if mode == "stepper" and axis.phases is not None:
+        kp = axis.phases.pole_pairs * axis.peak_torque / axis.scale
+    return math.sqrt(kp / axis.inertia) / (2 * math.pi)
 
 
 def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -> tuple[Mode, ...]:

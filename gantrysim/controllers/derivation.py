@@ -59,8 +59,8 @@ class AxisDynamics(Protocol):
         """Axis travel per encoder count, 0 for an exact measurement [mm]."""
 
     @property
-    def steps(self) -> bool:
-        """Whether its motor is a stepper made for open loop."""
+    def mode(self) -> str:
+        """What its drive is made to be told, one of `MODES`."""
 
     @property
     def motion(self) -> Motion | None:
@@ -86,7 +86,7 @@ class Lags(NamedTuple):
 
     def of_axis(self, axis: int) -> Lags:
         """Return those of one axis."""
-        return self._replace(drives=self.drives.of_axis(axis))
+        return self._replace(drives=self.drives.of_axes([axis]))
 
     def winding(self, axis: AxisDynamics) -> float:
         """Return the time constant of the torque, given those of one axis [s]."""
@@ -116,6 +116,7 @@ def loop(
     damping: float,
     integral_time: float,
     lags: Lags,
+    notched: bool = True,
 ) -> Loop:
     """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
 
@@ -130,13 +131,15 @@ def loop(
         frequency: natural frequency that is to be taken, whatever the margins are; None for the fastest [Hz].
         damping: damping ratio zeta.
         integral_time: kp / ki [s].
-        lags: what makes the loops late.
+        lags: what makes the loops late, of axes that all take torques.
+        notched: whether there may be notches.
     """
-    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a)) for a, axis in enumerate(axes)]
+    own = [lags.of_axis(a) for a in range(len(axes))]
+    loops = [_AxisLoop(axis, period, damping, integral_time, own[a], notched) for a, axis in enumerate(axes)]
     if frequency is not None:
         at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
-        slowest = max((one.lags.winding(one.axis) for one in loops if not one.lags.drives.steps(0)), default=0.0)
+        slowest = max(one.lags.winding(one.axis) for one in loops)
         lag = slowest + period + lags.delay + lags.feedback * period
         at = room = natural_frequency(lag, damping)
         bound, chain = "", _Chain.of(axes, loops, period, lags)
@@ -151,8 +154,6 @@ def loop(
             why += f"at more, {bound}; the lags alone leave room for {room:.3g} Hz"
         else:
             why += f"the lags of sampling, output and winding, {1e3 * lag:.3g} ms, leave room for no more"
-    if all(one.lags.drives.steps(0) for one in loops):
-        why = "steppers in open loop have no gains"
     notches = tuple(one.notch_at(at) or notch.NONE for one in loops)
     for one, mode in zip(loops, notches, strict=True):
         if mode != notch.NONE:
@@ -163,11 +164,18 @@ def loop(
 class _AxisLoop:
     """The loop of one axis, by its natural frequency and with or without a notch."""
 
-    def __init__(self, axis: AxisDynamics, period: float, damping: float, integral_time: float, lags: Lags) -> None:
-        self.axis, self.period, self.lags = axis, period, lags
+    def __init__(
+        self,
+        axis: AxisDynamics,
+        period: float,
+        damping: float,
+        integral_time: float,
+        lags: Lags,
+        notched: bool,
+    ) -> None:
+        self.axis, self.period, self.lags, self._notched = axis, period, lags, notched
         self._damping, self._integral_time = damping, integral_time
-        motion = None if lags.drives.steps(0) else axis.motion
-        self._plant = None if motion is None else Plant(motion, period, lags.delay, lags.drives)
+        self._plant = None if axis.motion is None else Plant(axis.motion, period, lags.delay, lags.drives)
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
@@ -178,10 +186,10 @@ class _AxisLoop:
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
-        if _kept(self._margins(frequency)):
+        if kept(self._margins(frequency)):
             return notch.NONE
         mode = self._mode(frequency)
-        return mode if self._usable(mode) and _kept(self._margins(frequency, mode)) else None
+        return mode if self._usable(mode) and kept(self._margins(frequency, mode)) else None
 
     def limit(self, frequency: float) -> str:
         """Return what is wrong at a natural frequency at which no notch helps, in words."""
@@ -190,6 +198,8 @@ class _AxisLoop:
             return self.trouble(frequency)
         if self._usable(mode):
             return f"{self.trouble(frequency, mode)} even with a notch at its mode of {mode:.0f} Hz"
+        if not self._notched:
+            return self.trouble(frequency)
         nyquist = 0.5 / self.period
         where = "above" if mode > nyquist else "too near"
         return f"{self.trouble(frequency)}, and its mode of {mode:.0f} Hz is {where} half the servo's, {nyquist:.0f} Hz"
@@ -202,7 +212,7 @@ class _AxisLoop:
         return f"{name} has a peak of |S| of {found.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
 
     def _usable(self, mode: float) -> bool:
-        return 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
+        return self._notched and 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
 
     def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
         if self._plant is None:
@@ -276,5 +286,6 @@ def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
     return (1 - kept) * math.atan(2 * zeta * c) / (c * positive("lag", lag, "s")) / (2 * math.pi)
 
 
-def _kept(margins: Margins) -> bool:
+def kept(margins: Margins) -> bool:
+    """Return whether a loop keeps the margins of derived ones."""
     return margins.gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK

@@ -9,12 +9,13 @@ from functools import cached_property
 from typing import Any
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, Lags, loop, pd_gains
+from gantrysim.controllers.cascade import gains as gains_of
+from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH, AxisDynamics, Lags
 from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.motion import Drives
+from gantrysim.stability.motion import MODES, Drives
 
 _LARGEST_GAIN = 1e18
 _DAMPINGS = (1e-3, 1e3)
@@ -23,6 +24,7 @@ _SHORTEST_PERIOD = 1e-7  # [s]
 
 MAX_FEEDBACK_DELAY = 16  # servo periods
 _LARGEST_BANDWIDTH = 1e5  # [Hz]
+_ALMOST = 1e-6  # a whole number
 _LARGEST_SEED = 2**53
 
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
@@ -39,9 +41,12 @@ DRIVE = (
     Parameter("interpolation_error", "u", "amplitude of the encoder's error once per signal period"),
     Parameter("interpolation_error_twice", "u", "amplitude of the encoder's error twice per signal period"),
     Parameter("signal_period", "u", "axis travel per signal period of the encoder"),
+    Parameter("velocity_gain", "N·m·s/u", "torque per error of velocity, of a velocity loop in the drive"),
+    Parameter("velocity_time", "s", "integral time of a velocity loop in the drive, 0 for no integral term"),
 )
+LOOPS = {"velocity", "position"}  # modes of drives that close loops themselves
+DRIVE_PERIOD = 1.25e-4  # [s]
 FEEDBACKS = ("motor", "load", "none")
-MODES = ("torque", "stepper")
 
 # what `Servo.derive` takes from the axes unless it is given
 DERIVED = (
@@ -69,12 +74,14 @@ class Servo(Shown):
         delay: time from the sample to the output, at most one period [s].
         notch_frequency, notch_width, notch_depth: of the filter between law and clamp, by default none, see
             `gantrysim.controllers.notch`.
-        current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period: as in `DRIVE`,
-            by default 0.
+        current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period, velocity_gain,
+            velocity_time: as in `DRIVE`, by default 0.
         feedback: where the encoder of each axis is: on the "motor", the default, or on the "load" behind the axis'
             compliance; "none" of a stepper in open loop, of which the servo knows the microsteps that it has sent.
-        mode: what the servo sends to the drive of each axis: "torque", the default, or "stepper", of a stepper in open
-            loop, to which it sends positions and which takes no gains.
+        mode: what the servo sends to the drive of each axis: "torque", the default; "velocity", where the law's output
+            is a velocity [u/s], kp is in 1/s, and all other gains have u/s in place of N·m; "position", where the
+            drive works the law itself; or "stepper", of a stepper in open loop, which takes no gains.
+        drive_period: of the loops in the drives, a whole fraction of the servo period [s].
         feedback_delay: from the encoder's sample to the servo, in servo periods.
         encoder_seed: of the noise.
     """
@@ -100,6 +107,9 @@ class Servo(Shown):
     signal_period: tuple[float, ...] = ()
     feedback: tuple[str, ...] = ()
     mode: tuple[str, ...] = ()
+    velocity_gain: tuple[float, ...] = ()
+    velocity_time: tuple[float, ...] = ()
+    drive_period: float = DRIVE_PERIOD
     feedback_delay: int = 0
     encoder_seed: int = 0
 
@@ -135,8 +145,16 @@ class Servo(Shown):
                     raise InputError(
                         f"{name} = {value:g} in mode 'stepper': must be 0, nothing is fed back; use 'torque'"
                     )
+        self._check_loops()
         _check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
         _check_whole("encoder_seed", self.encoder_seed, _LARGEST_SEED)
+
+    def _check_loops(self) -> None:
+        for value, mode in zip(self.velocity_gain, self.mode, strict=True):
+            if bool(value) is not (mode == "velocity"):
+                need = "must be greater than 0" if mode == "velocity" else "must be 0, only for mode 'velocity'"
+                raise InputError(f"velocity_gain = {value:g} N·m·s/mm in mode {mode!r}: {need}")
+        _check_drive_period(self.drive_period, self.period, self.mode)
 
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
@@ -151,8 +169,18 @@ class Servo(Shown):
     @cached_property
     def filters(self) -> tuple[notch.Coefficients, ...]:
         """The notch of each axis."""
-        own = zip(self.notch_frequency, self.notch_width, self.notch_depth, strict=True)
-        return tuple(notch.coefficients(frequency, width, depth, self.period) for frequency, width, depth in own)
+        own = zip(self.notch_frequency, self.notch_width, self.notch_depth, self._periods, strict=True)
+        return tuple(notch.coefficients(*values) for values in own)
+
+    @property
+    def _periods(self) -> list[float]:
+        """The period of each axis' law [s]."""
+        return [self.drive_period if mode == "position" else self.period for mode in self.mode]
+
+    @property
+    def inner_period(self) -> float:
+        """The period of the loops in the drives, 0 where there are none [s]."""
+        return self.drive_period if LOOPS & set(self.mode) else 0.0
 
     @property
     def plain(self) -> bool:
@@ -163,7 +191,11 @@ class Servo(Shown):
     @property
     def drives(self) -> Drives:
         """What of the drives lies in the loops."""
-        return drives_of(self.feedback, self.current_bandwidth, self.mode)
+        drives = drives_of(self.feedback, self.current_bandwidth, self.mode, self.drive_period)
+        if "velocity" not in self.mode:
+            return drives
+        loops = zip(self.velocity_gain, self.velocity_time, strict=True)
+        return drives._replace(velocity=tuple((gain, 1 / time if time else 0.0) for gain, time in loops))
 
     @property
     def lags(self) -> Lags:
@@ -181,8 +213,8 @@ class Servo(Shown):
         """Return law, notch and feedback delay of each axis as the stability of its loop depends on them."""
         gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
-            compensator(own, self.period).then(filter).delayed(self.feedback_delay)
-            for own, filter in zip(gains, self.filters, strict=True)
+            compensator(own, period).then(filter).delayed(0 if mode == "position" else self.feedback_delay)
+            for own, filter, period, mode in zip(gains, self.filters, self._periods, self.mode, strict=True)
         )
 
     @classmethod
@@ -201,6 +233,8 @@ class Servo(Shown):
         mode: str | Sequence[str] | None = None,
         feedback_delay: int = 0,
         encoder_seed: int = 0,
+        drive_period: float | None = None,
+        velocity_bandwidth: float | None = None,
         **given: float | Sequence[float] | None,
     ) -> Servo:
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
@@ -222,9 +256,12 @@ class Servo(Shown):
             delay: from sample to output [s].
             feedback: "motor" or "load", for all axes or one per axis; a stepper in open loop without an encoder takes
                 "none" for "motor".
-            mode: "torque" or "stepper", for all axes or one per axis; by default that of its motor.
+            mode: of the drives, for all axes or one per axis; by default that of its motor. Loops in the drives get
+                their gains likewise, see `gantrysim.controllers.cascade`.
             feedback_delay: from the encoder to the servo, in servo periods.
             encoder_seed: of the encoders' noise.
+            drive_period: of the loops in the drives, by default 0.125 ms, or the servo's if that is no multiple [s].
+            velocity_bandwidth: of velocity loops in the drives, by default the highest that keeps the margins [Hz].
             given: any of `DERIVED` to override, one value or one per axis.
         """
         axes = tuple(axes)
@@ -233,32 +270,38 @@ class Servo(Shown):
         _check_period(period)
         zeta = between("damping", damping, *_DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
+        inner = drive_period or (DRIVE_PERIOD if _whole(period / DRIVE_PERIOD) else period)
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
         at_least("integral_time", min(integral_time, _LONGEST_PERIOD), _SHORTEST_PERIOD, "s")
-        modes = _per_axis("mode", mode or tuple("stepper" if axis.steps else "torque" for axis in axes), len(axes))
+        modes = _per_axis("mode", mode or tuple(axis.mode for axis in axes), len(axes))
         counts = _per_axis("resolution", given.get("resolution", [axis.resolution for axis in axes]), len(axes))
+        _check_drive_period(inner, period, modes)
         places = tuple(
             "none" if own == "stepper" and place == "motor" and not count else place
             for own, place, count in zip(modes, _per_axis("feedback", feedback, len(axes)), counts, strict=True)
         )
         widths = _per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
         _check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
-        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths, modes))
-        found = loop(axes, period, frequency, zeta, integral_time, lags)
-        pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
+        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths, modes, inner))
+        if velocity_bandwidth is not None and "velocity" not in modes:
+            raise InputError(f"velocity_bandwidth = {velocity_bandwidth:g} Hz: no drive is in mode 'velocity'")
+        found, _ = gains_of(axes, period, frequency, zeta, integral_time, lags, velocity_bandwidth)
+        fast = [mode == "velocity" for mode in modes]
         derived: dict[str, list[float]] = {
-            **{name: [own[name] for own in pd] for name in ("kp", "ki", "kd")},
-            "velocity_ff": [share * axis.viscous for axis in axes],
-            "acceleration_ff": [share * axis.inertia for axis in axes],
+            **{name: [getattr(own, name) for own in found] for name in ("kp", "ki", "kd")},
+            "velocity_ff": [share * (1.0 if own else axis.viscous) for axis, own in zip(axes, fast, strict=True)],
+            "acceleration_ff": [share * (0.0 if own else axis.inertia) for axis, own in zip(axes, fast, strict=True)],
             "output_velocity": [0.0 for _ in axes],
             "torque_limit": [axis.peak_torque for axis in axes],
             "resolution": [axis.resolution for axis in axes],
-            "notch_frequency": list(found.notches),
+            "notch_frequency": [own.notch for own in found],
             "notch_width": [NOTCH_WIDTH for _ in axes],
             "notch_depth": [NOTCH_DEPTH for _ in axes],
             "following_error_limit": [following_error_limit for _ in axes],
             **{parameter.name: [0.0 for _ in axes] for parameter in DRIVE},
+            "velocity_gain": [own.velocity_gain for own in found],
+            "velocity_time": [own.velocity_time for own in found],
         }
         for name, value in given.items():
             if name not in derived:
@@ -277,6 +320,7 @@ class Servo(Shown):
             mode=modes,
             feedback_delay=feedback_delay,
             encoder_seed=encoder_seed,
+            drive_period=inner,
             **{name: tuple(values) for name, values in derived.items()},
         )
 
@@ -289,7 +333,7 @@ _UNLESS_GIVEN: dict[str, float | str] = {
     "feedback": FEEDBACKS[0],
     "mode": MODES[0],
 }
-_COMMON = ("period", "delay", "feedback_delay", "encoder_seed")
+_COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed")
 _WORDS = {"feedback": FEEDBACKS, "mode": MODES}
 _DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
 
@@ -302,14 +346,28 @@ def _per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
     return tuple(_checked(name, one) for one in values) if name in (*_WORDS, "current_bandwidth") else values
 
 
-def drives_of(feedback: Sequence[str], bandwidth: Sequence[float], mode: Sequence[str]) -> Drives:
-    """Return what of the drives lies in the loops, given feedback, current bandwidth and mode of every axis."""
+def drives_of(feedback: Sequence[str], bandwidth: Sequence[float], mode: Sequence[str], period: float) -> Drives:
+    """Return what of the drives lies in the loops, given feedback, current bandwidth and mode of every axis.
+
+    Gains of velocity loops are left out.
+    """
     load = tuple(place == "load" for place in feedback)
     return Drives(
         load if any(load) else (),
         tuple(bandwidth) if any(bandwidth) else (),
         tuple(mode) if set(mode) != {MODES[0]} else (),
+        period=period if LOOPS & set(mode) else 0.0,
     )
+
+
+def _whole(ratio: float) -> bool:
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) < _ALMOST
+
+
+def _check_drive_period(own: float, period: float, mode: Sequence[str]) -> None:
+    ratio = period / positive("drive_period", own, "s", _LONGEST_PERIOD)
+    if LOOPS & set(mode) and not _whole(ratio):
+        raise InputError(f"drive_period = {own:g} s: must be a whole fraction of the servo period, {period:g} s")
 
 
 def _check_whole(name: str, value: float, most: int) -> None:

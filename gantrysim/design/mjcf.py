@@ -10,12 +10,22 @@ from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import Element
 
 from gantrysim.design.table import Drive, Guides, MachineTable, Slide
+from gantrysim.stability.motion import MODES
 
 M = 1e-3  # metres per millimetre
 
 # custom numerics of an MJCF, a value per actuator: what a verdict or a stepper's circuit needs
-# [N·m, kg·m², 1, H, 1, µm/300 mm, 1]
-FACTS = ("continuous_torque", "rotor_inertia", "pole_pairs", "inductance", "efficiency", "travel_error", "microsteps")
+# [N·m, kg·m², 1, H, 1, µm/300 mm, 1, place in MODES]
+FACTS = (
+    "continuous_torque",
+    "rotor_inertia",
+    "pole_pairs",
+    "inductance",
+    "efficiency",
+    "travel_error",
+    "microsteps",
+    "drive_mode",
+)
 
 # LuGre friction, as of the built-in machines
 _STATIC = 1.2  # per Coulomb friction
@@ -208,5 +218,6 @@ class Mjcf:
             way.efficiency,
             way.error(300),
             drive.fine_steps,
+            MODES.index(drive.used_mode),
         )
         self._facts[name] = facts

@@ -16,6 +16,7 @@ from gantrysim.errors import InputError
 from gantrysim.toml_files import read_toml, validated
 
 Arrangement = Literal["bridge", "table", "cantilever", "tandem", "corexy"]
+Mode = Literal["torque", "velocity", "position", "stepper"]
 _HALF = 0.5  # share of its torque at rest that a motor keeps at the default speed
 _MICROSTEPS = 16
 _SHARE = 0.8  # of the no-load speed that the default speed uses
@@ -36,6 +37,11 @@ class Drive(Table):
     voltage: Positive = key("of the bus, at the motor's terminals [V]")
     current: Positive | None = key("peak current of the drive, by default the motor's [A]", None)
     current_loop: Positive = key("bandwidth of the current loop, which hides a slower winding [Hz]", 1000.0)
+    mode: Mode | None = key(
+        "what the servo sends to the drive: torque, velocity or position; by default torque, of a closed-loop stepper "
+        "position, of a stepper its steps",
+        None,
+    )
     microsteps: Count | None = key("per full step of a stepper in open loop, by default 16", None)
     nut_mass: Positive = key("of nut or belt clamp with its bracket [kg]", 0.15)
     transmission: Transmission = key("screw, belt or rack")
@@ -54,6 +60,10 @@ class Drive(Table):
         kind = self.known_motor.kind
         if self.encoder is None and kind != "stepper":
             raise InputError(f"encoder is missing, a {kind} motor needs it")
+        if self.mode == "stepper" and kind != "stepper":
+            raise InputError(
+                f"mode = 'stepper': a {kind} motor runs in a closed loop; use torque, velocity or position"
+            )
         if self.microsteps is not None and kind != "stepper":
             raise InputError(f"microsteps: a {kind} motor has none, leave it out")
         return self
@@ -69,8 +79,15 @@ class Drive(Table):
         return 0.0 if self.encoder is None else counts_of(self.encoder)
 
     @property
+    def used_mode(self) -> str:
+        """What the servo sends to the drive."""
+        return self.mode or {"stepper": "stepper", "closed-loop stepper": "position"}.get(
+            self.known_motor.kind, "torque"
+        )
+
+    @property
     def fine_steps(self) -> int:
-        """Microsteps per full step of a stepper in open loop, 0 of any other motor."""
+        """Microsteps per full step of a stepper, 0 of any other motor."""
         return (self.microsteps or _MICROSTEPS) if self.known_motor.kind == "stepper" else 0
 
     @property
@@ -91,7 +108,7 @@ class Drive(Table):
 
     @property
     def field_rate(self) -> float:
-        """Largest angular frequency of a stepper in its field, that without load; 0 in a closed loop [rad/s]."""
+        """Largest angular frequency of a stepper in its field, that without load; 0 of any other motor [rad/s]."""
         motor = self.known_motor
         stiffness = motor.pole_pairs * (motor.K * self.peak_current + 4 * motor.detent_torque)
         return math.sqrt(stiffness / self.armature) if self.fine_steps else 0.0

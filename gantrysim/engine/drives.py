@@ -11,7 +11,7 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.errors import InputError
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import DRIVE, STEPPER
+from gantrysim.native.row import DRIVE, POSITION, STEPPER, VELOCITY
 
 _CIRCUIT = 2e-5  # longest step of a stepper's circuit [s]
 
@@ -57,13 +57,28 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
             entry["constant"] = axis.motor_constant
         if servo.mode[a] == "stepper":
             _step(entry, axis, servo, a, float(machine.drive_gain[a]), step)
+        elif servo.mode[a] != "torque":
+            _close(entry, axis, servo, a, float(machine.drive_gain[a]), step)
     return entries
+
+
+def _close(entry: np.void, axis: Axis, servo: Servo, a: int, gain: float, step: float) -> None:
+    """Fill in the entry of a drive that closes a loop itself."""
+    entry["mode"] = VELOCITY if servo.mode[a] == "velocity" else POSITION
+    entry["every"], entry["period"] = round(servo.drive_period / step), servo.drive_period
+    entry["limit"] = min(servo.torque_limit[a], axis.peak_torque / gain)
+    entry["gain"] = servo.velocity_gain[a]
+    entry["rate"] = 1 / servo.velocity_time[a] if servo.velocity_time[a] else 0.0
+    if axis.phases is not None and axis.lag > 0:
+        entry["reactance"] = axis.phases.pole_pairs * axis.phases.inductance
+        entry["constant"], entry["resistance"] = axis.motor_constant, axis.resistance
+        entry["bus"] = axis.bus_voltage
 
 
 def _step(entry: np.void, axis: Axis, servo: Servo, a: int, gain: float, step: float) -> None:
     """Fill in the entry of a stepper in open loop, whose motor constant is the nominal one times the gain."""
-    motor = axis.stepping
-    if motor is None:
+    motor = axis.phases
+    if motor is None or not motor.microsteps:
         raise InputError(
             f"servo mode of axis {axis.name} = 'stepper': its motor is no stepper with microsteps; use 'torque', or a "
             "table of the machine with a motor of kind 'stepper'"

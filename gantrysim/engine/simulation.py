@@ -93,7 +93,7 @@ class Simulation:
             raise InputError(
                 f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s"
             )
-        substeps = substeps_of(machine, servo.period, physics_step)
+        substeps = substeps_of(machine, servo.period, physics_step, servo.inner_period)
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
@@ -150,8 +150,9 @@ class Simulation:
         row["notch"][: servo.axes] = servo.filters
         # a demand beyond what the drive can give is clamped by the drive itself
         peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
-        unfed = np.array(servo.mode) == "stepper"  # where a law of the user's own does nothing
-        row["torque_limit"][: servo.axes] = np.where(unfed, np.inf, np.minimum(servo.torque_limit, peak))
+        limits = {"torque": np.minimum(servo.torque_limit, peak), "velocity": [a.speed_limit for a in machine.axes]}
+        for a, mode in enumerate(servo.mode):  # the drives have limits of their own where the servo sends positions
+            row["torque_limit"][a] = limits[mode][a] if mode in limits else np.inf
         row["drive_gain"][: servo.axes] = machine.drive_gain
         for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
             for name in ("control", "output", "current"):

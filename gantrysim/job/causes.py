@@ -62,7 +62,9 @@ class Setup:
     @property
     def step(self) -> float:
         """The physics step [s]."""
-        return self.servo.period / substeps_of(self.machine, self.servo.period, self.physics_step)
+        return self.servo.period / substeps_of(
+            self.machine, self.servo.period, self.physics_step, self.servo.inner_period
+        )
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run it without glue and return the record at the ticks of the program."""

@@ -104,4 +104,5 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
         supervision=replace(setpoints.supervision, position_error_delay=delay),
         gates=n * setpoints.gates,
     )
-    return replace(servo, period=period, delay=0.0, feedback_delay=0), fine
+    inner = period / periods(period, servo.drive_period) if servo.inner_period else servo.drive_period
+    return replace(servo, period=period, delay=0.0, feedback_delay=0, drive_period=inner), fine

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gantrysim.controllers.cascade import gains
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.derivation import loop
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
@@ -29,7 +29,16 @@ from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
 from gantrysim.toml_files import validated
 
-_SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
+_SHAPING = (
+    "kp",
+    "ki",
+    "kd",
+    "output_velocity",
+    "notch_frequency",
+    "notch_width",
+    "notch_depth",
+    "velocity_gain",
+)  # of the loop
 
 
 class Job(JobContent):
@@ -182,14 +191,10 @@ class Job(JobContent):
         if given:
             return f"{', '.join(given)} as given"
         servo = self.servo
-        return loop(
-            self.built_machine.axes,
-            servo.period,
-            servo.frequency,
-            servo.damping,
-            servo.integral_time,
-            self.built_servo.lags,
-        ).reason
+        own = self.built_servo
+        lags = own.lags._replace(drives=own.drives._replace(velocity=()))
+        given = servo.frequency, servo.damping, servo.integral_time
+        return gains(self.built_machine.axes, servo.period, *given, lags, servo.velocity_bandwidth)[1]
 
     @cached_property
     def margins(self) -> tuple[Margins, ...] | None:

@@ -7,12 +7,12 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter
+from gantrysim.controllers.servo import DERIVED, DRIVE_PERIOD, FOLLOWING_ERROR_LIMIT, Parameter
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 _Feedback = Literal["motor", "load", "none"]
-_Mode = Literal["torque", "stepper"]
+_Mode = Literal["torque", "velocity", "position", "stepper"]
 
 PerAxis = float | list[float] | None
 
@@ -37,6 +37,10 @@ class _Derivation(BaseModel):
         "motor", "where the encoders are: on the motor or on the load, or none"
     )
     mode: _Mode | list[_Mode] | None = _setting(None, "what the drives are told, by default what their motors are for")
+    drive_period: float | None = _setting(None, f"of the loops in the drives, by default {DRIVE_PERIOD:g} [s]")
+    velocity_bandwidth: float | None = _setting(
+        None, "of velocity loops in the drives, by default the highest that keeps the margins [Hz]"
+    )
     feedback_delay: int = _setting(0, "from the encoder's sample to the servo, in servo periods")
     encoder_seed: int = _setting(0, "of the encoders' noise")
 

@@ -14,7 +14,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 from gantrysim.machine.linear_motion import linear_motion
-from gantrysim.stability.motion import Motion, UnknownLoopError
+from gantrysim.stability.motion import MODES, Motion, UnknownLoopError
 
 _PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load
 _HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
@@ -22,13 +22,13 @@ PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per
 
 
 @dataclass(frozen=True)
-class Stepping:
-    """The two-phase stepper of an axis.
+class Phases:
+    """The phases of a motor with poles.
 
     Attributes:
-        pole_pairs: p, electrical periods per turn; each is four full steps.
+        pole_pairs: p, electrical periods per turn; of a stepper each is four full steps.
         inductance: of a phase [H].
-        microsteps: per full step.
+        microsteps: per full step of a stepper in open loop, else 0.
     """
 
     pole_pairs: float
@@ -59,7 +59,8 @@ class Axis:
         motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
             has a delay of its own.
         chain: that of all axes, where a closed chain couples them; else None.
-        stepping: of an open-loop stepper, see `fact`; else None.
+        mode: what its drive is made to be told, see `gantrysim.Servo`.
+        phases: of a motor whose custom numerics state them, else None.
     """
 
     name: str
@@ -78,7 +79,8 @@ class Axis:
     resolution: float
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
-    stepping: Stepping | None = None
+    mode: str = "torque"
+    phases: Phases | None = None
 
     @property
     def no_load_speed(self) -> float:
@@ -91,14 +93,9 @@ class Axis:
         return min(self.declared_speed, self.no_load_speed)
 
     @property
-    def steps(self) -> bool:
-        """Whether its motor is a stepper made for open loop."""
-        return self.stepping is not None
-
-    @property
     def electrical_period(self) -> float:
-        """Travel per electrical period of a stepper, four full steps; 0 of any other motor [u]."""
-        return 2 * math.pi * self.scale / self.stepping.pole_pairs if self.stepping else 0.0
+        """Travel per electrical period, of a stepper four full steps; 0 where the phases are not known [u]."""
+        return 2 * math.pi * self.scale / self.phases.pole_pairs if self.phases else 0.0
 
 
 @dataclass(frozen=True)
@@ -226,7 +223,8 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),
-        stepping=_stepping(model, i),
+        mode=MODES[int(fact(model, "drive_mode", i, 0.0)) % len(MODES)],
+        phases=_phases(model, i),
         **drive,
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
@@ -318,11 +316,10 @@ def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.
     return float(model.numeric_data[model.numeric_adr[index] + actuator])
 
 
-def _stepping(model: mujoco.MjModel, actuator: int) -> Stepping | None:
-    names = ("pole_pairs", "inductance", "microsteps")
-    found = Stepping(*(fact(model, name, actuator, 0.0) for name in names))
+def _phases(model: mujoco.MjModel, actuator: int) -> Phases | None:
+    found = Phases(*(fact(model, name, actuator, 0.0) for name in ("pole_pairs", "inductance", "microsteps")))
     dcmotor = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_DCMOTOR
-    return found if dcmotor and found.microsteps >= 1 and found.pole_pairs >= 1 else None
+    return found if dcmotor and found.pole_pairs >= 1 else None
 
 
 def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float) -> float:

@@ -1,14 +1,22 @@
-"""Drives in the servo tick that are no plain ones: what their encoders report, current loop, stepper."""
+"""Drives in the servo tick that are no plain ones: what their encoders report, and the loops that they close."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from gantrysim.controllers import law, notch
 from gantrysim.jit import inner_jit
+from gantrysim.native.injection import reported, turned
 from gantrysim.native.pointers import axis_log, drives_of, vector
-from gantrysim.native.row import STEPPER
+from gantrysim.native.row import POSITION, STEPPER, TORQUE, VELOCITY
+from gantrysim.native.supervision import watch_oscillation
+
+_law, _filtered = inner_jit(law.law), inner_jit(notch.filtered)
+_GAINS, _COEFFICIENTS = len(law.GAINS), len(notch.Coefficients._fields)
+_DRIVE = 2**40  # added to the number of a sample that the drive takes itself, for its noise
 
 _STEP, _FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _UNIT = 2.0**-53
@@ -16,21 +24,28 @@ _UNIT = 2.0**-53
 
 @inner_jit
 def read(data, row, axis, motor, position):
-    """Return the position that an encoder reads before it is counted.
+    """Return the position that the servo's encoder reads before it is counted, see `_read`."""
+    drive = drives_of(row)[axis]
+    if drive.counts:
+        begun = (row.phase - row.delay) % row.substeps  # a new target is about to be taken where it is 0
+        return _stepped(_field(row, drive, 0.0) if begun else drive.target, drive)
+    return _read(data, row, drive, motor, position, row.tick)
+
+
+@inner_jit
+def _read(data, row, drive, motor, position, sample):
+    """Return the position that an encoder reads at a numbered sample before it is counted.
 
     The position x is the motor's, or that of the joint and of the load on its spring. The encoder adds
     e1 sin(2 pi x / p) + e2 sin(4 pi x / p), with the signal period p, and white noise.
     """
-    drive = drives_of(row)[axis]
-    if drive.counts:
-        return _stepped(_field(row, drive, 0.0), drive)
     seen = motor
     if drive.load >= 0:
         seen = position + (vector(data, row.qpos_at)[drive.load] - drive.load_zero) * drive.per_si
     angle = seen * drive.signal
     seen += drive.once * np.sin(angle) + drive.twice * np.sin(2.0 * angle)
     if drive.noise > 0.0:
-        seen += drive.noise * normal(drive.seed, row.tick)
+        seen += drive.noise * normal(drive.seed, sample)
     return seen
 
 
@@ -59,7 +74,10 @@ def follow_demands(data, row):
         drive, demand = drives[a], row.held[a] * row.drive_gain[a]
         if drive.mode == STEPPER:
             turn_field(data, row, a, drive)
-        elif drive.lead == 0.0:
+            continue
+        if drive.mode != TORQUE:
+            demand = _closed_loop(data, row, a, drive) * row.drive_gain[a]
+        if drive.lead == 0.0:
             ctrl[row.control[a]] = demand
         else:
             torque = drive.constant * currents[row.current[a]]
@@ -81,10 +99,7 @@ def turn_field(data, row, axis, drive):
     at = row.output[axis]
     angle = vector(data, row.actuator_length_at)[at] * row.scale[axis]
     speed = vector(data, row.actuator_velocity_at)[at]
-    if row.phase == row.delay % row.substeps:
-        drive.start, drive.target = drive.target, row.commanded[axis]
-        if row.delay == row.substeps:
-            drive.target, drive.next = drive.next, row.commanded[axis]
+    _turn_target(row, axis, drive)
     amplitude = 0.0 if row.fault != 0 else drive.amplitude
     if drive.logged == 0:
         field = drive.poles * _stepped(drive.start, drive)
@@ -115,11 +130,102 @@ def turn_field(data, row, axis, drive):
 
 
 @inner_jit
+def _turn_target(row, axis, drive):
+    """Take the setpoint that is due at this physics step as the target."""
+    if row.phase == row.delay % row.substeps:
+        drive.start, drive.target = drive.target, row.commanded[axis]
+        if row.delay == row.substeps:
+            drive.target, drive.next = drive.next, row.commanded[axis]
+
+
+@inner_jit
+def _closed_loop(data, row, axis, drive):
+    """Return the torque demand of a drive that closes a loop itself, sampled in steps of its own period.
+
+    In velocity mode, with the velocity v as a difference of the motor's positions and the servo's demand w,
+
+        out = K (w - v + sum(w - v) t / Ti)
+
+    In position mode it is the servo's own law and notch at the drive's period. The setpoint goes in a straight line
+    from the last to this one, one servo period late.
+    """
+    if drive.mode == POSITION:
+        _turn_target(row, axis, drive)
+    if row.phase % drive.every == 0:
+        at = row.output[axis]
+        position = vector(data, row.actuator_length_at)[at] * row.scale[axis]
+        speed = vector(data, row.actuator_velocity_at)[at]
+        motor, sample = position, _DRIVE + row.steps
+        if row.injected_count > 0:
+            motor = turned(row, axis, position)
+        seen = motor
+        if drive.mode == POSITION or drive.load < 0:
+            seen = _read(data, row, drive, motor, position, sample)
+        if row.resolution[axis] > 0.0:
+            seen = row.resolution[axis] * np.floor(seen / row.resolution[axis] + 0.5)
+        if row.injected_count > 0:
+            seen = reported(row, axis, seen)
+        if drive.mode == VELOCITY:
+            if drive.logged == 0:
+                drive.before = seen
+            error = row.held[axis] - (seen - drive.before) / drive.period
+            drive.before = seen
+            total = drive.sum + error * drive.period
+            torque = drive.gain * (error + drive.rate * total)
+        else:
+            error = _field(row, drive, 0.0) - seen
+            if drive.logged == 0:
+                drive.before, drive.position = error, seen
+            total = drive.sum + error * drive.period
+            torque = _law(
+                error,
+                total,
+                (error - drive.before) / drive.period,
+                (drive.target - drive.start) / row.period,
+                row.demand_acceleration[axis],
+                (seen - drive.position) / drive.period,
+                to_fixed_tuple(row.gains[axis], _GAINS),
+            )
+            torque, drive.first, drive.second = _filtered(
+                torque, to_fixed_tuple(row.notch[axis], _COEFFICIENTS), drive.first, drive.second
+            )
+            drive.before, drive.position = error, seen
+        limit = drive.limit
+        if drive.reactance > 0.0:
+            limit = min(limit, _left_by_reactance(drive, speed, np.sign(torque)))
+        drive.torque = min(max(torque, -limit), limit)
+        if abs(torque) <= limit or torque * error < 0.0:  # anti-windup
+            drive.sum = total
+        if abs(torque) > limit and limit > 0.0 and row.fault == 0:
+            watch_oscillation(row, axis, np.sign(torque))
+    if row.fault != 0:
+        drive.torque = 0.0
+    if row.tick > drive.logged:
+        drive.logged = row.tick
+        axis_log(row, row.tick - 1)[axis].demand = drive.torque
+    return drive.torque
+
+
+@inner_jit
+def _left_by_reactance(drive, speed, side):
+    """Return the largest torque to one side that bus, resistance and reactance leave at a speed, in the torque's axis.
+
+    (R i + K w)^2 + (X i)^2 = V^2 with X = p w L, where K w is positive if the motor drives.
+    """
+    back = drive.constant * speed * side
+    reactance = drive.reactance * speed
+    square = drive.resistance**2 + reactance**2
+    half = drive.resistance * back
+    under = half**2 - square * (back**2 - drive.bus**2)
+    if under < 0.0:
+        return 0.0
+    return drive.constant * max((np.sqrt(under) - half) / square, 0.0)
+
+
+@inner_jit
 def _field(row, drive, share):
     """Return where the field is at a share of a physics step, on its way from the last setpoint to this one [u]."""
     begun = (row.phase - row.delay) % row.substeps + share
-    if begun == 0.0:  # about to start from there
-        return drive.target
     return drive.start + (drive.target - drive.start) * begun / row.substeps
 
 

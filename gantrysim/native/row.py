@@ -44,8 +44,7 @@ WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any 
 
 # faults on purpose: what they do to an axis
 DROPOUT, OFFSET, SLIP, HELD, EXTRAPOLATED, WINDING, BUS = range(1, 8)
-# modes of a drive
-TORQUE, STEPPER = range(2)
+TORQUE, VELOCITY, POSITION, STEPPER = range(4)  # modes of a drive
 NEVER = 2**40  # tick of what does not happen in a run
 
 OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
@@ -148,16 +147,29 @@ DRIVE = np.dtype(
         ("constant", np.float64),  # of the motor, that of a stepper with its perturbation [N·m/A]
         ("mode", np.int64),
         ("logged", np.int64),  # ticks of which the drive has written its part of the log
+        # loops in the drive
+        ("every", np.int64),  # physics steps between its samples
+        ("period", np.float64),  # of them [s]
+        ("limit", np.float64),  # largest torque demand [N·m]
+        ("gain", np.float64),  # of the velocity loop [N·m·s/u]
+        ("rate", np.float64),  # its integral action [1/s]
+        ("before", np.float64),  # position [u], or in position mode following error, at the last sample
+        ("position", np.float64),  # in position mode at the last sample [u]
+        ("sum", np.float64),  # of the error times the period
+        ("torque", np.float64),  # demand held [N·m]
+        ("first", np.float64),  # states of the notch in position mode
+        ("second", np.float64),
+        ("poles", np.float64),  # electrical radians per u
+        ("reactance", np.float64),  # of a motor with poles per speed, else 0 [ohm·s]
+        ("resistance", np.float64),  # [ohm]
+        ("bus", np.float64),  # [V]
         # of a stepper in open loop
         ("counts", np.int64),  # 1 where its microsteps are counted in place of an encoder
         ("circuit", np.int64),  # steps of the circuit per physics step
-        ("poles", np.float64),  # electrical radians per u
         ("microstep", np.float64),  # [u]
         ("amplitude", np.float64),  # of the phase currents [A]
-        ("resistance", np.float64),  # [ohm]
-        ("bus", np.float64),  # [V]
         ("left", np.float64),  # share of a phase current that is left after a step of the circuit
-        ("start", np.float64),  # of the field, from which it turns to the target during a servo period [u]
+        ("start", np.float64),  # of the field or reference, on its way to the target during a servo period [u]
         ("target", np.float64),  # [u]
         ("next", np.float64),  # target of the next period where the servo's delay is a whole one [u]
         ("phases", np.float64, (2,)),  # currents [A]

@@ -37,6 +37,7 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
         f"delay = {servo.delay!r}  # [s]",
         f"feedback = {json.dumps(servo.feedback)}",
         f"mode = {json.dumps(servo.mode)}",
+        f"drive_period = {servo.drive_period!r}  # [s]",
         f"feedback_delay = {servo.feedback_delay}  # in servo periods",
         f"encoder_seed = {servo.encoder_seed}",
         f"following_error_limit = {job.servo.following_error_limit!r}  # [{unit_of('resolution', units)}]",

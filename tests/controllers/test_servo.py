@@ -24,7 +24,7 @@ class Plant:
     resolution: float = 1e-3
     motion: None = None
     chain: None = None
-    steps: bool = False
+    mode: str = "torque"
 
 
 def margin(frequency, damping, lag):
