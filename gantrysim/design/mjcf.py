@@ -14,8 +14,8 @@ from gantrysim.stability.motion import MODES
 
 M = 1e-3  # metres per millimetre
 
-# custom numerics of an MJCF, a value per actuator: what a verdict or a stepper's circuit needs
-# [N·m, kg·m², 1, H, 1, µm/300 mm, 1, place in MODES]
+# custom numerics of an MJCF, a value per actuator: what verdict, transmission, geometry or drive need
+# [N·m, kg·m², 1, H, 1, µm/300 mm, µm, 1, place in MODES]
 FACTS = (
     "continuous_torque",
     "rotor_inertia",
@@ -23,6 +23,7 @@ FACTS = (
     "inductance",
     "efficiency",
     "travel_error",
+    "periodic_error",
     "microsteps",
     "drive_mode",
 )
@@ -134,7 +135,8 @@ class Mjcf:
         if speed is None and of.drive is not None:
             speed = of.drive.highest_speed / (M * of.drive.transmission.gear)
         low, high = of.travel
-        attributes = {"damping": of.guides.viscous} if of.guides.viscous else {}
+        share = of.drive.transmission.efficiency if of.drive is not None else 1.0
+        attributes = {"damping": of.guides.viscous / share} if of.guides.viscous else {}
         add(
             body,
             "joint",
@@ -175,7 +177,7 @@ class Mjcf:
         """
         motor, way = drive.known_motor, drive.transmission
         own, viscous = motor.friction
-        coulomb = own + way.friction + share * guides.friction / slide_gear
+        coulomb = own + way.friction + share * guides.friction / (slide_gear * way.efficiency)
         inertia = drive.armature + load / slide_gear**2
         attributes: dict[str, str | float | Numbers] = {}
         if coulomb > 0:
@@ -217,6 +219,7 @@ class Mjcf:
             motor.inductance,
             way.efficiency,
             way.error(300),
+            way.periodic_error,
             drive.fine_steps,
             MODES.index(drive.used_mode),
         )

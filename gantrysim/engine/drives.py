@@ -13,6 +13,8 @@ from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import DRIVE, POSITION, STEPPER, VELOCITY
 
+_PRESLIDING = 5e-6  # of a transmission's friction at a slide [m]
+_PRESLIDING_TURN = 3e-3  # of a rotary axis, at the motor [rad]
 _CIRCUIT = 2e-5  # longest step of a stepper's circuit [s]
 
 
@@ -28,7 +30,7 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
         InputError: feedback from the load of an axis that has none, a current loop of a motor without inductance, or
             mode "stepper" of a motor that is none.
     """
-    if servo.plain:
+    if servo.plain and all(axis.efficiency == 1 for axis in machine.axes):
         return None
     entries, model = np.zeros(servo.axes, DRIVE), machine.physics
     for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
@@ -42,6 +44,13 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
                 )
             entry["load"] = place = model.jnt_qposadr[address.load]
             entry["load_zero"], entry["per_si"] = model.qpos0[place], PER_SI[axis.unit]
+        if axis.efficiency < 1:
+            dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
+            entry["loss"], entry["dof"], entry["damping"] = 1 / axis.efficiency - 1, dof, model.dof_damping[dof]
+            entry["spring"] = model.jnt_dofadr[address.load] if address.load >= 0 else -1
+            entry["presliding"] = (
+                _PRESLIDING if axis.unit == "mm" else _PRESLIDING_TURN / float(model.actuator_gear[a, 0])
+            )
         entry["noise"], entry["delay"] = servo.encoder_noise[a], servo.feedback_delay
         entry["seed"] = np.random.SeedSequence([servo.encoder_seed, a]).generate_state(1, np.uint64)[0]
         entry["once"], entry["twice"] = servo.interpolation_error[a], servo.interpolation_error_twice[a]

@@ -16,6 +16,7 @@ from gantrysim.errors import InputError
 from gantrysim.machine.linear_motion import linear_motion
 from gantrysim.stability.motion import MODES, Motion, UnknownLoopError
 
+EFFICIENCY = "efficiency"  # custom numeric
 _PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load
 _HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
@@ -59,6 +60,7 @@ class Axis:
         motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
             has a delay of its own.
         chain: that of all axes, where a closed chain couples them; else None.
+        efficiency: share of the work that its transmission passes on.
         mode: what its drive is made to be told, see `gantrysim.Servo`.
         phases: of a motor whose custom numerics state them, else None.
     """
@@ -79,6 +81,7 @@ class Axis:
     resolution: float
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
+    efficiency: float = 1.0
     mode: str = "torque"
     phases: Phases | None = None
 
@@ -223,6 +226,7 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),
+        efficiency=_efficiency(model, i),
         mode=MODES[int(fact(model, "drive_mode", i, 0.0)) % len(MODES)],
         phases=_phases(model, i),
         **drive,
@@ -314,6 +318,13 @@ def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.
     if index < 0 or model.numeric_size[index] != model.nactuator:
         return default
     return float(model.numeric_data[model.numeric_adr[index] + actuator])
+
+
+def _efficiency(model: mujoco.MjModel, actuator: int) -> float:
+    value = fact(model, EFFICIENCY, actuator, 1.0)
+    if not 0 < value <= 1:
+        raise InputError(f"custom numeric {EFFICIENCY} = {value:g}: must be above 0 and at most 1")
+    return value
 
 
 def _phases(model: mujoco.MjModel, actuator: int) -> Phases | None:

@@ -72,6 +72,8 @@ def follow_demands(data, row):
     drives = drives_of(row)
     for a in range(row.axes):
         drive, demand = drives[a], row.held[a] * row.drive_gain[a]
+        if drive.loss > 0.0:
+            _lose(data, row, drive)
         if drive.mode == STEPPER:
             turn_field(data, row, a, drive)
             continue
@@ -82,6 +84,21 @@ def follow_demands(data, row):
         else:
             torque = drive.constant * currents[row.current[a]]
             ctrl[row.control[a]] = torque + drive.lead * (demand - torque)
+
+
+@inner_jit
+def _lose(data, row, drive):
+    """Apply the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
+
+    A motor that drives its load does the work F / e per travel; one that brakes it gets F (2 - 1/e) back. The friction
+    turns within a presliding x: s' = (v - |v| s) / x, its share s being the sign of v after it (Dahl).
+    """
+    passive, speed = vector(data, row.qfrc_passive_at), vector(data, row.qvel_at)[drive.dof]
+    force = passive[drive.spring] if drive.spring >= 0 else passive[drive.dof] + drive.damping * speed
+    vector(data, row.qfrc_applied_at)[drive.dof] = -drive.loss * abs(force) * drive.slid
+    side = np.sign(speed)
+    left = np.exp(-abs(speed) * row.period / row.substeps / drive.presliding)
+    drive.slid = side + (drive.slid - side) * left
 
 
 @inner_jit

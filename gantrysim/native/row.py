@@ -147,6 +147,13 @@ DRIVE = np.dtype(
         ("constant", np.float64),  # of the motor, that of a stepper with its perturbation [N·m/A]
         ("mode", np.int64),
         ("logged", np.int64),  # ticks of which the drive has written its part of the log
+        # transmission
+        ("loss", np.float64),  # friction per transmitted force, 0 for none
+        ("dof", np.int64),  # of the axis' joint
+        ("spring", np.int64),  # dof of the spring that carries the load; -1 for tendons, which pull at the axis' joint
+        ("damping", np.float64),  # of the axis' joint itself [N·s/m or N·m·s/rad]
+        ("presliding", np.float64),  # motion within which the friction turns [SI]
+        ("slid", np.float64),  # share and direction of the friction, -1 to 1
         # loops in the drive
         ("every", np.int64),  # physics steps between its samples
         ("period", np.float64),  # of them [s]

@@ -325,8 +325,7 @@ def test_the_spiral_runs_in_open_loop(spiral):
     for a in (a for a, mode in enumerate(servo.mode) if mode == "stepper"):
         behind = np.abs(run.commanded[:-1] - run.motor[1:])[:, a]
         assert 0 < behind.max() < machine.axes[a].electrical_period / 4
-    part = Budget(run).parts
-    assert set(part) == {"generation", "tracking", "measurement", "structure"}
+    assert Budget(run).values.parts["measurement"].rms > 0
 
 
 def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
