@@ -200,6 +200,8 @@ class MachineTable(Table):
             raise InputError(f"skew_stiffness: arrangement = {kind!r} has none, leave it out")
         if self.belts is not None and self.belts.transmission.kind != "belt":
             raise InputError(f"belts.transmission.kind = {self.belts.transmission.kind!r}: must be 'belt'")
+        if self.belts is not None and self.belts.transmission.error(1.0):
+            raise InputError("belts.transmission.accuracy: the motors of CoreXY are no slides, leave it out")
         if self.z is not None and self.z.drive is None:
             raise InputError("z.drive is missing")
         return self

@@ -150,9 +150,10 @@ class Simulation:
         row["notch"][: servo.axes] = servo.filters
         # a demand beyond what the drive can give is clamped by the drive itself
         peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
-        limits = {"torque": np.minimum(servo.torque_limit, peak), "velocity": [a.speed_limit for a in machine.axes]}
-        for a, mode in enumerate(servo.mode):  # the drives have limits of their own where the servo sends positions
-            row["torque_limit"][a] = limits[mode][a] if mode in limits else np.inf
+        row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)
+        for a, (axis, mode) in enumerate(zip(machine.axes, servo.mode, strict=True)):
+            if mode != "torque":  # the drives limit torques themselves
+                row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
         row["drive_gain"][: servo.axes] = machine.drive_gain
         for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
             for name in ("control", "output", "current"):

@@ -94,7 +94,11 @@ class Cause:
 
 
 def _without_sampling(setup: Setup) -> Setup:
-    if setup.servo.period <= FINE and not setup.servo.delay and not setup.servo.feedback_delay:
+    if (
+        setup.servo.period <= max(FINE, setup.servo.inner_period)
+        and not setup.servo.delay
+        and not setup.servo.feedback_delay
+    ):
         return setup
     servo, setpoints = finely_sampled(setup.machine, setup.servo, setup.setpoints)
     return replace(setup, servo=servo, setpoints=setpoints, ticks=round(setup.servo.period / servo.period))

@@ -193,8 +193,8 @@ class Job(JobContent):
         servo = self.servo
         own = self.built_servo
         lags = own.lags._replace(drives=own.drives._replace(velocity=()))
-        given = servo.frequency, servo.damping, servo.integral_time
-        return gains(self.built_machine.axes, servo.period, *given, lags, servo.velocity_bandwidth)[1]
+        shape = servo.frequency, servo.damping, servo.integral_time
+        return gains(self.built_machine.axes, servo.period, *shape, lags, servo.velocity_bandwidth)[1]
 
     @cached_property
     def margins(self) -> tuple[Margins, ...] | None:

@@ -131,8 +131,8 @@ class Machine:
     def _stated_geometry(self) -> Geometry | None:
         """Return the errors of transmissions that custom numerics of the MJCF state, None where there are none."""
         count = range(len(self.axes))
-        stated = {name: tuple(1e-3 * fact(self.physics, name, a, 0.0) for a in count) for name in OF_WAYS}
-        return Geometry(**stated) if any(map(any, stated.values())) else None
+        travel, periodic = (tuple(1e-3 * fact(self.physics, name, a, 0.0) for a in count) for name in OF_WAYS)
+        return Geometry(travel_error=travel, periodic_error=periodic) if any((*travel, *periodic)) else None
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""

@@ -70,10 +70,13 @@ class Drives(NamedTuple):
 
     def of_axes(self, axes: Sequence[int]) -> Drives:
         """Return that of some axes."""
-        load, bandwidth, mode, velocity = (
-            tuple(own[a] for a in axes) if own else () for own in (self.load, self.bandwidth, self.mode, self.velocity)
+        return Drives(
+            tuple(self.load[a] for a in axes if self.load),
+            tuple(self.bandwidth[a] for a in axes if self.bandwidth),
+            tuple(self.mode[a] for a in axes if self.mode),
+            tuple(self.velocity[a] for a in axes if self.velocity),
+            self.period,
         )
-        return Drives(load, bandwidth, mode, velocity, self.period)
 
     def mode_of(self, axis: int) -> str:
         """Return the mode of an axis."""

@@ -155,6 +155,13 @@ def test_a_job_s_geometry_takes_the_place_of_the_table_s(tmp_path):
     assert effect.without["geometry"].rms == 0
 
 
+def test_corexy_has_no_accuracy_class(tmp_path):
+    file = tmp_path / "corexy.toml"
+    file.write_text((EXAMPLES / "corexy.toml").read_text().replace("efficiency", "accuracy = 40, efficiency"))
+    with pytest.raises(InputError, match="accuracy: the motors of CoreXY are no slides"):
+        Machine(file)
+
+
 def test_an_efficiency_that_is_none_is_refused(tmp_path):
     with pytest.raises(InputError, match="efficiency = 0"):
         built(tmp_path, lossy(0))
