@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
@@ -18,9 +20,10 @@ from gantrysim.errors import InputError
 from gantrysim.exchange.gains import exported
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.stability.cascade import with_velocity_loops
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Plant, margins_of
-from gantrysim.stability.motion import Drives
+from gantrysim.stability.motion import Drives, LinearSystem
 from gantrysim.tuning.study import TuningStudy
 
 from support.runs import plain, ramp
@@ -130,6 +133,44 @@ def test_derived_gains_keep_their_margins(name, mode, case):
             margins = Plant(axis.motion, t).margins(Laws(t, 0.0, (inner,)))[0]
             assert margins.gain >= 2 * (1 - 1e-9)
             assert margins.sensitivity <= 2 * (1 + 1e-9)
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([1, 2, 5, 8]),
+    st.floats(0, 1),
+    st.integers(1, 2),
+)
+@settings(deadline=None, max_examples=30)
+def test_two_rates_in_one_system_are_the_recurrence_of_both(seed, ratio, share, axes):
+    """Every sample of the drives one after the other, by the words of their law, for any motion."""
+    random = np.random.default_rng(seed)
+    states, t = 2 * axes + 1, 1e-3
+    system = LinearSystem(
+        tuple(range(axes)),
+        random.uniform(-0.4, 0.4, (states, states)),
+        np.zeros((states, axes)),
+        random.uniform(-1, 1, (states, axes)),
+        random.uniform(-1, 1, (axes, states)),
+    )
+    motors, gain, rate = (
+        random.uniform(-1, 1, (axes, states)),
+        random.uniform(0, 1e-3, axes),
+        random.uniform(0, 9, axes),
+    )
+    delay = share * ratio * t
+    whole = with_velocity_loops(system, motors, gain, rate, (t, ratio * t, delay))
+    x, before, total, last = np.zeros(states), np.zeros(axes), np.zeros(axes), np.zeros(axes)
+    lifted = np.zeros(states + 2 * axes)
+    for demand in random.uniform(-1, 1, (6, axes)):
+        np.testing.assert_allclose(whole.H @ lifted, system.H @ x, atol=1e-9)
+        lifted = whole.F @ lifted + whole.G0 @ last + whole.G1 @ demand
+        for j in range(ratio):
+            wanted = demand if j * t >= delay * (1 - 1e-9) else last
+            error = wanted - (motors @ x - before) / t
+            before, total = motors @ x, total + t * error
+            x = system.F @ x + system.G1 @ (gain * (error + rate * total))
+        last = demand
 
 
 def test_the_torque_limit_holds_in_the_drive_and_does_not_wind_up(xy):

@@ -14,10 +14,13 @@ from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import InputError
 from gantrysim.faults import BusSag
+from gantrysim.identify.identification import identify
+from gantrysim.identify.log import Log
 from gantrysim.job.job import Job
 from gantrysim.job.steps import lost_steps
 from gantrysim.machine.ideal import without_winding
 from gantrysim.metrics.budget import Budget
+from gantrysim.report.summary import summary
 
 from support.runs import ramp
 from support.tables import EXAMPLES
@@ -336,6 +339,8 @@ def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
         run = job.run()
         (lost,) = lost_steps(job.built_machine, job.built_servo, run)
         assert lost.axis == "x"
+        told = [note for note in summary(job, job.built_machine, Budget(run))["notes"] if "lost" in note]
+        assert told == [str(lost)]
         parts = Budget(run).values.parts
         other = {"measurement": "tracking", "tracking": "measurement"}[link]
         assert parts[link].max > 0.1 > parts[other].max
@@ -375,3 +380,10 @@ def test_a_table_that_makes_no_sense_is_refused(made, old, new, text):
     assert old in TABLE
     with pytest.raises(InputError, match=text):
         made(text=TABLE.replace(old, new))
+
+
+def test_a_stepper_in_open_loop_is_not_identified(made):
+    machine = made()
+    log = Log(("x",), 1e-3, np.zeros((50, 1)), np.zeros((50, 1)), held=True)
+    with pytest.raises(InputError, match="axis x is a stepper in open loop, of whose torque there is no log"):
+        identify(machine, log)
