@@ -12,7 +12,7 @@ import numpy as np
 from gantrysim.controllers.servo import Servo
 from gantrysim.design.library import largest_torque
 from gantrysim.design.modes import modes
-from gantrysim.machine.axis import PER_SI, Axis
+from gantrysim.machine.axis import PER_SI, Axis, fact
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import margins_of
@@ -49,7 +49,7 @@ class AxisSizing:
         inertia_ratio: all that the rotor moves against the rotor itself, as felt at its shaft; where the MJCF states no
             rotor inertia, the load against rotor, transmission and coupling together.
         acceleration: from rest with the peak torque [u/s²].
-        frequency: natural frequency of the derived loop [Hz].
+        frequency: natural frequency of the derived loop, or of a stepper in its field [Hz].
         gain_margin: of the derived loop, with all others closed.
         travel_error: of the transmission over the whole travel, plus or minus [µm].
         rms: root mean square of the torque of a job, nan without one [N·m].
@@ -143,7 +143,7 @@ class Sizing:
             _axis_sizing(
                 machine,
                 a,
-                math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi),
+                _frequency(axis, servo.mode[a], servo.kp[a]),
                 min(margins[a].gain, margins[a].together) if margins else math.nan,
                 None if run is None else run.torque[:, a],
             )
@@ -161,16 +161,16 @@ class Sizing:
 def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torque: np.ndarray | None) -> AxisSizing:
     axis, model = machine.axes[a], machine.physics
     per_motor = axis.scale / PER_SI[axis.unit]  # travel per motor angle [m/rad or 1]
-    efficiency = _fact(model, "efficiency", a, 1.0)
-    continuous = _fact(model, "continuous_torque", a)
+    efficiency = fact(model, "efficiency", a, 1.0)
+    continuous = fact(model, "continuous_torque", a)
     inertia = axis.inertia * axis.scale
-    own = _fact(model, "rotor_inertia", a, float(model.actuator_armature[a]))
+    own = fact(model, "rotor_inertia", a, float(model.actuator_armature[a]))
     speed = axis.speed_limit / axis.scale
     ideal = math.isnan(axis.motor_constant)
     at_speed = axis.peak_torque
     if not ideal and math.isfinite(speed):
-        inductance = _fact(model, "inductance", a, axis.lag * axis.resistance)
-        poles = _fact(model, "pole_pairs", a, 0.0)
+        inductance = fact(model, "inductance", a, axis.lag * axis.resistance)
+        poles = fact(model, "pole_pairs", a, 0.0)
         current = axis.peak_torque / axis.motor_constant
         constants = axis.motor_constant, axis.resistance, inductance, poles
         at_speed = largest_torque(*constants, speed, axis.bus_voltage, current)
@@ -185,19 +185,20 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
         acceleration=(axis.peak_torque - axis.coulomb) / axis.inertia,
         frequency=frequency,
         gain_margin=margin,
-        travel_error=_fact(model, "travel_error", a) * length / 300 if axis.unit == "mm" else math.nan,
+        travel_error=fact(model, "travel_error", a) * length / 300 if axis.unit == "mm" else math.nan,
         rms=math.nan if torque is None else float(np.sqrt(np.mean(torque**2))),
         peak=math.nan if torque is None else float(np.abs(torque).max()),
         continuous_torque=continuous,
     )
 
 
-def _fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
-    """Return a value of a custom numeric of the MJCF that has one per actuator."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
-    if index < 0 or model.numeric_size[index] != model.nactuator:
-        return default
-    return float(model.numeric_data[model.numeric_adr[index] + actuator])
+def _frequency(axis: Axis, mode: str, kp: float) -> float:
+    """Return the natural frequency of an axis in its loop, of a velocity demand kp / 2 pi, or in its field [Hz]."""
+    if mode == "velocity":
+        return kp / (2 * math.pi)
+    if mode == "stepper" and axis.phases is not None:
+        kp = axis.phases.pole_pairs * axis.peak_torque / axis.scale
+    return math.sqrt(kp / axis.inertia) / (2 * math.pi)
 
 
 def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -> tuple[Mode, ...]:

@@ -6,9 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from gantrysim.design.accuracy import SCREWS
 from gantrysim.design.library import Motor, motor_names, motor_of
 from gantrysim.design.table import Drive, Guides, MachineTable, Masses, Slide
-from gantrysim.design.transmission import ACCURACY, Belt, Rack, Screw
+from gantrysim.design.transmission import Belt, Rack, Screw
 
 PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"
 
@@ -68,7 +69,7 @@ def page() -> str:
         "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
         "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
     )
-    classes = ", ".join(f"{name} {error:g}" for name, error in ACCURACY.items())
+    classes = ", ".join(f"{name} {error:g}" for name, (error, _) in SCREWS.items())
     return text + f"\nAccuracy classes of screws, error over 300 mm of travel in µm, plus or minus: {classes}.\n"
 
 

@@ -51,6 +51,7 @@ def run(
     from gantrysim.job.cost import computing_time
     from gantrysim.job.job import Job
     from gantrysim.job.losses import events
+    from gantrysim.job.steps import run_notes
     from gantrysim.memory import LONG
     from gantrysim.report.folder import output_folder, write_fault
 
@@ -88,7 +89,7 @@ def run(
     for show_one in shown:
         show_one()
     say(f"servo: {loaded.servo_reason}", wrap=True)
-    for note in loaded.notes:
+    for note in run_notes(loaded, record):
         say(f"note: {note}")
     for text in failed:
         warn(text, "error")

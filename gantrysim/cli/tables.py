@@ -18,7 +18,7 @@ from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.parts import PartValues
 from gantrysim.run import Run
-from gantrysim.stability.margins import Margins
+from gantrysim.stability.margins import NO_LOOP, Margins
 
 _UM = 1e3
 _MB = 1e6
@@ -80,7 +80,7 @@ def outcome_table(
     for unit, (axis, error) in zip(run.units, values.tracking.items(), strict=True):
         rms, largest = (f"{_UM * value:.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
         table.add_row(f"following error {axis}", rms, f"max {largest}")
-    if margins is not None:
+    if margins is not None and any(own != NO_LOOP for own in margins):
         axis, own = min(zip(run.axes, margins, strict=True), key=lambda pair: min(pair[1].gain, pair[1].together))
         table.add_row("gain margin", f"{min(own.gain, own.together):.2f}", f"of {axis}, {_judged(own)}")
     if values.spacing is not None:

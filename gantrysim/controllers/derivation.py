@@ -18,7 +18,7 @@ from gantrysim.controllers.laws.parameters import PID, ZV, ZVD
 from gantrysim.controllers.laws.user import LawName
 from gantrysim.errors import between, positive
 from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.margins import Laws, Margins, Plant
+from gantrysim.stability.margins import NO_LOOP, Laws, Margins, Plant
 from gantrysim.stability.motion import Drives, Motion
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
@@ -70,6 +70,10 @@ class AxisDynamics(Protocol):
         """Friction at the motor."""
 
     @property
+    def mode(self) -> str:
+        """What its drive is made to be told, one of `MODES`."""
+
+    @property
     def motion(self) -> Motion | None:
         """Linear motion of the axis alone; None if it is not known, and no mode is taken into account."""
 
@@ -93,7 +97,7 @@ class Lags(NamedTuple):
 
     def of_axis(self, axis: int) -> Lags:
         """Return those of one axis."""
-        return self._replace(drives=self.drives.of_axis(axis))
+        return self._replace(drives=self.drives.of_axes([axis]))
 
     def winding(self, axis: AxisDynamics) -> float:
         """Return the time constant of the torque, given those of one axis [s]."""
@@ -124,6 +128,7 @@ def loop(
     integral_time: float,
     lags: Lags,
     law: tuple[LawName, ...] = (PID,),
+    notched: bool = True,
 ) -> Loop:
     """Return the fastest loop that keeps a gain margin of 2 and |S| <= 2 on every axis.
 
@@ -138,10 +143,12 @@ def loop(
         frequency: natural frequency that is to be taken, whatever the margins are; None for the fastest [Hz].
         damping: damping ratio zeta.
         integral_time: kp / ki [s].
-        lags: what makes the loops late.
+        lags: what makes the loops late, of axes that all take torques.
         law: names of the laws in the loops.
+        notched: whether there may be notches.
     """
-    loops = [_AxisLoop(axis, period, damping, integral_time, lags.of_axis(a), law) for a, axis in enumerate(axes)]
+    own = [lags.of_axis(a) for a in range(len(axes))]
+    loops = [_AxisLoop(axis, period, damping, integral_time, own[a], law, notched) for a, axis in enumerate(axes)]
     if frequency is not None:
         at, why = between("frequency", frequency, *FREQUENCIES, "Hz"), f"natural frequency {frequency:.4g} Hz, as given"
     else:
@@ -178,8 +185,9 @@ class _AxisLoop:
         integral_time: float,
         lags: Lags,
         names: tuple[LawName, ...] = (PID,),
+        notched: bool = True,
     ) -> None:
-        self.axis, self.period, self.lags, self._names = axis, period, lags, names
+        self.axis, self.period, self.lags, self._names, self._notched = axis, period, lags, names, notched
         self._damping, self._integral_time = damping, integral_time
         self._plant = None if axis.motion is None else Plant(axis.motion, period, lags.delay, lags.drives)
 
@@ -197,10 +205,10 @@ class _AxisLoop:
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
-        if _kept(self._margins(frequency)):
+        if kept(self._margins(frequency)):
             return notch.NONE
         mode = self._mode(frequency)
-        return mode if self._usable(mode) and _kept(self._margins(frequency, mode)) else None
+        return mode if self._usable(mode) and kept(self._margins(frequency, mode)) else None
 
     def limit(self, frequency: float) -> str:
         """Return what is wrong at a natural frequency at which no notch helps, in words."""
@@ -209,6 +217,8 @@ class _AxisLoop:
             return self.trouble(frequency)
         if self._usable(mode):
             return f"{self.trouble(frequency, mode)} even with a notch at its mode of {mode:.0f} Hz"
+        if not self._notched:
+            return self.trouble(frequency)
         nyquist = 0.5 / self.period
         where = "above" if mode > nyquist else "too near"
         return f"{self.trouble(frequency)}, and its mode of {mode:.0f} Hz is {where} half the servo's, {nyquist:.0f} Hz"
@@ -234,11 +244,11 @@ class _AxisLoop:
         return float(np.abs(slowest)) / (2 * math.pi), max(float(-slowest.real / np.abs(slowest)), 0.0)
 
     def _usable(self, mode: float) -> bool:
-        return 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
+        return self._notched and 0 < mode < _BELOW_NYQUIST * 0.5 / self.period
 
     def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
         if self._plant is None:
-            return _UNBOUNDED
+            return NO_LOOP
         return self._plant.margins(self._laws(frequency, mode))[0]
 
     def _laws(self, frequency: float, mode: float) -> Laws:
@@ -345,8 +355,6 @@ def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
     return (1 - kept) * math.atan(2 * zeta * c) / (c * positive("lag", lag, "s")) / (2 * math.pi)
 
 
-def _kept(margins: Margins) -> bool:
+def kept(margins: Margins) -> bool:
+    """Return whether a loop keeps the margins of derived ones."""
     return margins.gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
-
-
-_UNBOUNDED = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)

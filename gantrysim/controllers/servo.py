@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.controllers import notch
+from gantrysim.controllers.cascade import gains as gains_of
 from gantrysim.controllers.derivation import (
     NOTCH_DEPTH,
     NOTCH_WIDTH,
@@ -19,9 +20,8 @@ from gantrysim.controllers.derivation import (
     derived_laws,
     loop,
     nominal_motions,
-    pd_gains,
 )
-from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter
+from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
 from gantrysim.controllers.laws.linear import closed, linear_law
 from gantrysim.controllers.laws.parameters import (
     LAW_PARAMETERS,
@@ -38,7 +38,7 @@ from gantrysim.controllers.laws.user import LawName, linearised, resolved
 from gantrysim.display import Shown
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.motion import Drives
+from gantrysim.stability.motion import MODES, Drives
 
 _LARGEST_GAIN = 1e18
 _DAMPINGS = (1e-3, 1e3)
@@ -47,6 +47,7 @@ _SHORTEST_PERIOD = 1e-7  # [s]
 
 MAX_FEEDBACK_DELAY = 16  # servo periods
 _LARGEST_BANDWIDTH = 1e5  # [Hz]
+_ALMOST = 1e-6  # a whole number
 _LARGEST_SEED = 2**53
 
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
@@ -63,8 +64,12 @@ DRIVE = (
     Parameter("interpolation_error", "u", "amplitude of the encoder's error once per signal period"),
     Parameter("interpolation_error_twice", "u", "amplitude of the encoder's error twice per signal period"),
     Parameter("signal_period", "u", "axis travel per signal period of the encoder"),
+    Parameter("velocity_gain", "N·m·s/u", "torque per error of velocity, of a velocity loop in the drive"),
+    Parameter("velocity_time", "s", "integral time of a velocity loop in the drive, 0 for no integral term"),
 )
-FEEDBACKS = ("motor", "load")
+LOOPS = {"velocity", "position"}  # modes of drives that close loops themselves
+DRIVE_PERIOD = 1.25e-4  # [s]
+FEEDBACKS = ("motor", "load", "none")
 
 # what `Servo.derive` takes from the axes unless it is given
 DERIVED = (
@@ -93,10 +98,14 @@ class Servo(LawParameters, Shown):
         delay: time from the sample to the output, at most one period [s].
         notch_frequency, notch_width, notch_depth: of the filter between law and clamp, by default none, see
             `gantrysim.controllers.notch`.
-        current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period: as in `DRIVE`,
-            by default 0.
+        current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period, velocity_gain,
+            velocity_time: as in `DRIVE`, by default 0.
         feedback: where the encoder of each axis is: on the "motor", the default, or on the "load" behind the axis'
-            compliance.
+            compliance; "none" of a stepper in open loop, of which the servo knows the microsteps that it has sent.
+        mode: what the servo sends to the drive of each axis: "torque", the default; "velocity", where the law's output
+            is a velocity [u/s], kp is in 1/s, and all other gains have u/s in place of N·m; "position", where the
+            drive works the law itself; or "stepper", of a stepper in open loop, which takes no gains.
+        drive_period: of the loops in the drives, a whole fraction of the servo period [s].
         feedback_delay: from the encoder's sample to the servo, in servo periods.
         encoder_seed: of the noise.
         law and its parameters: as in `LawParameters`.
@@ -122,6 +131,10 @@ class Servo(LawParameters, Shown):
     interpolation_error_twice: tuple[float, ...] = ()
     signal_period: tuple[float, ...] = ()
     feedback: tuple[str, ...] = ()
+    mode: tuple[str, ...] = ()
+    velocity_gain: tuple[float, ...] = ()
+    velocity_time: tuple[float, ...] = ()
+    drive_period: float = DRIVE_PERIOD
     feedback_delay: int = 0
     encoder_seed: int = 0
 
@@ -149,9 +162,28 @@ class Servo(LawParameters, Shown):
                     f"signal_period = {signal:g} mm: must be greater than 0 mm where there is an interpolation error, "
                     f"which is {max(once, twice):g} mm"
                 )
+        for place, mode in zip(self.feedback, self.mode, strict=True):
+            if place == "none" and mode != "stepper":
+                raise InputError(f"servo feedback = 'none': a drive in mode {mode!r} needs it; use 'motor' or 'load'")
+        for name in GAIN_NAMES:
+            for value, mode in zip(getattr(self, name), self.mode, strict=True):
+                if value and mode == "stepper":
+                    raise InputError(
+                        f"{name} = {value:g} in mode 'stepper': must be 0, nothing is fed back; use 'torque'"
+                    )
+        self._check_loops()
         _check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
         _check_whole("encoder_seed", self.encoder_seed, _LARGEST_SEED)
         self.check_laws(self.period)
+        if self.law != (PID,):
+            self.check_torque(f"servo law = {words(self.law)}")
+
+    def _check_loops(self) -> None:
+        for value, mode in zip(self.velocity_gain, self.mode, strict=True):
+            if bool(value) is not (mode == "velocity"):
+                need = "must be greater than 0" if mode == "velocity" else "must be 0, only for mode 'velocity'"
+                raise InputError(f"velocity_gain = {value:g} N·m·s/mm in mode {mode!r}: {need}")
+        _check_drive_period(self.drive_period, self.period, self.mode)
 
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
@@ -166,8 +198,18 @@ class Servo(LawParameters, Shown):
     @cached_property
     def filters(self) -> tuple[notch.Coefficients, ...]:
         """The notch of each axis."""
-        own = zip(self.notch_frequency, self.notch_width, self.notch_depth, strict=True)
-        return tuple(notch.coefficients(frequency, width, depth, self.period) for frequency, width, depth in own)
+        own = zip(self.notch_frequency, self.notch_width, self.notch_depth, self._periods, strict=True)
+        return tuple(notch.coefficients(*values) for values in own)
+
+    @property
+    def _periods(self) -> list[float]:
+        """The period of each axis' law [s]."""
+        return [self.drive_period if mode == "position" else self.period for mode in self.mode]
+
+    @property
+    def inner_period(self) -> float:
+        """The period of the loops in the drives, 0 where there are none [s]."""
+        return self.drive_period if LOOPS & set(self.mode) else 0.0
 
     @property
     def plain(self) -> bool:
@@ -178,12 +220,20 @@ class Servo(LawParameters, Shown):
     @property
     def drives(self) -> Drives:
         """What of the drives lies in the loops."""
-        return drives_of(self.feedback, self.current_bandwidth)
+        drives = drives_of(self.feedback, self.current_bandwidth, self.mode, self.drive_period)
+        if "velocity" not in self.mode:
+            return drives
+        loops = zip(self.velocity_gain, self.velocity_time, strict=True)
+        return drives._replace(velocity=tuple((gain, 1 / time if time else 0.0) for gain, time in loops))
 
     @property
     def lags(self) -> Lags:
         """What makes the loops late."""
         return Lags(self.delay, self.feedback_delay, self.drives)
+
+    def check_torque(self, what: str) -> None:
+        """Raise InputError unless the servo sends torques to all drives, which something needs, named in words."""
+        _check_modes(what, self.mode)
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return law, notch and feedback delay of each axis as the stability of its loop depends on them.
@@ -196,7 +246,11 @@ class Servo(LawParameters, Shown):
         gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
             linear_law(self.law, own, filter, self.law_values(a), self.period, self.delay, self.feedback_delay)
-            for a, (own, filter) in enumerate(zip(gains, self.filters, strict=True))
+            if mode == MODES[0]
+            else compensator(own, period).then(filter).delayed(0 if mode == "position" else self.feedback_delay)
+            for a, (own, filter, period, mode) in enumerate(
+                zip(gains, self.filters, self._periods, self.mode, strict=True)
+            )
         )
 
     def _own_compensators(self, law: LawName) -> tuple[Compensator, ...]:
@@ -221,10 +275,13 @@ class Servo(LawParameters, Shown):
         following_error_limit: float = FOLLOWING_ERROR_LIMIT,
         delay: float = 0.0,
         feedback: str | Sequence[str] = FEEDBACKS[0],
+        mode: str | Sequence[str] | None = None,
         feedback_delay: int = 0,
         encoder_seed: int = 0,
         law: LawName | Sequence[LawName] = PID,
         learning_repeats: int = LawParameters.learning_repeats,
+        drive_period: float | None = None,
+        velocity_bandwidth: float | None = None,
         **given: float | Sequence[float] | None,
     ) -> Servo:
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
@@ -244,11 +301,16 @@ class Servo(LawParameters, Shown):
             integral_time: kp / ki [s].
             following_error_limit: for every axis [mm].
             delay: from sample to output [s].
-            feedback: "motor" or "load", for all axes or one per axis.
+            feedback: "motor" or "load", for all axes or one per axis; a stepper in open loop without an encoder takes
+                "none" for "motor".
+            mode: of the drives, for all axes or one per axis; by default that of its motor. Loops in the drives get
+                their gains likewise, see `gantrysim.controllers.cascade`.
             feedback_delay: from the encoder to the servo, in servo periods.
             encoder_seed: of the encoders' noise.
             law: names, of `BASES` and `ADDITIONS`.
             learning_repeats: number of runs from which the law learning learns.
+            drive_period: of the loops in the drives, by default 0.125 ms, or the servo's if that is no multiple [s].
+            velocity_bandwidth: of velocity loops in the drives, by default the highest that keeps the margins [Hz].
             given: any of `DERIVED` to override, one value or one per axis.
         """
         axes = tuple(axes)
@@ -257,32 +319,48 @@ class Servo(LawParameters, Shown):
         _check_period(period)
         zeta = between("damping", damping, *_DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
+        inner = drive_period or (DRIVE_PERIOD if _whole(period / DRIVE_PERIOD) else period)
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
         at_least("integral_time", min(integral_time, _LONGEST_PERIOD), _SHORTEST_PERIOD, "s")
-        places = _per_axis("feedback", feedback, len(axes))
+        modes = _per_axis("mode", mode or tuple(axis.mode for axis in axes), len(axes))
+        counts = _per_axis("resolution", given.get("resolution", [axis.resolution for axis in axes]), len(axes))
+        _check_drive_period(inner, period, modes)
+        places = tuple(
+            "none" if own == "stepper" and place == "motor" and not count else place
+            for own, place, count in zip(modes, _per_axis("feedback", feedback, len(axes)), counts, strict=True)
+        )
         widths = _per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
         _check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
-        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths))
         names = law_names(law)
         if PD in names:
             integral_time, share = math.inf, 0.0
-        found = loop(axes, period, frequency, zeta, integral_time, lags, names)
-        own = derived_laws(axes, found, names, period, zeta, integral_time, lags)
-        pd = [pd_gains(axis, found.frequency, zeta, integral_time) for axis in axes]
+        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths, modes, inner))
+        if velocity_bandwidth is not None and "velocity" not in modes:
+            raise InputError(f"velocity_bandwidth = {velocity_bandwidth:g} Hz: no drive is in mode 'velocity'")
+        if names != (PID,):
+            _check_modes(f"servo law = {words(names)}", modes)
+        found, _ = gains_of(axes, period, frequency, zeta, integral_time, lags, velocity_bandwidth, names)
+        own: list[dict[str, float]] = [{} for _ in axes]
+        if names != (PID,):
+            loops = loop(axes, period, frequency, zeta, integral_time, lags, names)
+            own = derived_laws(axes, loops, names, period, zeta, integral_time, lags)
+        fast = [mode == "velocity" for mode in modes]
         derived: dict[str, list[float]] = {
-            **{name: [own[name] for own in pd] for name in ("kp", "ki", "kd")},
-            "velocity_ff": [share * axis.viscous for axis in axes],
-            "acceleration_ff": [share * axis.inertia for axis in axes],
+            **{name: [getattr(own, name) for own in found] for name in ("kp", "ki", "kd")},
+            "velocity_ff": [share * (1.0 if own else axis.viscous) for axis, own in zip(axes, fast, strict=True)],
+            "acceleration_ff": [share * (0.0 if own else axis.inertia) for axis, own in zip(axes, fast, strict=True)],
             "output_velocity": [0.0 for _ in axes],
             "torque_limit": [axis.peak_torque for axis in axes],
             "resolution": [axis.resolution for axis in axes],
-            "notch_frequency": list(found.notches),
+            "notch_frequency": [own.notch for own in found],
             "notch_width": [NOTCH_WIDTH for _ in axes],
             "notch_depth": [NOTCH_DEPTH for _ in axes],
             "following_error_limit": [following_error_limit for _ in axes],
             **{parameter.name: [0.0 for _ in axes] for parameter in DRIVE},
             **{one.name: [values.get(one.name, 0.0) for values in own] for one in LAW_PARAMETERS},
+            "velocity_gain": [own.velocity_gain for own in found],
+            "velocity_time": [own.velocity_time for own in found],
         }
         for name, value in given.items():
             if PD in names and name in NOT_PD and value is not None and np.any(value):
@@ -292,15 +370,21 @@ class Servo(LawParameters, Shown):
             if value is None:
                 continue
             derived[name] = list(_per_axis(name, value, len(axes)))
+        for name in GAIN_NAMES:
+            if not isinstance(given.get(name), Iterable):
+                kept = zip(derived[name], modes, strict=True)
+                derived[name] = [0.0 if mode == "stepper" else value for value, mode in kept]
         return cls(
             period=period,
             delay=delay,
             feedback=places,
+            mode=modes,
             feedback_delay=feedback_delay,
             encoder_seed=encoder_seed,
             law=names,
             learning_repeats=learning_repeats,
             motions=nominal_motions(axes) if PREVIEW in names or LEARNING in names else (),
+            drive_period=inner,
             **{name: tuple(values) for name, values in derived.items()},
         )
 
@@ -311,9 +395,11 @@ _UNLESS_GIVEN: dict[str, float | str] = {
     "notch_depth": NOTCH_DEPTH,
     **{parameter.name: 0.0 for parameter in (*DRIVE, *LAW_PARAMETERS)},
     "feedback": FEEDBACKS[0],
+    "mode": MODES[0],
 }
-_COMMON = ("period", "delay", "feedback_delay", "encoder_seed", "law", "learning_repeats", "motions")
+_COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed", "law", "learning_repeats", "motions")
 _LAW_NAMES = frozenset(parameter.name for parameter in LAW_PARAMETERS)
+_WORDS = {"feedback": FEEDBACKS, "mode": MODES}
 _DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
 
 
@@ -322,17 +408,42 @@ def _per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
     values = (value,) * axes if single else tuple(value)
     if len(values) != axes:
         raise InputError(f"{name} has {len(values)} values: must be one or {axes}, one per axis")
-    return tuple(_checked(name, one) for one in values) if name in ("feedback", "current_bandwidth") else values
+    return tuple(_checked(name, one) for one in values) if name in (*_WORDS, "current_bandwidth") else values
 
 
-def drives_of(feedback: Sequence[str], bandwidth: Sequence[float]) -> Drives:
-    """Return what of the drives lies in the loops, given feedback and current bandwidth of every axis."""
+def drives_of(feedback: Sequence[str], bandwidth: Sequence[float], mode: Sequence[str], period: float) -> Drives:
+    """Return what of the drives lies in the loops, given feedback, current bandwidth and mode of every axis.
+
+    Gains of velocity loops are left out.
+    """
     load = tuple(place == "load" for place in feedback)
-    return Drives(load if any(load) else (), tuple(bandwidth) if any(bandwidth) else ())
+    return Drives(
+        load if any(load) else (),
+        tuple(bandwidth) if any(bandwidth) else (),
+        tuple(mode) if set(mode) != {MODES[0]} else (),
+        period=period if LOOPS & set(mode) else 0.0,
+    )
+
+
+def _whole(ratio: float) -> bool:
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) < _ALMOST
+
+
+def _check_drive_period(own: float, period: float, mode: Sequence[str]) -> None:
+    ratio = period / positive("drive_period", own, "s", _LONGEST_PERIOD)
+    if LOOPS & set(mode) and not _whole(ratio):
+        raise InputError(f"drive_period = {own:g} s: must be a whole fraction of the servo period, {period:g} s")
 
 
 def _check_whole(name: str, value: float, most: int) -> None:
     between(name, whole(name, value, 0), 0, most)
+
+
+def _check_modes(what: str, modes: Sequence[str]) -> None:
+    if set(modes) != {MODES[0]}:
+        raise InputError(
+            f"{what}: servo mode = {', '.join(map(repr, modes))}, with other gains or none; only for 'torque'"
+        )
 
 
 def _check_period(period: float) -> None:
@@ -341,9 +452,9 @@ def _check_period(period: float) -> None:
 
 
 def _checked(name: str, value: Any) -> Any:
-    if name == "feedback":
-        if value not in FEEDBACKS:
-            raise InputError(f"servo feedback = {value!r}: must be one of {', '.join(map(repr, FEEDBACKS))}")
+    if name in _WORDS:
+        if value not in _WORDS[name]:
+            raise InputError(f"servo {name} = {value!r}: must be one of {', '.join(map(repr, _WORDS[name]))}")
         return value
     if name in _LAW_NAMES:
         return at_least(name, value, 0)

@@ -30,8 +30,11 @@ def mjcf_of(table: MachineTable) -> str:
     """Return the MJCF of a machine, complete in one text, with a physics step that its fastest mode allows."""
     mjcf = ARRANGEMENTS[table.arrangement](table)
     frequencies, _ = modes(mujoco.MjModel.from_xml_string(mjcf.text()))
+    slides = (slide.drive for slide in (table.x, table.y, table.z) if slide is not None)
+    fields = [drive.field_rate for drive in (*slides, table.belts) if drive is not None]
+    fastest = max(2 * math.pi * float(frequencies.max(initial=0.0)), *fields)
     step = _STEP
-    while frequencies.size and 2 * math.pi * frequencies[-1] * step > _PER_STEP:
+    while fastest * step > _PER_STEP:
         step /= 2
     return mjcf.text(step)
 

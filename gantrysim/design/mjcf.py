@@ -10,11 +10,23 @@ from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import Element
 
 from gantrysim.design.table import Drive, Guides, MachineTable, Slide
+from gantrysim.stability.motion import MODES
 
 M = 1e-3  # metres per millimetre
 
-# custom numerics of an MJCF, a value per actuator: what a verdict needs and no physics [N·m, kg·m², 1, H, 1, µm/300 mm]
-FACTS = ("continuous_torque", "rotor_inertia", "pole_pairs", "inductance", "efficiency", "travel_error")
+# custom numerics of an MJCF, a value per actuator: what verdict, transmission, geometry or drive need
+# [N·m, kg·m², 1, H, 1, µm/300 mm, µm, 1, place in MODES]
+FACTS = (
+    "continuous_torque",
+    "rotor_inertia",
+    "pole_pairs",
+    "inductance",
+    "efficiency",
+    "travel_error",
+    "periodic_error",
+    "microsteps",
+    "drive_mode",
+)
 
 # LuGre friction, as of the built-in machines
 _STATIC = 1.2  # per Coulomb friction
@@ -123,7 +135,8 @@ class Mjcf:
         if speed is None and of.drive is not None:
             speed = of.drive.highest_speed / (M * of.drive.transmission.gear)
         low, high = of.travel
-        attributes = {"damping": of.guides.viscous} if of.guides.viscous else {}
+        share = of.drive.transmission.efficiency if of.drive is not None else 1.0
+        attributes = {"damping": of.guides.viscous / share} if of.guides.viscous else {}
         add(
             body,
             "joint",
@@ -164,7 +177,7 @@ class Mjcf:
         """
         motor, way = drive.known_motor, drive.transmission
         own, viscous = motor.friction
-        coulomb = own + way.friction + share * guides.friction / slide_gear
+        coulomb = own + way.friction + share * guides.friction / (slide_gear * way.efficiency)
         inertia = drive.armature + load / slide_gear**2
         attributes: dict[str, str | float | Numbers] = {}
         if coulomb > 0:
@@ -172,7 +185,11 @@ class Mjcf:
             damping = 2 * _BRISTLE_DAMPING * math.sqrt(bristles * inertia)
             attributes["lugre"] = (bristles, damping, coulomb, _STATIC * coulomb, _STRIBECK * slide_gear)
         if motor.detent_torque:
-            attributes["cogging"] = (motor.detent_torque, max(4 * motor.pole_pairs, 1), 0)
+            attributes["cogging"] = (
+                motor.detent_torque,
+                max(4 * motor.pole_pairs, 1),
+                math.pi,
+            )  # at rest at full steps
         if motor.inductance:
             attributes["inductance"] = motor.resistance * drive.lag
         if viscous:
@@ -193,7 +210,8 @@ class Mjcf:
             armature=drive.armature,
             **attributes,
         )
-        add(self.sensor, "actuatorpos", name=name, actuator=name, user=drive.counts)
+        if drive.encoder is not None:
+            add(self.sensor, "actuatorpos", name=name, actuator=name, user=drive.counts)
         facts = (
             motor.continuous,
             motor.rotor_inertia,
@@ -201,5 +219,8 @@ class Mjcf:
             motor.inductance,
             way.efficiency,
             way.error(300),
+            way.periodic_error,
+            drive.fine_steps,
+            MODES.index(drive.used_mode),
         )
         self._facts[name] = facts

@@ -10,13 +10,15 @@ from typing import Any, Literal, Self
 from pydantic import field_validator, model_validator
 
 from gantrysim.design.library import RPM, Motor, counts_of, motor_of
-from gantrysim.design.settings import NotNegative, Positive, Table, key
+from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.design.transmission import Transmission
 from gantrysim.errors import InputError
 from gantrysim.toml_files import read_toml, validated
 
 Arrangement = Literal["bridge", "table", "cantilever", "tandem", "corexy"]
+Mode = Literal["torque", "velocity", "position", "stepper"]
 _HALF = 0.5  # share of its torque at rest that a motor keeps at the default speed
+_MICROSTEPS = 16
 _SHARE = 0.8  # of the no-load speed that the default speed uses
 
 
@@ -31,10 +33,16 @@ class Drive(Table):
     """Motor, encoder, supply and transmission of an axis."""
 
     motor: str | dict[str, Any] = key("name in the library, or a table of the motor's data")
-    encoder: str | Positive = key("name in the library, or counts per revolution")
+    encoder: str | Positive | None = key("name in the library, or counts per revolution; a stepper may have none", None)
     voltage: Positive = key("of the bus, at the motor's terminals [V]")
     current: Positive | None = key("peak current of the drive, by default the motor's [A]", None)
     current_loop: Positive = key("bandwidth of the current loop, which hides a slower winding [Hz]", 1000.0)
+    mode: Mode | None = key(
+        "what the servo sends to the drive: torque, velocity or position; by default torque, of a closed-loop stepper "
+        "position, of a stepper its steps",
+        None,
+    )
+    microsteps: Count | None = key("per full step of a stepper in open loop, by default 16", None)
     nut_mass: Positive = key("of nut or belt clamp with its bracket [kg]", 0.15)
     transmission: Transmission = key("screw, belt or rack")
 
@@ -43,9 +51,22 @@ class Drive(Table):
     def _check_known(cls, value: Any, info: Any) -> Any:
         if info.field_name == "motor":
             motor_of(value)
-        else:
+        elif value is not None:
             counts_of(value)
         return value
+
+    @model_validator(mode="after")
+    def _check_steps(self) -> Self:
+        kind = self.known_motor.kind
+        if self.encoder is None and kind != "stepper":
+            raise InputError(f"encoder is missing, a {kind} motor needs it")
+        if self.mode == "stepper" and kind != "stepper":
+            raise InputError(
+                f"mode = 'stepper': a {kind} motor runs in a closed loop; use torque, velocity or position"
+            )
+        if self.microsteps is not None and kind != "stepper":
+            raise InputError(f"microsteps: a {kind} motor has none, leave it out")
+        return self
 
     @cached_property
     def known_motor(self) -> Motor:
@@ -54,8 +75,20 @@ class Drive(Table):
 
     @property
     def counts(self) -> float:
-        """Of the encoder per revolution."""
-        return counts_of(self.encoder)
+        """Of the encoder per revolution, 0 without one."""
+        return 0.0 if self.encoder is None else counts_of(self.encoder)
+
+    @property
+    def used_mode(self) -> str:
+        """What the servo sends to the drive."""
+        return self.mode or {"stepper": "stepper", "closed-loop stepper": "position"}.get(
+            self.known_motor.kind, "torque"
+        )
+
+    @property
+    def fine_steps(self) -> int:
+        """Microsteps per full step of a stepper, 0 of any other motor."""
+        return (self.microsteps or _MICROSTEPS) if self.known_motor.kind == "stepper" else 0
 
     @property
     def peak_current(self) -> float:
@@ -72,6 +105,13 @@ class Drive(Table):
     def armature(self) -> float:
         """Inertia at the motor's shaft: rotor, transmission, coupling [kg·m²]."""
         return self.known_motor.rotor_inertia + self.transmission.turning
+
+    @property
+    def field_rate(self) -> float:
+        """Largest angular frequency of a stepper in its field, that without load; 0 of any other motor [rad/s]."""
+        motor = self.known_motor
+        stiffness = motor.pole_pairs * (motor.K * self.peak_current + 4 * motor.detent_torque)
+        return math.sqrt(stiffness / self.armature) if self.fine_steps else 0.0
 
     @property
     def highest_speed(self) -> float:
@@ -160,6 +200,8 @@ class MachineTable(Table):
             raise InputError(f"skew_stiffness: arrangement = {kind!r} has none, leave it out")
         if self.belts is not None and self.belts.transmission.kind != "belt":
             raise InputError(f"belts.transmission.kind = {self.belts.transmission.kind!r}: must be 'belt'")
+        if self.belts is not None and self.belts.transmission.error(1.0):
+            raise InputError("belts.transmission.accuracy: the motors of CoreXY are no slides, leave it out")
         if self.z is not None and self.z.drive is None:
             raise InputError("z.drive is missing")
         return self

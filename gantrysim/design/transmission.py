@@ -7,29 +7,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from gantrysim.design.accuracy import SCREWS
 from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.errors import InputError
 
 _STEEL = 7850.0  # density [kg/m³]
-# permissible variation over 300 mm of travel, ISO 3408-3 [µm]; C classes: JIS B 1192
-ACCURACY = {
-    "C3": 8.0,
-    "C5": 18.0,
-    "C7": 50.0,
-    "C10": 210.0,
-    "P1": 6.0,
-    "P3": 12.0,
-    "P5": 23.0,
-    "P7": 52.0,
-    "T10": 210.0,
-}
 
 
 class _Transmission(Table):
     stiffness: Positive = key("of the drive train at the slide, motor locked; of CoreXY that of one belt [N/µm]")
     damping_ratio: NotNegative = key("of the load on this stiffness, motor locked", 0.03)
     efficiency: Annotated[float, Field(gt=0, le=1)] = key(
-        "share of the torque that arrives; in the verdict, not in the simulation", 0.95
+        "share of the work that arrives at the slide; the rest is friction that grows with the force", 1.0
     )
     friction: NotNegative = key("of bearings, seals and preload, at the motor [N·m]", 0.0)
     coupling_inertia: NotNegative = key("of coupling and encoder disc, at the motor [kg·m²]", 0.0)
@@ -53,6 +42,11 @@ class _Transmission(Table):
         """Return the error of the travel by the accuracy class, plus or minus [µm]; travel in mm."""
         return 0.0
 
+    @property
+    def periodic_error(self) -> float:
+        """Amplitude of the error within a turn by the accuracy class [µm]."""
+        return 0.0
+
 
 class Screw(_Transmission):
     """A ball screw. Its inertia is given, or pi rho l d^4 / 32 of a steel cylinder as thick as the thread."""
@@ -62,14 +56,14 @@ class Screw(_Transmission):
     inertia: NotNegative | None = key("of the screw [kg·m²]", None)
     diameter: Positive | None = key("outer, for the inertia [mm]", None)
     length: Positive | None = key("for the inertia [mm]", None)
-    accuracy: str | None = key(f"class by ISO 3408-3 or JIS B 1192: {', '.join(ACCURACY)}", None)
+    accuracy: str | None = key(f"class by ISO 3408-3 or JIS B 1192: {', '.join(SCREWS)}", None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.inertia is None and (self.diameter is None or self.length is None):
             raise InputError("a screw needs its inertia, or diameter and length")
-        if self.accuracy is not None and self.accuracy not in ACCURACY:
-            raise InputError(f"accuracy = {self.accuracy!r}: must be one of {', '.join(ACCURACY)}")
+        if self.accuracy is not None and self.accuracy not in SCREWS:
+            raise InputError(f"accuracy = {self.accuracy!r}: must be one of {', '.join(SCREWS)}")
         return self
 
     @property
@@ -84,7 +78,11 @@ class Screw(_Transmission):
         return own + self.coupling_inertia
 
     def error(self, travel: float) -> float:
-        return ACCURACY[self.accuracy] * travel / 300 if self.accuracy else 0.0
+        return SCREWS[self.accuracy][0] * travel / 300 if self.accuracy else 0.0
+
+    @property
+    def periodic_error(self) -> float:
+        return 0.5 * SCREWS[self.accuracy][1] if self.accuracy else 0.0
 
 
 class _Reduced(_Transmission):

@@ -70,6 +70,10 @@ def _kind(fault: InjectedFault, machine: Machine, servo: Servo, a: int) -> tuple
     axis = machine.axes[a]
     if isinstance(fault, OpenWinding | BusSag) and axis.motion is None:
         raise InputError(f"fault {fault.kind}: machine {machine.name} has an actuator with a delay of its own")
+    if isinstance(fault, OpenWinding | BusSag) and servo.mode[a] == "stepper":
+        if fault.axis is None and set(servo.mode) != {"stepper"}:
+            return 0, 0.0
+        raise InputError(f"fault {fault.kind}: axis {axis.name} is a stepper in open loop; of a servo axis only")
     match fault:
         case EncoderDropout():
             return DROPOUT, 0.0
@@ -131,7 +135,7 @@ def stretches(
         axes: names of the axes.
         period: servo period [s].
         ticks: servo ticks, each after the one before.
-        drives: gain, motor constant, resistance, bus voltage, peak torque and lead of each healthy axis, (axes, 6).
+        drives: of each healthy axis, (axes, 7), see `gantrysim.engine.recording`.
     """
     electrical = [(f, *f.acting(period)) for f in faults if isinstance(f, OpenWinding | BusSag) and f.acts]
     edges = {ticks.start, ticks.stop}

@@ -18,7 +18,7 @@ from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.memory import check_ticks
-from gantrysim.native.row import Log
+from gantrysim.native.row import STEPPER, Log
 from gantrysim.run import Run
 
 
@@ -31,7 +31,7 @@ class LogBook:
         position: the same for all the machine's axes, (setpoints, axes) [mm or deg].
         dispenser: its dispenser.
         faults: faults on purpose.
-        leads: of the motors' current loops, (axes,).
+        drives: that are no plain ones, (axes,) of `DRIVE`.
         scales: whether the servo has each axis' position from its load, (axes,) or one for all.
 
     Attributes:
@@ -46,12 +46,15 @@ class LogBook:
         position: Floats,
         dispenser: Dispenser,
         faults: tuple[InjectedFault, ...] = (),
-        leads: Floats | None = None,
+        drives: NDArray[np.void] | None = None,
         scales: ArrayLike = False,
     ) -> None:
         self._scales = scales
         self._machine, self._setpoints, self._position, self._dispenser = machine, setpoints, position, dispenser
-        self._faults, self._leads = faults, np.zeros(position.shape[1]) if leads is None else leads
+        axes = position.shape[1]
+        self._faults, self._drives = faults, np.zeros((axes, 2))
+        if drives is not None:
+            self._drives = np.stack([drives["lead"], drives["mode"] == STEPPER], axis=1)
         count, axes = position.shape
         self._table: FileTable | None = None
         self.first = 0
@@ -161,7 +164,7 @@ class LogBook:
             content |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _measured(self, log: Log, first: int) -> dict[str, Floats]:
-        return _measured(self._machine, log, first, self._setpoints.period, self._faults, self._leads)
+        return _measured(self._machine, log, first, self._setpoints.period, self._faults, self._drives)
 
 
 def _columns(axes: int, *, waiting: bool, geometry: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
@@ -181,13 +184,13 @@ _IDEAL = "ideal_nozzle"  # the nozzle of the same machine with an ideal geometry
 
 
 def _measured(
-    machine: Machine, log: Log, first: int, period: float, faults: tuple[InjectedFault, ...], leads: Floats
+    machine: Machine, log: Log, first: int, period: float, faults: tuple[InjectedFault, ...], special: Floats
 ) -> dict[str, Floats]:
     """Return the part of a record that was measured, from the log from a first tick on."""
     drives = np.array(
         [
-            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, lead)
-            for gain, axis, lead in zip(machine.drive_gain, machine.axes, leads, strict=True)
+            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, *own)
+            for gain, axis, own in zip(machine.drive_gain, machine.axes, special, strict=True)
         ]
     )
     ticks = len(log.axis)
@@ -206,16 +209,18 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
 
     Columns are several times as fast to work on as rows. The voltage is by the drive's law: terminal voltage for the
     demanded torque, back-EMF compensated, within the bus; with a current loop, for what it asks for, see
-    `gantrysim.native.drives.follow_demands`.
+    `gantrysim.native.drives.follow_demands`. A stepper in open loop has the torque of its current, which is also its
+    demand, and the voltage that it logs.
 
     Args:
         columns: to be filled in.
         log: of the axes, (n, axes) of `LOG_AXIS`.
-        drives: gain, motor constant, resistance, bus voltage, peak torque and lead of each axis, (axes, 6).
+        drives: gain, motor constant, resistance, bus voltage, peak torque, lead, and 1 for a stepper in open loop, of
+            each axis, (axes, 7).
     """
     n, axes = log.shape
     for a in range(axes):
-        gain, constant, resistance, bus, peak, lead = drives[a]
+        gain, constant, resistance, bus, peak, lead, stepping = drives[a]
         for k in range(n):
             entry = log[k, a]
             wanted = gain * entry.demand  # about to be delivered
@@ -227,7 +232,10 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
             amperes = (volts - back) / resistance if np.isnan(entry.current) else entry.current
             delivered = wanted if np.isnan(constant) else constant * amperes
             torque = min(max(delivered, -peak), peak)
-            for row, value in enumerate((entry.encoder, entry.motor, entry.demand, torque, amperes, volts)):
+            demand = entry.demand
+            if stepping != 0.0:
+                demand, volts = torque, entry.demand
+            for row, value in enumerate((entry.encoder, entry.motor, demand, torque, amperes, volts)):
                 columns[row, a, k] = value
 
 

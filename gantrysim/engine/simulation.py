@@ -111,7 +111,7 @@ class Simulation:
             raise InputError(
                 f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s"
             )
-        substeps = substeps_of(machine, servo.period, physics_step)
+        substeps = substeps_of(machine, servo.period, physics_step, servo.inner_period)
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
         model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
@@ -135,7 +135,7 @@ class Simulation:
                 position,
                 dispenser,
                 checked,
-                None if drives is None else drives["lead"],
+                drives,
                 False if drives is None else drives["load"] >= 0,
             ),
             checked,
@@ -169,6 +169,9 @@ class Simulation:
         self._fill(row)
         self._supervise(row)
         drives = None if self.drives is None else self.drives.copy()
+        if drives is not None:
+            for name in ("start", "target", "next"):
+                drives[name] = self.position[0]
         row["drives"] = 0 if drives is None else drives.ctypes.data
         laws = None if self.laws is None else self.laws.copy()
         row["laws"] = 0 if laws is None else laws.ctypes.data
@@ -197,6 +200,9 @@ class Simulation:
         # a demand beyond what the drive can give is clamped by the drive itself
         peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
         row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)
+        for a, (axis, mode) in enumerate(zip(machine.axes, servo.mode, strict=True)):
+            if mode != "torque":  # the drives limit torques themselves
+                row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
         row["drive_gain"][: servo.axes] = machine.drive_gain
         for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
             for name in ("control", "output", "current"):

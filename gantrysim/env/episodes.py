@@ -98,6 +98,7 @@ class Source:
             servo = Servo.derive(self.machine.axes, **dict(settings.servo))
         else:
             self.machine, servo = self._job.built_machine, self._job.built_servo
+        servo.check_torque("environment")
         lower: dict[str, Any] = {n: tuple(gain / settings.detune for gain in getattr(servo, n)) for n in SCALED}
         self.servo = replace(servo, **lower)
         self.ticks = self._ticks()

@@ -67,7 +67,12 @@ class AxisServo:
 
     @classmethod
     def of(cls, axes: Iterable[Axis], servo: Servo) -> tuple[AxisServo, ...]:
-        """Return the servo of each axis."""
+        """Return the servo of each axis.
+
+        Raises:
+            InputError: a servo that does not send torques to all its drives.
+        """
+        servo.check_torque("gains in the words of a controller")
         return tuple(
             cls(
                 axis.name,

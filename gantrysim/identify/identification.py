@@ -132,6 +132,12 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         raise InputError(
             f"machine {machine.name}: its axes move one another through a closed chain; none can be fitted alone"
         )
+    for axis in machine.axes:
+        if axis.mode == "stepper" and axis.name in log.axes:
+            raise InputError(
+                f"machine {machine.name}: axis {axis.name} is a stepper in open loop, of whose torque there is no log; "
+                "only for drives in a closed loop"
+            )
     fits: list[AxisFit] = []
     for column, name in enumerate(log.axes):
         index = machine.axis_names.index(name)

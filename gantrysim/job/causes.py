@@ -62,7 +62,9 @@ class Setup:
     @property
     def step(self) -> float:
         """The physics step [s]."""
-        return self.servo.period / substeps_of(self.machine, self.servo.period, self.physics_step)
+        return self.servo.period / substeps_of(
+            self.machine, self.servo.period, self.physics_step, self.servo.inner_period
+        )
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run it without glue and return the record at the ticks of the program."""
@@ -92,7 +94,11 @@ class Cause:
 
 
 def _without_sampling(setup: Setup) -> Setup:
-    if setup.servo.period <= FINE and not setup.servo.delay and not setup.servo.feedback_delay:
+    if (
+        setup.servo.period <= max(FINE, setup.servo.inner_period)
+        and not setup.servo.delay
+        and not setup.servo.feedback_delay
+    ):
         return setup
     servo, setpoints = finely_sampled(setup.machine, setup.servo, setup.setpoints)
     return replace(setup, servo=servo, setpoints=setpoints, ticks=round(setup.servo.period / servo.period))

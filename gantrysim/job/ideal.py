@@ -68,6 +68,7 @@ def unhurried(s: Floats, tip: Floats) -> Floats:
 def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Servo, Setpoints]:
     """Return servo and setpoints at a period of at most `FINE`, a whole fraction of theirs, without the servo's delays.
 
+    A servo whose drives close loops themselves is sampled as often as they are.
     The gains are those of the continuous law. The command is a cubic spline through the setpoints, at rest before the
     first and after the last: velocity and acceleration, from which the feed-forward comes, are continuous, where those
     of a staircase or a polyline would be pulses as high as the period is short. It is a straight line where the spline
@@ -76,7 +77,7 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
-    n = periods(servo.period, FINE)
+    n = periods(servo.period, max(FINE, servo.inner_period))
     check_ticks(
         n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
     )
@@ -105,4 +106,5 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
         gates=n * setpoints.gates,
         torque=None if setpoints.torque is None else np.repeat(setpoints.torque, n, axis=0)[: len(position)],
     )
-    return replace(servo, period=period, delay=0.0, feedback_delay=0), fine
+    inner = min(period, servo.drive_period) if servo.inner_period else servo.drive_period
+    return replace(servo, period=period, delay=0.0, feedback_delay=0, drive_period=inner), fine

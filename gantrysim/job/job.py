@@ -10,8 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gantrysim.controllers.cascade import gains
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.derivation import loop
 from gantrysim.controllers.laws.parameters import PD
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
@@ -31,7 +31,16 @@ from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
 from gantrysim.toml_files import validated
 
-_SHAPING = ("kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth")  # of the loop
+_SHAPING = (
+    "kp",
+    "ki",
+    "kd",
+    "output_velocity",
+    "notch_frequency",
+    "notch_width",
+    "notch_depth",
+    "velocity_gain",
+)  # of the loop
 
 
 class Job(JobContent):
@@ -186,16 +195,11 @@ class Job(JobContent):
         given = [name for name in _SHAPING if getattr(self.servo, name) is not None]
         if given:
             return f"{', '.join(given)} as given"
-        servo, built = self.servo, self.built_servo
-        return loop(
-            self.built_machine.axes,
-            servo.period,
-            servo.frequency,
-            servo.damping,
-            math.inf if PD in built.law else servo.integral_time,
-            built.lags,
-            built.law,
-        ).reason
+        servo, own = self.servo, self.built_servo
+        lags = own.lags._replace(drives=own.drives._replace(velocity=()))
+        shape = servo.frequency, servo.damping, math.inf if PD in own.law else servo.integral_time
+        axes = self.built_machine.axes
+        return gains(axes, servo.period, *shape, lags, servo.velocity_bandwidth, own.law)[1]
 
     @cached_property
     def margins(self) -> tuple[Margins, ...] | None:

@@ -8,11 +8,12 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from gantrysim.controllers.laws.parameters import ADDITIONS, BASES, LawParameters
-from gantrysim.controllers.servo import DERIVED, FOLLOWING_ERROR_LIMIT, Parameter
+from gantrysim.controllers.servo import DERIVED, DRIVE_PERIOD, FOLLOWING_ERROR_LIMIT, Parameter
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
-_Feedback = Literal["motor", "load"]
+_Feedback = Literal["motor", "load", "none"]
+_Mode = Literal["torque", "velocity", "position", "stepper"]
 
 PerAxis = float | list[float] | None
 
@@ -33,7 +34,14 @@ class _Derivation(BaseModel):
     integral_time: float = _setting(math.inf, "kp / ki; inf for no integral term [s]")
     following_error_limit: float = _setting(FOLLOWING_ERROR_LIMIT, "error at which the drives are disabled [mm or deg]")
     delay: float = _setting(0.0, "from the encoder's sample to the torque demand [s]")
-    feedback: _Feedback | list[_Feedback] = _setting("motor", "where the encoders are: on the motor or on the load")
+    feedback: _Feedback | list[_Feedback] = _setting(
+        "motor", "where the encoders are: on the motor or on the load, or none"
+    )
+    mode: _Mode | list[_Mode] | None = _setting(None, "what the drives are told, by default what their motors are for")
+    drive_period: float | None = _setting(None, f"of the loops in the drives, by default {DRIVE_PERIOD:g} [s]")
+    velocity_bandwidth: float | None = _setting(
+        None, "of velocity loops in the drives, by default the highest that keeps the margins [Hz]"
+    )
     feedback_delay: int = _setting(0, "from the encoder's sample to the servo, in servo periods")
     encoder_seed: int = _setting(0, "of the encoders' noise")
     law: str | list[str] = _setting(

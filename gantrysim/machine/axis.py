@@ -15,11 +15,27 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.laws.friction import Friction
 from gantrysim.errors import InputError
 from gantrysim.machine.linear_motion import linear_motion
-from gantrysim.stability.motion import Motion, UnknownLoopError
+from gantrysim.stability.motion import MODES, Motion, UnknownLoopError
 
+EFFICIENCY = "efficiency"  # custom numeric
 _PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load
 _HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
+
+
+@dataclass(frozen=True)
+class Phases:
+    """The phases of a motor with poles.
+
+    Attributes:
+        pole_pairs: p, electrical periods per turn; of a stepper each is four full steps.
+        inductance: of a phase [H].
+        microsteps: per full step of a stepper in open loop, else 0.
+    """
+
+    pole_pairs: float
+    inductance: float
+    microsteps: float
 
 
 @dataclass(frozen=True)
@@ -46,6 +62,9 @@ class Axis:
             has a delay of its own.
         friction: model of its friction; all zero without one.
         chain: that of all axes, where a closed chain couples them; else None.
+        efficiency: share of the work that its transmission passes on.
+        mode: what its drive is made to be told, see `gantrysim.Servo`.
+        phases: of a motor whose custom numerics state them, else None.
     """
 
     name: str
@@ -65,6 +84,9 @@ class Axis:
     friction: Friction = field(default=Friction(), repr=False)
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
+    efficiency: float = 1.0
+    mode: str = "torque"
+    phases: Phases | None = None
 
     @property
     def no_load_speed(self) -> float:
@@ -75,6 +97,11 @@ class Axis:
     def speed_limit(self) -> float:
         """The lower of declared speed and no-load speed [u/s]."""
         return min(self.declared_speed, self.no_load_speed)
+
+    @property
+    def electrical_period(self) -> float:
+        """Travel per electrical period, of a stepper four full steps; 0 where the phases are not known [u]."""
+        return 2 * math.pi * self.scale / self.phases.pole_pairs if self.phases else 0.0
 
 
 @dataclass(frozen=True)
@@ -208,6 +235,9 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),
+        efficiency=_efficiency(model, i),
+        mode=MODES[int(fact(model, "drive_mode", i, 0.0)) % len(MODES)],
+        phases=_phases(model, i),
         **drive,
         friction=Friction(drive["coulomb"], static, stribeck * scale, bristles / scale),
     )
@@ -293,6 +323,27 @@ def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, Any]:
         )
     ideal = {"motor_constant": math.nan, "resistance": math.nan, "lag": 0.0, "bus_voltage": math.inf, "coulomb": 0.0}
     return {**ideal, "peak_torque": peak}
+
+
+def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
+    """Return a value of a custom numeric of the MJCF that has one per actuator."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    if index < 0 or model.numeric_size[index] != model.nactuator:
+        return default
+    return float(model.numeric_data[model.numeric_adr[index] + actuator])
+
+
+def _efficiency(model: mujoco.MjModel, actuator: int) -> float:
+    value = fact(model, EFFICIENCY, actuator, 1.0)
+    if not 0 < value <= 1:
+        raise InputError(f"custom numeric {EFFICIENCY} = {value:g}: must be above 0 and at most 1")
+    return value
+
+
+def _phases(model: mujoco.MjModel, actuator: int) -> Phases | None:
+    found = Phases(*(fact(model, name, actuator, 0.0) for name in ("pole_pairs", "inductance", "microsteps")))
+    dcmotor = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_DCMOTOR
+    return found if dcmotor and found.pole_pairs >= 1 else None
 
 
 def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from gantrysim.design.accuracy import SCREWS
 from gantrysim.errors import InputError, at_least, between, unknown
 
 _UM = 1e-3
@@ -19,25 +20,6 @@ _BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0}  # of a mag
 _BOUNDS |= dict.fromkeys(("sag", *BENDING), 5.0)
 _LEAST = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
 
-# band of the travel within 300 mm and within a turn [um]: C* of JIS B 1192, P* and T* of ISO 3408-3, as catalogues
-# print them; grades 7 and 10 have no band within a turn: 12 and 30 are assumptions
-SCREWS = {
-    "C0": (3.5, 3.0),
-    "C1": (5.0, 4.0),
-    "C2": (7.0, 5.0),
-    "C3": (8.0, 6.0),
-    "C5": (18.0, 8.0),
-    "C7": (50.0, 12.0),
-    "C10": (210.0, 30.0),
-    "P0": (3.5, 3.0),
-    "P1": (6.0, 4.0),
-    "P3": (12.0, 6.0),
-    "P5": (23.0, 8.0),
-    "T3": (12.0, 6.0),
-    "T5": (23.0, 8.0),
-    "T7": (52.0, 12.0),
-    "T10": (210.0, 30.0),
-}
 # assumption: what a gantry with screws of a grade is built to. Play and straightness [um], vertical straightness [um],
 # yaw, squareness and racking [um/m], sag and bending of the ram [um]
 _MACHINES = {
@@ -61,8 +43,8 @@ class Geometry:
     deg. The formulas are in `gantrysim.machine.kinematic_errors`.
 
     Attributes:
-        accuracy: class: C0, C1, C2, C3, C5, C7 or C10 of JIS B 1192, P0, P1, P3, P5, T3, T5, T7 or T10 of ISO 3408-3;
-            without one, an error that is not given is 0.
+        accuracy: class: C0, C1, C2, C3, C5, C7 or C10 of JIS B 1192, P0, P1, P3, P5, P7, T3, T5, T7 or T10 of
+            ISO 3408-3; without one, an error that is not given is 0.
         travel_error: error of a screw's travel over 300 mm [mm].
         periodic_error: amplitude of the error within a turn of the screw [mm].
         play: lost motion between motor and load at a reversal; the class gives z none, whose weight takes it up [u].

@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from gantrysim.machine.axis import EFFICIENCY
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
 
@@ -20,13 +21,20 @@ _TIME_CONSTANT, _CURRENT_RATE = 0, 1  # dynprm of a dcmotor
 
 
 def without_friction(machine: Machine) -> Machine:
-    """Return the machine without the motors' LuGre friction and all frictionloss; viscous friction and cogging stay."""
+    """Return the machine without LuGre friction, frictionloss and losses of transmissions.
+
+    Viscous friction and cogging stay.
+    """
 
     def rubbing(spec: mujoco.MjSpec) -> list[Any]:
         losing = [element for element in (*spec.joints, *spec.tendons) if element.frictionloss]
-        return _motors_with(spec, BRISTLE_STIFFNESS) + losing
+        wasting = [one for one in spec.numerics if one.name == EFFICIENCY and min(one.data, default=1.0) < 1]
+        return _motors_with(spec, BRISTLE_STIFFNESS) + losing + wasting
 
     def smooth(_: mujoco.MjSpec, element: Any) -> None:
+        if isinstance(element, mujoco.MjsNumeric):
+            element.data = np.ones(len(element.data))
+            return
         if not isinstance(element, mujoco.MjsActuator):
             element.frictionloss = 0.0
             return

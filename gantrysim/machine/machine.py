@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.display import table_html
 from gantrysim.errors import InputError, expanded, positive, unknown
-from gantrysim.machine.axis import PER_SI, element_index, motion_of, read_axes, with_dynamics
+from gantrysim.machine.axis import PER_SI, element_index, fact, motion_of, read_axes, with_dynamics
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.geometry import Geometry
@@ -40,6 +40,7 @@ NOZZLE = "nozzle"  # site at the tip
 NEEDLE = "needle"  # geom that draws the needle
 WORK = "work"  # body in whose frame the bead lies
 
+OF_WAYS = ("travel_error", "periodic_error")  # custom numerics [um per 300 mm, um]
 _MM = 1e3
 _DEFAULT_GAP = 0.5  # without a work piece [mm]
 _ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
@@ -84,7 +85,8 @@ class Machine:
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and of the body.
         kinematics: from a program's coordinates to the positions of the axes, and back.
-        geometry: errors of its geometry, None for an ideal one.
+        geometry: errors of its geometry, at first those of the transmissions that the MJCF states; None for an ideal
+            one.
 
     Raises:
         InputError: an unknown model, an MJCF that MuJoCo rejects, or one that does not meet these requirements.
@@ -100,6 +102,7 @@ class Machine:
                 self._build(self.source)
         except InputError as error:
             raise InputError(f"model {self.source}: {error}") from None
+        self.geometry = self._stated_geometry()
         if said:  # of a number that is none, or of a file that is not right
             raise InputError(f"model {self.source}: MuJoCo warns: {said[0]}")
 
@@ -124,6 +127,12 @@ class Machine:
         self._use(physics)
         if not self.turns_work:
             check_work_frame(self.kinematics, self.home, self.tip)
+
+    def _stated_geometry(self) -> Geometry | None:
+        """Return the errors of transmissions that custom numerics of the MJCF state, None where there are none."""
+        count = range(len(self.axes))
+        travel, periodic = (tuple(1e-3 * fact(self.physics, name, a, 0.0) for a in count) for name in OF_WAYS)
+        return Geometry(travel_error=travel, periodic_error=periodic) if any((*travel, *periodic)) else None
 
     def _use(self, physics: mujoco.MjModel) -> None:
         """Set the model that is stepped, and everything that depends on it."""

@@ -9,18 +9,21 @@ from gantrysim.machine.machine import Machine
 _SHORTEST_STEP = 1e-7  # [s]
 
 
-def substeps_of(machine: Machine, period: float, physics_step: float | None = None) -> int:
+def substeps_of(machine: Machine, period: float, physics_step: float | None = None, inner: float = 0.0) -> int:
     """Return the number of physics steps per servo period.
 
     Args:
         machine: the machine.
         period: servo period [s].
         physics_step: upper bound of the physics step; by default, and at most, the MJCF's timestep [s].
+        inner: period of loops in the drives, of which the step is a whole fraction too; 0 for none [s].
 
     Raises:
         InputError: a step that is too short, or longer than the MJCF's.
     """
     longest = float(machine.physics.opt.timestep)
+    if inner:
+        return round(period / inner) * substeps_of(machine, inner, physics_step)
     if physics_step is None:
         return periods(period, longest)
     step = at_least("physics_step", physics_step, _SHORTEST_STEP, "s")

@@ -1,13 +1,22 @@
-"""Drives in the servo tick that are no plain ones: what their encoders report, and the current loop."""
+"""Drives in the servo tick that are no plain ones: what their encoders report, and the loops that they close."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from gantrysim.controllers import law, notch
 from gantrysim.jit import inner_jit
-from gantrysim.native.pointers import drives_of, vector
+from gantrysim.native.injection import reported, turned
+from gantrysim.native.pointers import axis_log, drives_of, vector
+from gantrysim.native.row import POSITION, STEPPER, TORQUE, VELOCITY
+from gantrysim.native.supervision import watch_oscillation
+
+_law, _filtered = inner_jit(law.law), inner_jit(notch.filtered)
+_GAINS, _COEFFICIENTS = len(law.GAINS), len(notch.Coefficients._fields)
+_DRIVE = 2**40  # added to the number of a sample that the drive takes itself, for its noise
 
 _STEP, _FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _UNIT = 2.0**-53
@@ -15,19 +24,28 @@ _UNIT = 2.0**-53
 
 @inner_jit
 def read(data, row, axis, motor, position):
-    """Return the position that an encoder reads before it is counted.
+    """Return the position that the servo's encoder reads before it is counted, see `_read`."""
+    drive = drives_of(row)[axis]
+    if drive.counts:
+        begun = (row.phase - row.delay) % row.substeps  # a new target is about to be taken where it is 0
+        return _stepped(_field(row, drive, 0.0) if begun else drive.target, drive)
+    return _read(data, row, drive, motor, position, row.tick)
+
+
+@inner_jit
+def _read(data, row, drive, motor, position, sample):
+    """Return the position that an encoder reads at a numbered sample before it is counted.
 
     The position x is the motor's, or that of the joint and of the load on its spring. The encoder adds
     e1 sin(2 pi x / p) + e2 sin(4 pi x / p), with the signal period p, and white noise.
     """
-    drive = drives_of(row)[axis]
     seen = motor
     if drive.load >= 0:
         seen = position + (vector(data, row.qpos_at)[drive.load] - drive.load_zero) * drive.per_si
     angle = seen * drive.signal
     seen += drive.once * np.sin(angle) + drive.twice * np.sin(2.0 * angle)
     if drive.noise > 0.0:
-        seen += drive.noise * normal(drive.seed, row.tick)
+        seen += drive.noise * normal(drive.seed, sample)
     return seen
 
 
@@ -54,11 +72,183 @@ def follow_demands(data, row):
     drives = drives_of(row)
     for a in range(row.axes):
         drive, demand = drives[a], row.held[a] * row.drive_gain[a]
+        if drive.loss > 0.0:
+            _lose(data, row, drive)
+        if drive.mode == STEPPER:
+            turn_field(data, row, a, drive)
+            continue
+        if drive.mode != TORQUE:
+            demand = _closed_loop(data, row, a, drive) * row.drive_gain[a]
         if drive.lead == 0.0:
             ctrl[row.control[a]] = demand
         else:
             torque = drive.constant * currents[row.current[a]]
             ctrl[row.control[a]] = torque + drive.lead * (demand - torque)
+
+
+@inner_jit
+def _lose(data, row, drive):
+    """Apply the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
+
+    A motor that drives its load does the work F / e per travel; one that brakes it gets F (2 - 1/e) back. The friction
+    turns within a presliding x: s' = (v - |v| s) / x, its share s being the sign of v after it (Dahl).
+    """
+    passive, speed = vector(data, row.qfrc_passive_at), vector(data, row.qvel_at)[drive.dof]
+    force = passive[drive.spring] if drive.spring >= 0 else passive[drive.dof] + drive.damping * speed
+    vector(data, row.qfrc_applied_at)[drive.dof] = -drive.loss * abs(force) * drive.slid
+    side = np.sign(speed)
+    left = np.exp(-abs(speed) * row.period / row.substeps / drive.presliding)
+    drive.slid = side + (drive.slid - side) * left
+
+
+@inner_jit
+def turn_field(data, row, axis, drive):
+    """Give a stepper in open loop its torque of this physics step, and drive its phases to the field's next angle.
+
+    With the electrical angle p x of the rotor the phases have the torque and the back-EMF of
+
+        T = K (i_b cos p x - i_a sin p x),    e_a = -K w sin p x,    e_b = K w cos p x
+
+    The driver wants the currents I cos p f and I sin p f of the field's angle f, counted in microsteps. Each of its two
+    bridges sets the voltage, within the bus, at which L di/dt = v - R i - e takes the current there in one step of the
+    circuit. At rest the torque is K I sin p (f - x).
+    """
+    at = row.output[axis]
+    angle = vector(data, row.actuator_length_at)[at] * row.scale[axis]
+    speed = vector(data, row.actuator_velocity_at)[at]
+    _turn_target(row, axis, drive)
+    amplitude = 0.0 if row.fault != 0 else drive.amplitude
+    if drive.logged == 0:
+        field = drive.poles * _stepped(drive.start, drive)
+        drive.phases[0], drive.phases[1] = amplitude * np.cos(field), amplitude * np.sin(field)
+    first, second = drive.phases[0], drive.phases[1]
+    theta = drive.poles * angle
+    current = second * np.cos(theta) - first * np.sin(theta)
+    if row.current[axis] >= 0:
+        vector(data, row.act_at)[row.current[axis]] = current
+    vector(data, row.ctrl_at)[row.control[axis]] = drive.constant * current
+    if row.tick > drive.logged:
+        drive.logged = row.tick
+        entry = axis_log(row, row.tick - 1)[axis]
+        entry.current, entry.demand = current, drive.volts
+    turn = drive.poles * speed * row.scale[axis] * row.period / row.substeps
+    gain, back, largest = drive.resistance / (1.0 - drive.left), drive.constant * speed, 0.0
+    for k in range(drive.circuit):
+        field = drive.poles * _stepped(_field(row, drive, (k + 1) / drive.circuit), drive)
+        middle = theta + turn * (k + 0.5) / drive.circuit
+        away, along = -back * np.sin(middle), back * np.cos(middle)
+        a = gain * (amplitude * np.cos(field) - drive.left * first) + away
+        b = gain * (amplitude * np.sin(field) - drive.left * second) + along
+        a, b = min(max(a, -drive.bus), drive.bus), min(max(b, -drive.bus), drive.bus)
+        first = drive.left * first + (a - away) / gain
+        second = drive.left * second + (b - along) / gain
+        largest = max(largest, abs(a), abs(b))
+    drive.phases[0], drive.phases[1], drive.volts = first, second, largest
+
+
+@inner_jit
+def _turn_target(row, axis, drive):
+    """Take the setpoint that is due at this physics step as the target."""
+    if row.phase == row.delay % row.substeps:
+        drive.start, drive.target = drive.target, row.commanded[axis]
+        if row.delay == row.substeps:
+            drive.target, drive.next = drive.next, row.commanded[axis]
+
+
+@inner_jit
+def _closed_loop(data, row, axis, drive):
+    """Return the torque demand of a drive that closes a loop itself, sampled in steps of its own period.
+
+    In velocity mode, with the velocity v as a difference of the motor's positions and the servo's demand w,
+
+        out = K (w - v + sum(w - v) t / Ti)
+
+    In position mode it is the servo's own law and notch at the drive's period. The setpoint goes in a straight line
+    from the last to this one, one servo period late.
+    """
+    if drive.mode == POSITION:
+        _turn_target(row, axis, drive)
+    if row.phase % drive.every == 0:
+        at = row.output[axis]
+        position = vector(data, row.actuator_length_at)[at] * row.scale[axis]
+        speed = vector(data, row.actuator_velocity_at)[at]
+        motor, sample = position, _DRIVE + row.steps
+        if row.injected_count > 0:
+            motor = turned(row, axis, position)
+        seen = motor
+        if drive.mode == POSITION or drive.load < 0:
+            seen = _read(data, row, drive, motor, position, sample)
+        if row.resolution[axis] > 0.0:
+            seen = row.resolution[axis] * np.floor(seen / row.resolution[axis] + 0.5)
+        if row.injected_count > 0:
+            seen = reported(row, axis, seen)
+        if drive.mode == VELOCITY:
+            if drive.logged == 0:
+                drive.before = seen
+            error = row.held[axis] - (seen - drive.before) / drive.period
+            drive.before = seen
+            total = drive.sum + error * drive.period
+            torque = drive.gain * (error + drive.rate * total)
+        else:
+            error = _field(row, drive, 0.0) - seen
+            if drive.logged == 0:
+                drive.before, drive.position = error, seen
+            total = drive.sum + error * drive.period
+            torque = _law(
+                error,
+                total,
+                (error - drive.before) / drive.period,
+                (drive.target - drive.start) / row.period,
+                row.demand_acceleration[axis],
+                (seen - drive.position) / drive.period,
+                to_fixed_tuple(row.gains[axis], _GAINS),
+            )
+            torque, drive.first, drive.second = _filtered(
+                torque, to_fixed_tuple(row.notch[axis], _COEFFICIENTS), drive.first, drive.second
+            )
+            drive.before, drive.position = error, seen
+        limit = drive.limit
+        if drive.reactance > 0.0:
+            limit = min(limit, _left_by_reactance(drive, speed, np.sign(torque)))
+        drive.torque = min(max(torque, -limit), limit)
+        if abs(torque) <= limit or torque * error < 0.0:  # anti-windup
+            drive.sum = total
+        if abs(torque) > limit and limit > 0.0 and row.fault == 0:
+            watch_oscillation(row, axis, np.sign(torque))
+    if row.fault != 0:
+        drive.torque = 0.0
+    if row.tick > drive.logged:
+        drive.logged = row.tick
+        axis_log(row, row.tick - 1)[axis].demand = drive.torque
+    return drive.torque
+
+
+@inner_jit
+def _left_by_reactance(drive, speed, side):
+    """Return the largest torque to one side that bus, resistance and reactance leave at a speed, in the torque's axis.
+
+    (R i + K w)^2 + (X i)^2 = V^2 with X = p w L, where K w is positive if the motor drives.
+    """
+    back = drive.constant * speed * side
+    reactance = drive.reactance * speed
+    square = drive.resistance**2 + reactance**2
+    half = drive.resistance * back
+    under = half**2 - square * (back**2 - drive.bus**2)
+    if under < 0.0:
+        return 0.0
+    return drive.constant * max((np.sqrt(under) - half) / square, 0.0)
+
+
+@inner_jit
+def _field(row, drive, share):
+    """Return where the field is at a share of a physics step, on its way from the last setpoint to this one [u]."""
+    begun = (row.phase - row.delay) % row.substeps + share
+    return drive.start + (drive.target - drive.start) * begun / row.substeps
+
+
+@inner_jit
+def _stepped(field, drive):
+    return drive.microstep * np.floor(field / drive.microstep + 0.5)
 
 
 @inner_jit

@@ -28,7 +28,10 @@ _SCALARS: dict[str, Any] = {
 }
 
 # mjData's arrays that the servo tick reads or writes
-POINTERS = ("userdata", "ctrl", "qpos", "act", "actuator_length", "actuator_velocity", "site_xpos", "xpos", "xmat")
+POINTERS = (
+    *("userdata", "ctrl", "qpos", "qvel", "act", "actuator_length", "actuator_velocity", "site_xpos", "xpos", "xmat"),
+    *("qfrc_passive", "qfrc_applied"),
+)
 
 # struct mjWarningStat { int lastinfo; int number; }
 WARNING_SIZE = 8

@@ -46,6 +46,7 @@ WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any 
 
 # faults on purpose: what they do to an axis
 DROPOUT, OFFSET, SLIP, HELD, EXTRAPOLATED, WINDING, BUS = range(1, 8)
+TORQUE, VELOCITY, POSITION, STEPPER = range(4)  # modes of a drive
 NEVER = 2**40  # tick of what does not happen in a run
 
 OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
@@ -146,7 +147,43 @@ DRIVE = np.dtype(
         ("delay", np.int64),  # servo ticks from the encoder to the servo
         ("history", np.float64, (MAX_FEEDBACK_DELAY + 1,)),  # of the encoder [u]
         ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 for no current loop
-        ("constant", np.float64),  # of the motor [N·m/A]
+        ("constant", np.float64),  # of the motor, that of a stepper with its perturbation [N·m/A]
+        ("mode", np.int64),
+        ("logged", np.int64),  # ticks of which the drive has written its part of the log
+        # transmission
+        ("loss", np.float64),  # friction per transmitted force, 0 for none
+        ("dof", np.int64),  # of the axis' joint
+        ("spring", np.int64),  # dof of the spring that carries the load; -1 for tendons, which pull at the axis' joint
+        ("damping", np.float64),  # of the axis' joint itself [N·s/m or N·m·s/rad]
+        ("presliding", np.float64),  # motion within which the friction turns [SI]
+        ("slid", np.float64),  # share and direction of the friction, -1 to 1
+        # loops in the drive
+        ("every", np.int64),  # physics steps between its samples
+        ("period", np.float64),  # of them [s]
+        ("limit", np.float64),  # largest torque demand [N·m]
+        ("gain", np.float64),  # of the velocity loop [N·m·s/u]
+        ("rate", np.float64),  # its integral action [1/s]
+        ("before", np.float64),  # position [u], or in position mode following error, at the last sample
+        ("position", np.float64),  # in position mode at the last sample [u]
+        ("sum", np.float64),  # of the error times the period
+        ("torque", np.float64),  # demand held [N·m]
+        ("first", np.float64),  # states of the notch in position mode
+        ("second", np.float64),
+        ("poles", np.float64),  # electrical radians per u
+        ("reactance", np.float64),  # of a motor with poles per speed, else 0 [ohm·s]
+        ("resistance", np.float64),  # [ohm]
+        ("bus", np.float64),  # [V]
+        # of a stepper in open loop
+        ("counts", np.int64),  # 1 where its microsteps are counted in place of an encoder
+        ("circuit", np.int64),  # steps of the circuit per physics step
+        ("microstep", np.float64),  # [u]
+        ("amplitude", np.float64),  # of the phase currents [A]
+        ("left", np.float64),  # share of a phase current that is left after a step of the circuit
+        ("start", np.float64),  # of the field or reference, on its way to the target during a servo period [u]
+        ("target", np.float64),  # [u]
+        ("next", np.float64),  # target of the next period where the servo's delay is a whole one [u]
+        ("phases", np.float64, (2,)),  # currents [A]
+        ("volts", np.float64),  # largest phase voltage of the last physics step [V]
     ]
 )
 
@@ -190,7 +227,7 @@ LOG_AXIS = np.dtype(
         ("encoder", np.float64),  # position as measured [mm or deg]
         ("motor", np.float64),  # exact position [mm or deg]
         ("motor_speed", np.float64),  # [rad/s]
-        ("demand", np.float64),  # torque demand, clamped [N·m]
+        ("demand", np.float64),  # torque demand, clamped [N·m]; of a stepper in open loop its largest phase voltage [V]
         ("current", np.float64),  # of the motor, nan where MuJoCo does not simulate it [A]
     ]
 )

@@ -9,7 +9,14 @@ import numpy as np
 
 from gantrysim.jit import inner_jit
 from gantrysim.native.pointers import floats, integers, tick_log
-from gantrysim.native.row import POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING
+from gantrysim.native.row import (
+    OSCILLATION,
+    OSCILLATION_SWINGS,
+    OSCILLATION_TIME,
+    POSITION_ERROR,
+    POSITION_ERROR_AT_REST,
+    SETTLING,
+)
 
 
 @inner_jit
@@ -21,6 +28,20 @@ def trip(row, fault, axis, value, limit):
         row.fault_tick = row.tick
         row.fault_value = value
         row.fault_limit = limit
+
+
+@inner_jit
+def watch_oscillation(row, axis, side):
+    """Trip where the demand of an axis, clamped on a side, swings from one limit to the other."""
+    since = (row.tick - row.clamp_tick[axis]) * row.period
+    if since > OSCILLATION_TIME:
+        row.swings[axis] = 0.0
+    elif side != row.clamp_side[axis]:
+        row.swings[axis] += 1.0
+    row.clamp_side[axis] = side
+    row.clamp_tick[axis] = row.tick
+    if row.swings[axis] >= OSCILLATION_SWINGS:
+        trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
 @inner_jit

@@ -29,9 +29,6 @@ from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
     LARGEST_TORQUE,
-    OSCILLATION,
-    OSCILLATION_SWINGS,
-    OSCILLATION_TIME,
     OVERSPEED,
     OVERSPEEDING,
     OVERTRAVEL,
@@ -39,7 +36,7 @@ from gantrysim.native.row import (
     TRAVEL,
     WARNINGS,
 )
-from gantrysim.native.supervision import trip, waits, watch_position_error
+from gantrysim.native.supervision import trip, waits, watch_oscillation, watch_position_error
 
 
 @cache
@@ -194,7 +191,7 @@ def _command(data, userdata):
         if not abs(torque) < LARGEST_TORQUE:
             trip(row, DIVERGED, a, torque, LARGEST_TORQUE)
         if torque != row.torque[a]:
-            _watch_oscillation(row, a, np.sign(torque))
+            watch_oscillation(row, a, np.sign(torque))
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
@@ -204,19 +201,6 @@ def _command(data, userdata):
         row.pending[:n] = 0.0
         row.held[:n] = 0.0
     row.tick += 1
-
-
-@inner_jit
-def _watch_oscillation(row, axis, side):
-    since = (row.tick - row.clamp_tick[axis]) * row.period
-    if since > OSCILLATION_TIME:
-        row.swings[axis] = 0.0
-    elif side != row.clamp_side[axis]:
-        row.swings[axis] += 1.0
-    row.clamp_side[axis] = side
-    row.clamp_tick[axis] = row.tick
-    if row.swings[axis] >= OSCILLATION_SWINGS:
-        trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
 @inner_jit

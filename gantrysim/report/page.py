@@ -10,6 +10,7 @@ from gantrysim.bead import Bead
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
+from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import AnalysisValues
 from gantrysim.metrics.budget import Budget
@@ -82,8 +83,8 @@ def run_sections(
     yield servo_section(job, machine, analysis.run)
     if video is not None and video.exists():
         yield Section("Video", video=video.read_bytes())
-    if job.notes:
-        yield Section("Notes", job.notes)
+    if notes := run_notes(job, analysis.run):
+        yield Section("Notes", notes)
     yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())
     yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(machine).items()]))
 

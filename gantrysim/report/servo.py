@@ -13,7 +13,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.run import Run
-from gantrysim.stability.margins import Margins
+from gantrysim.stability.margins import NO_LOOP, Margins
 
 
 def servo_section(job: Job, machine: Machine, run: Run) -> Section:
@@ -76,7 +76,9 @@ def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
     unstable = [name for name, axis_margins in by_axis.items() if not axis_margins.stable]
     if unstable:
         return f"Unstable, Coulomb friction neglected: {', '.join(unstable)}."
-    gains = {name: min(own.gain, own.together) for name, own in by_axis.items()}
+    gains = {name: min(own.gain, own.together) for name, own in by_axis.items() if own != NO_LOOP}
+    if not gains:
+        return "All axes are steppers in open loop: no loop, no margins."
     least = min(gains, key=gains.__getitem__)
     text = f"Axis {least} has the smallest gain margin: {gains[least]:.2f}"
     if gains[least] < LOW_MARGIN:

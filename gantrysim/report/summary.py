@@ -12,6 +12,7 @@ from gantrysim.bead import BeadValues
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
+from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
 from gantrysim.metrics.budget import Budget
@@ -72,7 +73,7 @@ def summary(
         "end_point_mm": list(values.end_point),
         "servo": _servo(job, machine, run),
         "bead": None if bead is None else _bead(bead),
-        "notes": list(job.notes),
+        "notes": list(run_notes(job, run)),
         "fault": _fault(run),
         "injected": _injected(run, losses),
         "versions": versions(machine),
@@ -88,7 +89,7 @@ def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
         "duration_s": float(run.time[-1]),
         "end_point_mm": run.nozzle[-1].tolist(),
         "bead": None,
-        "notes": list(job.notes),
+        "notes": list(run_notes(job, run)),
         "fault": _fault(run),
         "injected": _injected(run, None),
         "versions": versions(machine),

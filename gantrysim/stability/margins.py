@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Complexes, Floats
 from gantrysim.errors import InputError, at_least, positive
+from gantrysim.stability.cascade import with_velocity_loops
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.loops import FrequencyResponse, Loops
-from gantrysim.stability.motion import Drives, Motion, UnknownLoopError
+from gantrysim.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
 _LEAST, _MOST = 1e-3, 10.0  # factors on all gains
@@ -59,9 +60,14 @@ class Margins:
     together: float
 
     def __str__(self) -> str:
+        if self == NO_LOOP:
+            return "without a loop"
         if not self.stable:
             return "unstable" + (f", stable with its gains times {self.gain:.2g}" if self.gain > 0 else "")
         return f"gain {self.gain:.3g}, phase {self.phase:.0f} deg, crossover {self.crossover:.3g} Hz"
+
+
+NO_LOOP = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)  # nothing is fed back
 
 
 class LinearLaw(Protocol):
@@ -128,7 +134,7 @@ class Plant:
         drives: of the servos.
 
     Attributes:
-        groups: axes that move each other, by number.
+        groups: axes that move each other, by number, but for steppers in open loop.
 
     Raises:
         InputError: a period or delay out of range.
@@ -140,10 +146,37 @@ class Plant:
         if delay > period:
             raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
         self.axes, self.drives = len(motion.C), drives
+        motors = motion.C
         if drives != _PLAIN:
             motion = motion.driven(drives)
-        self._responses = [FrequencyResponse.of(system) for system in motion.sampled(period, delay)]
+        self._responses: list[FrequencyResponse] = []
+        self._periods: list[float] = []  # of the loop around each of them
+        for states, axes in motion.groups():
+            modes = {drives.mode_of(a) for a in axes}
+            if len(modes) > 1:
+                raise InputError(
+                    f"servo mode: axes {', '.join(str(a + 1) for a in axes)} move each other: must have one mode, not "
+                    f"{' and '.join(map(repr, sorted(modes)))}"
+                )
+            if modes != {"stepper"}:
+                own, system = self._sampled(motion, motors, states, axes)
+                self._periods.append(own)
+                self._responses.append(FrequencyResponse.of(system))
         self.groups = tuple(response.system.axes for response in self._responses)
+
+    def _sampled(
+        self, motion: Motion, motors: Floats, states: list[int], axes: list[int]
+    ) -> tuple[float, LinearSystem]:
+        """Return the motion of a group between the samples of the loop that is closed around it, and their period."""
+        drives, mode = self.drives, self.drives.mode_of(axes[0])
+        if mode == "position":
+            return drives.period, motion.sampled_group(states, axes, drives.period)
+        if mode != "velocity":
+            return self.period, motion.sampled_group(states, axes, self.period, self.delay)
+        gain, rate = np.array([drives.velocity[a] for a in axes]).T
+        own = motion.sampled_group(states, axes, drives.period)
+        times = drives.period, self.period, self.delay
+        return self.period, with_velocity_loops(own, motors[np.ix_(axes, states)], gain, rate, times)
 
     @classmethod
     def of(
@@ -175,7 +208,7 @@ class Plant:
         margins: dict[int, Margins] = {}
         for loops in self._loops(servo):
             margins |= zip(loops.system.axes, _margins(loops), strict=True)
-        return tuple(margins[a] for a in range(self.axes))
+        return tuple(margins.get(a, NO_LOOP) for a in range(self.axes))
 
     def sensitivity(self, servo: LinearLaw) -> Floats:
         """Return the peak of |S| of each axis, inf for an unstable loop, (axes,); as in `margins`, but much faster."""
@@ -195,17 +228,17 @@ class Plant:
             frequency: above 0 and at most the Nyquist frequency of the servo, (n,) [Hz].
         """
         groups = self._loops(servo)
-        theta = 2 * np.pi * self.period * np.atleast_1d(np.asarray(frequency, float))
-        if not ((theta > 0) & (theta <= np.pi * (1 + 1e-9))).all():
+        angle = 2 * np.pi * np.atleast_1d(np.asarray(frequency, float))
+        if not ((angle > 0) & (angle * self.period <= np.pi * (1 + 1e-9))).all():
             raise InputError(f"frequency: must be above 0 and at most {0.5 / self.period:g} Hz")
-        L = np.empty((len(theta), self.axes), complex)
+        L = np.zeros((len(angle), self.axes), complex)
         for loops in groups:
-            L[:, loops.system.axes] = loops.at(theta)
+            L[:, loops.system.axes] = loops.at(loops.T * angle)
         return L
 
     def poles(self, servo: LinearLaw) -> Complexes:
-        """Return the closed-loop poles, unstable outside the unit circle, (n,)."""
-        return np.concatenate([loops.poles() for loops in self._loops(servo)])
+        """Return the closed-loop poles, each of a step of its loop, unstable outside the unit circle, (n,)."""
+        return np.concatenate([np.zeros(0, complex), *(loops.poles() for loops in self._loops(servo))])
 
     def _loops(self, servo: LinearLaw) -> list[Loops]:
         """Return the loops of each group of axes that move each other."""
@@ -217,8 +250,11 @@ class Plant:
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
         if servo.drives != self.drives:
-            raise InputError("servo drives: their feedback and current bandwidth must be the plant's")
-        return [Loops(response, [laws[a] for a in response.system.axes], self.period) for response in self._responses]
+            raise InputError("servo drives: their modes, loops and feedback must be the plant's")
+        return [
+            Loops(response, [laws[a] for a in response.system.axes], period)
+            for response, period in zip(self._responses, self._periods, strict=True)
+        ]
 
 
 def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:

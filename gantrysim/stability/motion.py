@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from scipy.linalg import expm
 from gantrysim.arrays import Complexes, Floats
 from gantrysim.errors import InputError
 
+MODES = ("torque", "velocity", "position", "stepper")  # of a drive, what the servo sends to it
 _NO_EFFECT = 1e-9  # effect of one state on another that is rounding, relative to the largest
 
 
@@ -54,14 +56,31 @@ class Drives(NamedTuple):
     Attributes:
         load: whether the position fed back is that of the load, (axes,).
         bandwidth: of the current loop, 0 for none, (axes,) [Hz].
+        mode: what the servo sends to the drive, "torque", "velocity", "position" or, to a stepper in open loop,
+            "stepper", (axes,).
+        velocity: of a velocity loop in the drive, gain K and rate 1 / Ti, (axes,) of [N·m·s/u] and [1/s].
+        period: of the loops in the drives, 0 where there are none [s].
     """
 
     load: tuple[bool, ...] = ()
     bandwidth: tuple[float, ...] = ()
+    mode: tuple[str, ...] = ()
+    velocity: tuple[tuple[float, float], ...] = ()
+    period: float = 0.0
 
-    def of_axis(self, axis: int) -> Drives:
-        """Return that of one axis."""
-        return Drives(self.load[axis : axis + 1], self.bandwidth[axis : axis + 1])
+    def of_axes(self, axes: Sequence[int]) -> Drives:
+        """Return that of some axes."""
+        return Drives(
+            tuple(self.load[a] for a in axes if self.load),
+            tuple(self.bandwidth[a] for a in axes if self.bandwidth),
+            tuple(self.mode[a] for a in axes if self.mode),
+            tuple(self.velocity[a] for a in axes if self.velocity),
+            self.period,
+        )
+
+    def mode_of(self, axis: int) -> str:
+        """Return the mode of an axis."""
+        return self.mode[axis] if self.mode else "torque"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +92,7 @@ class Motion:
     Attributes:
         A: (states, states) [1/s].
         B: effect of the torque demands, (states, axes) [per N·m·s].
-        C: motor positions, (axes, states) [mm or deg].
+        C: positions fed back, those of the motors, (axes, states) [mm or deg].
         L: positions of the loads, 0 for an axis without one of its own, (axes, states) [mm or deg]; None if unknown.
         currents: state that is the current of each axis' winding, -1 where it has none; empty if unknown.
     """
@@ -144,6 +163,11 @@ class Motion:
         swings: Floats = np.sort(np.abs(roots[roots.imag > 0])) / (2 * np.pi)
         return swings
 
+    def groups(self) -> list[tuple[list[int], list[int]]]:
+        """Return the groups of axes that move each other: states and axes of each."""
+        found = ((states, [a for a in range(len(self.C)) if np.any(self.C[a, states])]) for states in _coupled(self.A))
+        return [(states, axes) for states, axes in found if axes]
+
     def sampled(self, period: float, delay: float = 0.0) -> list[LinearSystem]:
         """Return the exact motion from tick to tick, of each group of axes that move each other.
 
@@ -157,17 +181,18 @@ class Motion:
         Raises:
             InputError: a motion so fast that its numbers are not finite.
         """
-        systems = []
-        for states in _coupled(self.A):
-            axes = [a for a in range(len(self.C)) if np.any(self.C[a, states])]
-            if axes:
-                A, B = self.A[np.ix_(states, states)], self.B[np.ix_(states, axes)]
-                _, G1 = _held(A, B, period - delay)
-                F, G = _held(A, B, period)
-                if not (np.isfinite(F).all() and np.isfinite(G).all()):
-                    raise InputError(f"the machine's motion over a period of {period:g} s has no finite numbers")
-                systems.append(LinearSystem(tuple(axes), F, G - G1, G1, self.C[np.ix_(axes, states)]))
-        return systems
+        return [self.sampled_group(states, axes, period, delay) for states, axes in self.groups()]
+
+    def sampled_group(
+        self, states: Sequence[int], axes: Sequence[int], period: float, delay: float = 0.0
+    ) -> LinearSystem:
+        """Return the motion of one of the groups, see `sampled`."""
+        A, B = self.A[np.ix_(states, states)], self.B[np.ix_(states, axes)]
+        _, G1 = _held(A, B, period - delay)
+        F, G = _held(A, B, period)
+        if not (np.isfinite(F).all() and np.isfinite(G).all()):
+            raise InputError(f"the machine's motion over a period of {period:g} s has no finite numbers")
+        return LinearSystem(tuple(axes), F, G - G1, G1, self.C[np.ix_(axes, states)])
 
 
 def _held(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:

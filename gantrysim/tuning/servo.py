@@ -38,6 +38,8 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
         f"period = {servo.period!r}  # [s]",
         f"delay = {servo.delay!r}  # [s]",
         f"feedback = {json.dumps(servo.feedback)}",
+        f"mode = {json.dumps(servo.mode)}",
+        f"drive_period = {servo.drive_period!r}  # [s]",
         f"feedback_delay = {servo.feedback_delay}  # in servo periods",
         f"encoder_seed = {servo.encoder_seed}",
         f"law = {json.dumps(law)}",

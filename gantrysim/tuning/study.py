@@ -166,6 +166,7 @@ class TuningStudy(Study):
 
     def _stability_on(self, machines: list[Machine]) -> Stability:
         servo = self.job.built_servo
+        servo.check_torque("tuning")
         return Stability(machines, servo.period, servo.delay, self.margin, servo.drives)
 
     @cached_property
@@ -176,7 +177,8 @@ class TuningStudy(Study):
         drive = {parameter.name: getattr(start, parameter.name) for parameter in DRIVE}
         for name in ("delay", "feedback", "feedback_delay", "encoder_seed"):
             drive[name] = getattr(start, name)
-        derived = Servo.derive(axes, start.period, **drive)
+        start.check_torque("tuning")
+        derived = Servo.derive(axes, start.period, mode="torque", **drive)
         return SearchSpace(law, axes, derived, start, self.per_axis)
 
     def rounds(self) -> Rounds:

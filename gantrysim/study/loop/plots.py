@@ -149,7 +149,8 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
     on.points(on.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
     on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
     machine = study.job.built_machine
-    if study.spiral and {"x", "y"} <= set(machine.axis_names):
+    torques = set(study.job.built_servo.mode) == {"torque"}  # what the theory speaks of
+    if study.spiral and torques and {"x", "y"} <= set(machine.axis_names):
         program, period = study.job.program, _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
         middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured

@@ -106,7 +106,7 @@ class RepeatStudy(Study):
 
         Friction and home offset vary from cycle to cycle as they do from repeat to repeat.
         """
-        if self.job.geometry is None:
+        if self.job.built_machine.geometry is None:
             return {}
         cases = [case for case in next(iter(self.rounds())) if ("varied", ALL) in case.tags]
         varied = [case.perturbation or Perturbation() for case in cases[:CYCLES]]

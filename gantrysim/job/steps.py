@@ -1,0 +1,64 @@
+"""Steps that steppers in open loop lose in a run."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gantrysim.controllers.servo import Servo
+from gantrysim.job.job import Job
+from gantrysim.machine.machine import Machine
+from gantrysim.run import Run
+
+_FULL_STEPS = 4  # per electrical period
+
+
+class LostSteps(NamedTuple):
+    """Steps that an axis has lost: its rotor has come to rest whole electrical periods from where the field is.
+
+    Attributes:
+        axis: its name.
+        steps: full steps lost at the end, a multiple of 4; negative where the rotor is ahead.
+        most: largest number at any time, without sign.
+        time: when the first were lost [s].
+        offset: distance by which the axis lags at the end because of them [mm or deg].
+        unit: of the offset.
+    """
+
+    axis: str
+    steps: int
+    most: int
+    time: float
+    offset: float
+    unit: str
+
+    def __str__(self) -> str:
+        left = f"{self.offset:+.4g} {self.unit} from its command" if self.steps else "all regained"
+        return (
+            f"stepper {self.axis} lost {self.most} full steps, the first at t = {self.time:.4f} s; at the end {left}: "
+            "lower acceleration or speed, or raise the current or the bus voltage"
+        )
+
+
+def lost_steps(machine: Machine, servo: Servo, run: Run) -> tuple[LostSteps, ...]:
+    """Return what steppers in open loop have lost; the field follows the command by one servo period."""
+    lost = []
+    for a, (axis, mode) in enumerate(zip(machine.axes, servo.mode, strict=True)):
+        if mode != "stepper":
+            continue
+        period, commanded = axis.electrical_period, run.commanded[:, a]
+        field = np.append(commanded[:1], commanded[:-1])
+        behind = np.rint((field - run.motor[:, a]) / period).astype(int)
+        if behind.any():
+            first = float(run.time[np.flatnonzero(behind)[0]])
+            most, left = int(np.abs(behind).max()), int(behind[-1])
+            lost.append(
+                LostSteps(axis.name, _FULL_STEPS * left, _FULL_STEPS * most, first, -left * period + 0.0, axis.unit)
+            )
+    return tuple(lost)
+
+
+def run_notes(job: Job, run: Run) -> tuple[str, ...]:
+    """Return the notes of a job, and those on the steps that were lost in its run."""
+    return (*job.notes, *map(str, lost_steps(job.built_machine, job.built_servo, run)))

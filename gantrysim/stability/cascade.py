@@ -1,0 +1,49 @@
+"""Velocity loops in the drives as part of the motion that the servo sees: two rates in one sampled system."""
+
+# ruff: noqa: N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.stability.motion import LinearSystem
+
+_SAME_TIME = 1e-9  # relative
+
+
+def with_velocity_loops(
+    system: LinearSystem, motors: Floats, gain: Floats, rate: Floats, times: tuple[float, float, float]
+) -> LinearSystem:
+    """Return the motion of axes whose drives close velocity loops, from velocity demand to position, per servo period.
+
+    At each of its samples j, t apart, a drive takes the velocity v[j] = (y[j] - y[j-1]) / t of its motor and sets
+
+        u[j] = K (w - v[j] + z[j+1] / Ti),        z[j+1] = z[j] + t (w - v[j])
+
+    until the next. The demand w changes once per servo period, at the drive's first sample not before the servo's
+    delay.
+
+    Args:
+        system: the motion over t, torque demands in.
+        motors: positions of the motors, (axes, states) [mm or deg].
+        gain: K, (axes,) [N·m·s/u].
+        rate: 1 / Ti, (axes,) [1/s].
+        times: t, servo period, servo delay [s].
+    """
+    t, period, delay = times
+    n, m = len(system.F), len(gain)
+    G, H, K = system.G0 + system.G1, motors, np.diag(gain)
+    one, whole = np.eye(m), np.diag(gain * (1 + rate * t))
+    step, enter = np.zeros((n + 2 * m, n + 2 * m)), np.zeros((n + 2 * m, m))
+    x, before, z = slice(0, n), slice(n, n + m), slice(n + m, n + 2 * m)
+    step[x, x], step[x, before], step[x, z] = system.F - G @ whole @ H / t, G @ whole / t, G @ K @ np.diag(rate)
+    step[before, x], step[z, x], step[z, before], step[z, z] = H, -H, one, one
+    enter[x], enter[z] = G @ whole, t * one
+    F, G0, G1 = np.eye(n + 2 * m), np.zeros_like(enter), np.zeros_like(enter)
+    late = math.ceil(delay / t * (1 - _SAME_TIME))
+    for j in range(round(period / t)):
+        F, G0, G1 = step @ F, step @ G0 + enter * (j < late), step @ G1 + enter * (j >= late)
+    return LinearSystem(system.axes, F, G0, G1, np.concatenate([system.H, np.zeros((m, 2 * m))], axis=1))
