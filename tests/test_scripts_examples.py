@@ -103,7 +103,7 @@ def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypat
 
     monkeypatch.setattr("builtins.input", answer)
     names, output = script("tune_by_hand.py", job)
-    assert [name for name, _, _ in names["trials"]] == ["unchanged", "kp 2", "kd y 1.2"]
+    assert [name for name, _, _ in names["trials"]] == ["unchanged", "kp 2", "kd axis y 1.2"]
     for text in (
         "unknown change 'foo 2': known: ",
         "unknown axis 'z': known: x, y",

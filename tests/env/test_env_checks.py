@@ -27,6 +27,7 @@ def logger_speaks():
         (TUNING, {}),
         (TUNING, {"job": "an225", "spread": None}),
         (BANDIT, SHORT),
+        (BANDIT, {"job": "fanuc-spiral"}),  # random gains end in a fault before any glue
         (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
     ],
 )
