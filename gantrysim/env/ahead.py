@@ -39,6 +39,9 @@ class DrawnAhead:
             for place, random in randoms.items()
             if place not in self._next or self._next[place][0] != random.bit_generator.state
         }
+        for place in missing:
+            if place in self._next:
+                self._next.pop(place)[1].cancel()
         self.prepare(missing)
         episodes = {}
         for place, random in randoms.items():

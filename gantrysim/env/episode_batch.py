@@ -73,7 +73,7 @@ class EpisodeBatch(ABC):
         places: number of places.
         threads: number of threads; by default all cores.
         ahead: whether the next episodes are drawn on threads while these run.
-        detune: divisor of the nominal gains.
+        source: of the episodes, by default of spirals and machines alone.
 
     Attributes:
         source: of the episodes.
@@ -86,9 +86,9 @@ class EpisodeBatch(ABC):
     kept: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_measured", "_total")
 
     def __init__(
-        self, settings: PathSettings, places: int, threads: int | None, *, ahead: bool = False, detune: float = 1.0
+        self, settings: PathSettings, places: int, threads: int | None, ahead: bool, source: Source | None = None
     ) -> None:
-        self.settings, self.source = settings, Source(settings, detune)
+        self.settings, self.source = settings, Source(settings) if source is None else source
         machine = self.source.machine
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from gantrysim import memory
 from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.controllers.profile import PointToPoint
+from gantrysim.controllers.profile import PointToPoint, Profile
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
-from gantrysim.errors import InputError, finite, positive, unknown, whole
+from gantrysim.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.job.job import Job
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import ERRORS
@@ -26,7 +28,7 @@ from gantrysim.machine.tolerances import Tolerances
 TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
 SCALED = ("ki", *TUNED_GAINS)  # scaled by the action: ki with kp, so that the integral time stays
 
-_SPIRAL = ("diameter", "thickness", "speed", "turns")
+SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
 _PLANS = 8  # paths kept, for spirals that do not vary and for copies of an episode
 _ROUNDING = 1e-9
@@ -66,10 +68,12 @@ class Chosen(NamedTuple):
     Attributes:
         spiral: diameter, thickness, speed and turns, as in `Settings`, or some of them.
         machine: values by the names that `info` has, such as payload_kg and friction_x, or some of them.
+        task: what the task draws, or some of it.
     """
 
     spiral: Mapping[str, float]
     machine: Mapping[str, float]
+    task: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ class Plan:
 
 
 class Source:
-    """Source of random episodes.
+    """Source of random episodes; a task's own derives from it.
 
     Args:
         settings: settings of the environment.
@@ -106,6 +110,9 @@ class Source:
         InputError: an unknown job or machine, spirals that the machine cannot run, or a decision interval that is not a
             multiple of the servo period.
     """
+
+    task: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what a task draws for an episode, uniformly
+    slowest: ClassVar[float] = 1.0  # path speed of a task between its ramps, at least, over the one drawn
 
     def __init__(self, settings: PathSettings, detune: float = 1.0) -> None:
         self.settings = settings
@@ -132,20 +139,34 @@ class Source:
         spiral, machine = self._drawn_spiral(random), {}
         if self.settings.spread is not None:
             machine = self.settings.spread.sample(random, self.machine)
+        task = {name: float(random.uniform(*bounds)) for name, bounds in self.task.items()}
         if chosen is not None:
             spiral, machine = self._chosen(spiral, machine, chosen)
-        return self.episode({**spiral, **machine})
+            for name in chosen.task:
+                if name not in task:
+                    raise unknown("value of the task", name, task)
+            task |= {
+                name: at_least(name, value, self.task[name][0], "", self.task[name][1])
+                for name, value in chosen.task.items()
+            }
+        return self.episode({**spiral, **machine, **task})
 
     def episode(self, drawn: Mapping[str, float]) -> Episode:
         """Return the episode with the values drawn for its path and machine."""
-        spiral = {name: drawn[name] for name in _SPIRAL if name in drawn}
-        values = {name: value for name, value in drawn.items() if name not in _SPIRAL}
-        plan = self._fixed or self._spiral(**spiral)
+        spiral = {name: drawn[name] for name in SPIRAL if name in drawn}
+        task = {name: drawn[name] for name in self.task}
+        values = {name: value for name, value in drawn.items() if name not in {*SPIRAL, *task}}
+        plan = self._fixed or self._spiral(**spiral, **task)
         machine = self.machine
         if values:
             machine = machine.perturbed(Tolerances.perturbation(values, machine))
         simulation = self._simulation(machine, plan)
-        return Episode(simulation, *plan.points, {**plan.drawn, **values})
+        if len(simulation.position) > memory.LONG:
+            raise InputError(
+                f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG}, which are kept "
+                "in memory; use a shorter or faster path"
+            )
+        return Episode(simulation, *plan.points, {**plan.drawn, **values, **task})
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         return Simulation.of(
@@ -164,8 +185,8 @@ class Source:
             if self._job is not None:
                 raise InputError("option spiral: the path is that of the job; give a spiral without a job")
             for name in chosen.spiral:
-                if name not in _SPIRAL:
-                    raise unknown("value of the spiral", name, _SPIRAL)
+                if name not in SPIRAL:
+                    raise unknown("value of the spiral", name, SPIRAL)
             spiral = {**spiral, **{name: positive(name, value) for name, value in chosen.spiral.items()}}
             spiral["turns"] = whole("turns", spiral["turns"], 1)
             if spiral["diameter"] < LEAST_DIAMETER * spiral["thickness"]:
@@ -185,21 +206,28 @@ class Source:
     def _drawn_spiral(self, random: np.random.Generator) -> dict[str, float]:
         if self._job is not None:
             return {}
-        bounds = {name: self.settings.between(name) for name in _SPIRAL}
+        bounds = {name: self.settings.between(name) for name in SPIRAL}
         if all(low == high for low, high in bounds.values()):
             return {**{name: low for name, (low, _) in bounds.items()}, "turns": int(bounds["turns"][0])}
-        diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in _SPIRAL[:3])
+        diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in SPIRAL[:3])
         fewest, most = self.settings.between("turns")
         turns = int(random.integers(int(fewest), int(most) + 1))
         return {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
 
-    def _planned_spiral(self, diameter: float, thickness: float, speed: float, turns: int) -> Plan:
-        turns = min(turns, int(0.5 * diameter / thickness - 1 + _ROUNDING))
-        path = Involute(0.5 * diameter, thickness, turns, start=(-0.5 * diameter, 0.0))
-        profile = PointToPoint(path.length, speed, self.settings.acceleration)
-        setpoints = Setpoints.along(path, profile, self.servo.period)
-        drawn = {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
+    def _planned_spiral(self, diameter: float, thickness: float, speed: float, turns: int, **task: float) -> Plan:
+        path = self._path(diameter, thickness, turns)
+        setpoints = Setpoints.along(path, self._profile(path, speed, **task), self.servo.period)
+        drawn = {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": round(path.turns)}
         return Plan(setpoints, Dispenser(flow=_BEAD * speed), drawn)
+
+    def _path(self, diameter: float, thickness: float, turns: int) -> Involute:
+        """Return a spiral, of fewer turns if they would not leave a radius of one thickness inside."""
+        turns = min(turns, int(0.5 * diameter / thickness - 1 + _ROUNDING))
+        return Involute(0.5 * diameter, thickness, turns, start=(-0.5 * diameter, 0.0))
+
+    def _profile(self, path: Path, speed: float, **_task: float) -> Profile:
+        """Return the speed profile along a spiral."""
+        return PointToPoint(path.length, speed, self.settings.acceleration)
 
     def _check_room(self) -> None:
         """Raise InputError unless the machine can run the largest and fastest spirals: training must not stop later."""
@@ -208,18 +236,22 @@ class Source:
                 f"machine {self.machine.name} turns its work, but spirals need a work that does not turn: "
                 "give a job or another machine"
             )
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
+        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
         for distance in thickness:
-            self._simulation(self.machine, self._spiral(diameter[1], distance, speed[1], int(turns[1])))
+            middle = {name: 0.5 * (low + high) for name, (low, high) in self.task.items()}
+            plan = self._spiral(diameter[1], distance, speed[1], int(turns[1]), **middle)
+            self._simulation(self.machine, plan)
 
     @cached_property
     def most_ticks(self) -> int:
         """Largest number of servo ticks of an episode, but for spirals chosen at its reset."""
         if self._fixed is not None:
             return self._fixed.setpoints.most_ticks
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
+        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
         # n turns are pi n (diameter - n thickness) long, which more turns or a smaller thickness make longer
-        return self._spiral(diameter[1], thickness[0], speed[0], int(turns[1])).setpoints.most_ticks
+        path = self._path(diameter[1], thickness[0], int(turns[1]))
+        slowest = PointToPoint(path.length, self.slowest * speed[0], self.settings.acceleration)
+        return periods(slowest.duration, self.servo.period) + 1
 
     def _ticks(self) -> int | None:
         interval, period = self.settings.decision_interval, self.servo.period

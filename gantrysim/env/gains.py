@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.env.episode_batch import EpisodeBatch, Outcome
-from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors
+from gantrysim.env.episodes import SCALED, TUNED_GAINS, Source, gain_factors
 from gantrysim.env.observation import Entry, entries, observe
 from gantrysim.env.settings import Settings
 
@@ -23,9 +23,8 @@ class GainBatch(EpisodeBatch):
 
     settings: Settings
 
-    def __init__(self, settings: Settings, places: int, threads: int | None, *, ahead: bool = False) -> None:
-        self.settings = settings
-        super().__init__(settings, places, threads, ahead=ahead, detune=settings.detune)
+    def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
+        super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
         self._centre = {name: np.array(getattr(self.source.servo, name)) for name in SCALED}
 
     def _entries(self) -> list[Entry]:

@@ -24,7 +24,7 @@ from gantrysim.run import Run
 
 Observation = NDArray[np.float32]
 
-OPTIONS = ("spiral", "machine")
+OPTIONS = ("spiral", "machine", "task")
 
 
 class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
@@ -233,7 +233,7 @@ class SpiralTuningEnv(PathEnv):
 
     @staticmethod
     def batch(settings: Settings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
-        return GainBatch(settings, places, threads, ahead=ahead)
+        return GainBatch(settings, places, threads, ahead)
 
 
 class GainBanditEnv(SpiralTuningEnv):

@@ -485,7 +485,7 @@ def test_there_is_no_record_before_the_first_step(env):
 
 
 def test_unknown_options_of_reset_are_rejected(env):
-    with pytest.raises(InputError, match="unknown option 'diameter': known: machine, spiral"):
+    with pytest.raises(InputError, match="unknown option 'diameter': known: machine, spiral, task"):
         env.reset(options={"diameter": 100})
     with pytest.raises(InputError, match="unknown option 'mask'"):
         SpiralTuningVectorEnv(2).reset(options={"mask": np.ones(2, bool)})
