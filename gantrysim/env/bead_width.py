@@ -55,7 +55,8 @@ class BeadWidthSettings(PathSettings):
         step: largest change of the logarithm of the override at a decision.
         override_range: largest factor by which the override raises or lowers the pressure.
         index: flow index n of the glue.
-        behind: distance along the path from the nozzle to the camera that follows it [mm].
+        behind: distance along the path from the nozzle to the camera that follows it, counted in pieces of the bead,
+            which are 0.5 mm long and end at the next servo tick [mm].
         camera_noise: standard deviation of the camera's width, relative, for each 0.5 mm of the bead.
 
     Raises:

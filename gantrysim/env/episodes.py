@@ -163,8 +163,8 @@ class Source:
         simulation = self._simulation(machine, plan)
         if len(simulation.position) > memory.LONG:
             raise InputError(
-                f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG}, which are kept "
-                "in memory; use a shorter or faster path"
+                f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG}, which are "
+                "kept in memory; use a shorter or faster path"
             )
         return Episode(simulation, *plan.points, {**plan.drawn, **values, **task})
 
