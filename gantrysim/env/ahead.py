@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -29,8 +28,10 @@ class DrawnAhead:
     def prepare(self, randoms: Mapping[int, np.random.Generator]) -> None:
         """Begin to draw the next episode of each place from a copy of its random numbers."""
         for place, random in randoms.items():
-            drawn = self._threads.submit(self._draw, copy.deepcopy(random))
-            self._next[place] = random.bit_generator.state, drawn
+            before = random.bit_generator.state
+            own = np.random.Generator(type(random.bit_generator)(0))
+            own.bit_generator.state = before
+            self._next[place] = before, self._threads.submit(self._draw, own)
 
     def take(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, Episode]:
         """Return the episodes that `Source.draw` would return, and advance the random numbers as it would."""
