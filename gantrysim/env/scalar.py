@@ -67,7 +67,7 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
         """Names of the entries of the observation, in order."""
         return tuple(entry.name for entry in self._episodes.entries)
 
-    @property  # type: ignore[override]
+    @property
     def spec(self) -> EnvSpec | None:
         """Of Gymnasium's registry, with the largest number of decisions in an episode of these very settings."""
         return self._spec

@@ -234,7 +234,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         )
         self.restore(content["states"])
 
-    @property  # type: ignore[override]
+    @property
     def spec(self) -> EnvSpec | None:
         """Of Gymnasium's registry, with the largest number of decisions in an episode of these very settings."""
         return self._spec

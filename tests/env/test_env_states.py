@@ -111,6 +111,14 @@ def test_a_value_chosen_leaves_the_others_drawn():
     assert infos["diameter"].tolist() == [drawn["diameter"], 55.0]
 
 
+def test_a_reset_with_another_seed_takes_nothing_that_was_drawn_ahead():
+    env, envs = SpiralTuningEnv(**SHORT), SpiralTuningVectorEnv(2, **SHORT)
+    for seed in (1, 2, 1):
+        drawn = envs.reset(seed=seed)[1]["diameter"]
+        assert drawn[0] == env.reset(seed=seed)[1]["diameter"]
+    assert envs.reset()[1]["diameter"][0] == env.reset()[1]["diameter"]
+
+
 def test_a_nominal_machine_can_be_given_values_in_one_environment_alone():
     envs = SpiralTuningVectorEnv(2, **SHORT, spread=None)
     _, infos = envs.reset(seed=1, options={"machine": [{}, {"payload_kg": 0.2}]})

@@ -106,7 +106,7 @@ def test_the_camera_sees_the_bead_where_it_is_behind_the_nozzle():
 
 def test_the_bead_of_an_episode_is_that_of_an_independent_integration():
     env = BeadWidthEnv()
-    _, drawn = env.reset(seed=4)
+    _, drawn = env.reset(seed=4, options={"task": {"clog": 0.7, "clog_time": 2.0}})
     random, overrides, over = np.random.default_rng(0), [], False
     while not over:
         *_, over, info = env.step(random.uniform(-1, 1, 1).astype(np.float32))
@@ -227,6 +227,8 @@ def test_a_task_goes_on_from_a_saved_state(name):
         one, two = env.step(action), other.step(action)
         assert one[0].tobytes() == two[0].tobytes()
         assert str(one[1:]) == str(two[1:])
+    assert np.array_equal(env.run.commanded, other.run.commanded)
+    assert np.array_equal(env.run.nozzle, other.run.nozzle)
 
 
 @pytest.mark.parametrize(
