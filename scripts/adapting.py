@@ -84,25 +84,33 @@ def learnt(task, name, seed, steps):
     write(task, name.upper(), seed, agent.num_timesteps, values)
 
 
-def table():
-    with ROWS.open(newline="") as file:
-        rows = list(csv.DictReader(file))
+def with_table(page, rows):
+    """Return the page with the table of rows."""
     lines = []
     for task in dict.fromkeys(row["task"] for row in rows):
         own = sorted((row for row in rows if row["task"] == task), key=lambda row: (row["policy"], row["seed"]))
-        base = -max(float(row["return"]) for row in own if row["policy"].startswith("constant"))
-        lines += [
-            f"| {task}-v1 | seed | decisions | return | loss saved | {FIGURES[task][2]} | out of tolerance | faults |"
-        ]
-        lines += ["|---|---|---|---|---|---|---|---|"]
+        base = -max(float(row["return"]) for row in own if row["policy"].startswith(("constant", "derived")))
+        heads = ["seed", "decisions", "return", "loss saved", FIGURES[task][2], "out of tolerance", "faults"]
+        lines += [f"| {task}-v1 | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
         for row in own:
-            saved = 1 + float(row["return"]) / base
-            values = [f"{float(row[name]):.4g}" for name in ("return", "figure", "cost", "faults")]
-            values = [values[0], f"{100 * saved:.0f} %", values[1], f"{100 * float(row['cost']):.1f} %", values[3]]
-            lines.append(f"| {' | '.join([row['policy'], row['seed'], row['decisions'], *values])} |")
+            saved, outside = 1 + float(row["return"]) / base, float(row["cost"])
+            cells = [
+                row["policy"],
+                row["seed"],
+                row["decisions"],
+                f"{float(row['return']):.4g}",
+                f"{100 * saved:.0f} %",
+            ]
+            cells += [f"{float(row['figure']):.4g}", f"{100 * outside:.1f} %", f"{float(row['faults']):g}"]
+            lines.append(f"| {' | '.join(cells)} |")
         lines.append("")
-    before, rest = PAGE.read_text().split(BEGIN)
-    PAGE.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.split(END)[1])
+    before, rest = page.split(BEGIN)
+    return before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.split(END)[1]
+
+
+def table():
+    with ROWS.open(newline="") as file:
+        PAGE.write_text(with_table(PAGE.read_text(), list(csv.DictReader(file))))
 
 
 if __name__ == "__main__":
