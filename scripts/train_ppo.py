@@ -10,16 +10,14 @@ from contextlib import suppress
 from dataclasses import replace
 
 import gymnasium
-import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode
 from rich.console import Console
 from rich.table import Table
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv
 
 from gantrysim import Job
 from gantrysim.env.episodes import SCALED, gain_factors
+from gantrysim.env.sb3 import SB3VecEnv
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.stability.margins import Plant
 from gantrysim.tuning import TuningStudy
@@ -36,35 +34,6 @@ parser.add_argument("job", nargs="?", default="fanuc-spiral", help="a built-in j
 parser.add_argument("--steps", type=int, default=80_000, help="number of decisions for training")
 parser.add_argument("--budget", type=int, default=300, help="number of runs of the tuner")
 arguments = parser.parse_args()
-
-
-class NativeVecEnv(VecEnv):
-    """Adapter of the native vector environment to stable-baselines3."""
-
-    def __init__(self, envs):
-        self.envs = envs
-        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
-
-    def reset(self):
-        return self.envs.reset(seed=SEED)[0]
-
-    def step_async(self, actions):
-        self.actions = actions
-
-    def step_wait(self):
-        observations, reward, terminated, truncated, info = self.envs.step(self.actions)
-        infos = [{} for _ in range(self.num_envs)]
-        for k in np.flatnonzero(terminated | truncated):
-            infos[k] = {"terminal_observation": info["final_obs"][k], "TimeLimit.truncated": bool(truncated[k])}
-        return observations, reward.astype(np.float32), terminated | truncated, infos
-
-    def get_attr(self, attr_name, indices=None):
-        return [getattr(self.envs, attr_name)] * self.num_envs
-
-    def close(self):
-        self.envs.close()
-
-    set_attr = env_method = env_is_wrapped = None  # abstract in VecEnv, but not used by PPO
 
 
 job = Job.load(arguments.job)
@@ -88,8 +57,7 @@ runs[f"tuner, {arguments.budget} runs"] = study.run(tuned), [tuned], f"{time.per
 begin = time.perf_counter()
 with console.status("training"):
     torch.set_num_threads(1)  # the networks are small, and the environments use all cores
-    envs = gymnasium.make_vec(ID, num_envs=ENVS, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
-    agent = PPO("MlpPolicy", NativeVecEnv(envs), policy_kwargs=POLICY, seed=SEED, device="cpu", **LEARNING)
+    agent = PPO("MlpPolicy", SB3VecEnv(ID, ENVS, **settings), policy_kwargs=POLICY, seed=SEED, device="cpu", **LEARNING)
     agent.learn(arguments.steps)
 learning = f"{time.perf_counter() - begin:.0f}"
 
@@ -108,14 +76,26 @@ runs[f"agent, {agent.num_timesteps} decisions"] = env.run, servos, learning
 plant = Plant.of(job.built_machine, low.built_servo.period, low.built_servo.delay)
 table = Table(title=f"{job.name} on {job.built_machine.name}", title_justify="left")
 table.add_column("gains", no_wrap=True)
-for column in ("contour,\nrms [µm]", "\nmax [µm]", "torque\nripple", "least gain\nmargin", "time\n[s]"):
+for column in (
+    "contour,\nrms [µm]",
+    "\nmax [µm]",
+    "torque\nripple",
+    "gain\nmargin",
+    "phase\n[deg]",
+    "peak\n|S|",
+    "time\n[s]",
+):
     table.add_column(column, justify="right")
 for name, (run, servos, seconds) in runs.items():
     contour = Analysis(run).values.contour
     ripple = max(torque_ripple(run) / [axis.peak_torque for axis in job.built_machine.axes])
     margins = [margin for servo in servos for margin in plant.margins(servo)]
-    least = f"{min(margin.gain for margin in margins):.2f}" if all(margin.stable for margin in margins) else "unstable"
-    table.add_row(name, f"{1e3 * contour.rms:.2f}", f"{1e3 * contour.max:.1f}", f"{100 * ripple:.2f} %", least, seconds)
+    gain, phase = (min(getattr(margin, kind) for margin in margins) for kind in ("gain", "phase"))
+    peak = max(margin.sensitivity for margin in margins)
+    robust = [f"{gain:.2f}", f"{phase:.0f}", f"{peak:.2f}"]
+    robust = robust if all(margin.stable for margin in margins) else ["unstable", "", ""]
+    errors = [f"{1e3 * contour.rms:.2f}", f"{1e3 * contour.max:.1f}"]
+    table.add_row(name, *errors, f"{100 * ripple:.2f} %", *robust, seconds)
     if run.fault is not None:
         table.add_row(f"[red]{run.fault}")
 console.print(table)

@@ -2,9 +2,10 @@
 
 python scripts/tune_by_hand.py [JOB] [CHANGE ...]
 
-A CHANGE is a gain, optionally an axis, and a factor on the job's own gain: "kp 1.2", "kd x 0.5", "ff 0"; commas
-separate several. Each CHANGE is one trial and adds to those before it. Without any, the script prompts for them until
-"q". The gains of the last trial go to tuned.toml, for `gantrysim run --servo`, the errors of all trials to trials.png.
+A CHANGE is a gain, optionally an axis, and a factor on the job's own gain: "kp 1.2" for all axes, "kd axis y 0.5" (or
+"kd y 0.5") for axis y alone, "ff 0"; commas separate several. Each CHANGE is one trial and adds to those before it.
+Without any, the script prompts for them until "q". The gains of the last trial go to tuned.toml, for `gantrysim run
+--servo`, the errors of all trials to trials.png.
 """
 
 import argparse
@@ -28,7 +29,7 @@ BY_HAND = {name: (name,) for name in GAIN_NAMES} | {"ff": ("velocity_ff", "accel
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("job", nargs="?", default="fanuc-spiral", help="a built-in job or a TOML file")
-parser.add_argument("changes", nargs="*", metavar="CHANGE", help='such as "kp 1.2", "kd x 0.5" or "kp 2, ff 0"')
+parser.add_argument("changes", nargs="*", metavar="CHANGE", help='such as "kp 1.2", "kd axis y 0.5" or "kp 2, ff 0"')
 parser.add_argument("--out", type=Path, default=Path("out/tune-by-hand"), help="folder for tuned.toml and trials.png")
 arguments = parser.parse_args()
 console = Console()
@@ -50,12 +51,13 @@ def changed(servo: Servo, line: str) -> Servo:
     """Return the servo with the changes of one trial."""
     names = machine.axis_names
     for change in line.split(","):
-        parts = re.fullmatch(r"(\w+)(?: +(\w+))? +(\S+)", change.strip())
+        parts = re.fullmatch(r"(\w+)(?: +(?:axis +)?(\w+))? +(\S+)", change.strip())
         if parts is None or parts[1] not in BY_HAND:
-            raise unknown("change", change.strip(), [f"{gain} [AXIS] FACTOR" for gain in BY_HAND])
+            raise unknown("change", change.strip(), [f"{gain} [axis AXIS] FACTOR" for gain in BY_HAND])
         if parts[2] not in (None, *names):
             raise unknown("axis", parts[2], names)
-        factor = finite(f"factor of {parts[1]}", parts[3])
+        own_axis = "" if parts[2] is None else f" of axis {parts[2]}"
+        factor = finite(f"factor of {parts[1]}{own_axis}", parts[3])
         for gain in BY_HAND[parts[1]]:
             axes = zip(names, getattr(own, gain), getattr(servo, gain), strict=True)
             gains = [factor * first if parts[2] in (None, name) else now for name, first, now in axes]
@@ -80,7 +82,7 @@ def run_trial(name: str, servo: Servo) -> None:
 def prompt() -> str:
     console.print(table)
     try:
-        return console.input("change, such as kp 1.2 or kd x 0.5; q to quit: ").strip()
+        return console.input("change, such as kp 1.2 or kd axis y 0.5; q to quit: ").strip()
     except EOFError:
         return "q"
 
@@ -88,7 +90,8 @@ def prompt() -> str:
 run_trial("unchanged", own)
 for line in arguments.changes or iter(prompt, "q"):
     try:
-        run_trial(line, changed(trials[-1][1], line))
+        axes = "|".join(machine.axis_names)
+        run_trial(re.sub(rf"(\w) +({axes}) +", r"\1 axis \2 ", line), changed(trials[-1][1], line))
     except InputError as error:
         if arguments.changes:
             parser.error(str(error))

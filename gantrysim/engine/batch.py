@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
 from types import NoneType
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.arrays import Floats
 from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
@@ -23,7 +24,7 @@ from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import ROW, ROW_NUMBERS
+from gantrysim.native.row import OFFSETS, ROW, ROW_NUMBERS, Log
 from gantrysim.run import Run
 
 
@@ -146,6 +147,24 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
 }
 
 
+# of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
+_OWN = ("magic", "setpoints", "log", "axis_log", "gates", "injected", "drives", *OFFSETS)
+
+
+class Moment(NamedTuple):
+    """A simulation in the middle of its run, without what it is a simulation of.
+
+    Attributes:
+        physics: state of MuJoCo and of the servo.
+        log: entries so far.
+        drives: state of the drives; None where all are plain ones.
+    """
+
+    physics: Floats
+    log: Log
+    drives: NDArray[np.void] | None
+
+
 class Batch:
     """Places for simulations of one machine, perturbed or not, that are stepped together.
 
@@ -189,6 +208,33 @@ class Batch:
         for place, simulation in simulations.items():
             self._loaded[place] = simulation  # kept alive before its row is armed with addresses of its arrays
             self.runs[place] = simulation.start(self._qpos[place], self._userdata[place])
+
+    def moment(self, place: int) -> Moment:
+        """Return a copy of the present moment of the simulation at a place.
+
+        Raises:
+            GantryError: a run so long that its log is in a file.
+        """
+        run = self.runs[place]
+        if run.simulation.book.first or len(run.simulation.log.tick) < run.ticks:
+            raise GantryError("a run whose log is in a file cannot be copied")
+        drives = None if run.drives is None else run.drives.copy()
+        log = run.simulation.log.until(run.ticks)
+        return Moment(self._batch.state[place].copy(), Log(log.tick.copy(), log.axis.copy()), drives)
+
+    def resume(self, place: int, simulation: Simulation, moment: Moment) -> None:
+        """Put a simulation into a place at a moment of another simulation of the same."""
+        self.load({place: simulation})
+        run = self.runs[place]
+        own = {name: run.row[name] for name in _OWN}
+        self._batch.state[place] = moment.physics
+        for name, value in own.items():
+            run.row[name] = value
+        if run.drives is not None:
+            run.drives[:] = moment.drives
+        ticks = len(moment.log.tick)
+        simulation.book.make_room(run.row, 0)
+        simulation.log.tick[:ticks], simulation.log.axis[:ticks] = moment.log
 
     def advance(
         self,

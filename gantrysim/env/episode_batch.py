@@ -1,28 +1,27 @@
-"""A batch of episodes: the common part of the scalar and the vector environment."""
+"""A batch of episodes: the common part of the scalar and the vector environments of every task."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.engine.batch import Batch
+from gantrysim.engine.batch import Batch, Moment
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, Source, gain_factors
+from gantrysim.env.ahead import DrawnAhead
+from gantrysim.env.episodes import Chosen, Episode, Source
 from gantrysim.env.interval import PER_AXIS, SHARED, measure
-from gantrysim.env.observation import IntervalValues, entries, observe
-from gantrysim.env.settings import Settings
+from gantrysim.env.observation import Entry, IntervalValues
+from gantrysim.env.settings import PathSettings
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
-
-# Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
-_CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
 
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
@@ -31,7 +30,7 @@ class Outcome(NamedTuple):
     """Outcome of a decision at every place; meaningless where none was taken.
 
     Attributes:
-        reward: sum of its terms, (places,).
+        reward: (places,).
         terminated: whether a fault has ended the episode, or its only decision is taken, (places,).
         truncated: whether the path is at its end, in an episode of several decisions, (places,).
         info: values by name, (places,) each.
@@ -45,13 +44,36 @@ class Outcome(NamedTuple):
     final: dict[str, NDArray[Any]]
 
 
-class EpisodeBatch:
+@dataclass(frozen=True, eq=False)
+class EpisodeState:
+    """A moment of an episode, saved; another environment with the same settings can go on from there.
+
+    Attributes:
+        settings: of the environment.
+        drawn: values drawn for the episode.
+        moment: of its simulation.
+        values: of the task, by name.
+        random: state of the random numbers, from which the next episodes are drawn.
+    """
+
+    settings: PathSettings
+    drawn: dict[str, float]
+    moment: Moment
+    values: dict[str, NDArray[Any]]
+    random: Mapping[str, Any]
+
+
+class EpisodeBatch(ABC):
     """Places in which episodes run; all advance in one native call.
+
+    A task derives from it: what an action does, what is observed, and the outcome.
 
     Args:
         settings: of the environment.
         places: number of places.
         threads: number of threads; by default all cores.
+        ahead: whether the next episodes are drawn on threads while these run.
+        source: of the episodes, by default of spirals and machines alone.
 
     Attributes:
         source: of the episodes.
@@ -60,23 +82,27 @@ class EpisodeBatch:
         measured: measurements of the last interval at every place.
     """
 
-    def __init__(self, settings: Settings, places: int, threads: int | None) -> None:
-        self.settings, self.source = settings, Source(settings)
-        machine, servo = self.source.machine, self.source.servo
+    # attributes with one row per place, which a saved state holds
+    kept: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_measured", "_total")
+
+    def __init__(
+        self, settings: PathSettings, places: int, threads: int | None, ahead: bool, source: Source | None = None
+    ) -> None:
+        self.settings, self.source = settings, Source(settings) if source is None else source
+        machine = self.source.machine
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
+        self._ahead = DrawnAhead(self.source) if ahead else None
         fields = ("gains", "tick", "index", "fault")
         self._gains, self._ticks, self._sent, self._faults = (self._batch.field(name) for name in fields)  # live
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
-        self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
-        self.entries = entries(machine.axis_names, settings.per_axis)
+        self.entries = self._entries()
         low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
         self.observation_space = Box(low, high, dtype=np.float32)
-        gains = len(TUNED_GAINS) * (self._axes if settings.per_axis else 1)
-        self.action_space = Box(-1.0, 1.0, (gains,), np.float32)
+        self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
 
         self.episodes: list[Episode | None] = [None] * places
-        self._action = np.zeros((places, gains))
+        self._action = np.zeros((places, self._action_size()))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
         self._foot = np.full(places, -1)
         self._measured = np.zeros(places, np.int64)  # ticks measured
@@ -84,24 +110,86 @@ class EpisodeBatch:
         self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
         self.measured = self._interval()
 
-    def begin(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, dict[str, float]]:
-        """Begin new episodes, by place, and return the values drawn for each."""
-        drawn = {place: self.source.draw(random) for place, random in randoms.items()}
-        self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
-        for place, episode in drawn.items():
-            self.episodes[place] = episode
-            self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
-            self._foot[place], self._measured[place] = -1, 0
-            self._setpoints[place] = len(episode.simulation.position)
-            self._measure(place, 0)
-        self.measured = self._interval()
-        return {place: episode.drawn for place, episode in drawn.items()}
+    @abstractmethod
+    def _entries(self) -> list[Entry]:
+        """Return the entries of the observation."""
 
-    def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
-        """Set gains, run until the next decision, and return the outcome.
+    @abstractmethod
+    def _action_size(self) -> int:
+        """Return the number of actions of a place."""
+
+    @abstractmethod
+    def _apply(self, places: Sequence[int]) -> None:
+        """Apply the actions of places, before their episodes advance."""
+
+    @abstractmethod
+    def observations(self) -> NDArray[np.float32]:
+        """Return the observations of all places, (places, entries)."""
+
+    @abstractmethod
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        """Return the outcome of a decision at the places that have advanced."""
+
+    @property
+    def longest(self) -> int:
+        """Largest number of decisions in an episode."""
+        return 1 if self.source.ticks is None else -(-self.source.most_ticks // self.source.ticks)
+
+    def begin(
+        self, randoms: Mapping[int, np.random.Generator], chosen: Mapping[int, Chosen] | None = None
+    ) -> dict[int, dict[str, float]]:
+        """Begin new episodes, by place, and return the values drawn for each.
 
         Args:
-            actions: of all places, (places, gains), clipped to -1 to 1.
+            randoms: random numbers of the places.
+            chosen: what is chosen of an episode and not drawn.
+        """
+        if chosen or self._ahead is None:
+            drawn = {place: self.source.draw(random, (chosen or {}).get(place)) for place, random in randoms.items()}
+        else:
+            drawn = self._ahead.take(randoms)
+        self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
+        for place, episode in drawn.items():
+            self._start(place, episode)
+            self._measure(place, 0)
+        self.measured = self._interval()
+        if self._ahead is not None:
+            self._ahead.prepare(randoms)
+        return {place: episode.drawn for place, episode in drawn.items()}
+
+    def _start(self, place: int, episode: Episode) -> None:
+        self.episodes[place] = episode
+        self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
+        self._foot[place], self._measured[place] = -1, 0
+        self._setpoints[place] = len(episode.simulation.position)
+
+    def save(self, place: int, random: np.random.Generator) -> EpisodeState:
+        """Return the present state of the episode at a place."""
+        drawn = self._episode(place).drawn
+        values = {name: np.copy(getattr(self, name)[place]) for name in self.kept}
+        return EpisodeState(self.settings, drawn, self._batch.moment(place), values, random.bit_generator.state)
+
+    def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
+        """Put an episode into a place as it was when it was saved, and the random numbers.
+
+        Raises:
+            InputError: a state of an environment with other settings.
+        """
+        if state.settings != self.settings:
+            raise InputError("this state is that of an environment with other settings: use one with the same settings")
+        episode = self.source.episode(state.drawn)
+        self._batch.resume(place, episode.simulation, state.moment)
+        self._start(place, episode)
+        for name, value in state.values.items():
+            getattr(self, name)[place] = value
+        self.measured = self._interval()
+        random.bit_generator.state = state.random
+
+    def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
+        """Apply actions, run until the next decision, and return the outcome.
+
+        Args:
+            actions: of all places, (places, actions), clipped to -1 to 1.
             mask: of the places that are to advance, (places,).
 
         Raises:
@@ -109,25 +197,26 @@ class EpisodeBatch:
         """
         actions, places = np.asarray(actions, float), np.flatnonzero(mask).tolist()
         if actions.shape != self._action.shape:
-            gains, shape = self._action.shape[1], actions.shape[1:]
-            raise InputError(f"{len(actions)} actions of shape {shape}: must be {len(mask)} of shape ({gains},)")
+            size, shape = self._action.shape[1], actions.shape[1:]
+            raise InputError(f"{len(actions)} actions of shape {shape}: must be {len(mask)} of shape ({size},)")
         if not np.isfinite(actions[places]).all():
             place = next(place for place in places if not np.isfinite(actions[place]).all())
             raise InputError(f"action {actions[place].tolist()}: must be finite")
         self._action[places] = np.clip(actions[places], -1.0, 1.0)
         if not places:
             return self._outcome(mask)
-        self._set_gains(places)
+        self._apply(places)
         self._run(places)
         for place in places:
             self._measure(place, int(self._ticks[place]))
         self.measured = self._interval()
         return self._outcome(mask)
 
-    def observations(self) -> NDArray[np.float32]:
-        """Return the observations of all places, (places, entries)."""
-        progress = np.minimum(self._sent / self._setpoints, 1.0)
-        return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
+    def close(self) -> None:
+        """Draw no more episodes."""
+        if self._ahead is not None:
+            self._ahead.close()
+            self._ahead = None
 
     def _interval(self) -> IntervalValues:
         return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
@@ -166,11 +255,6 @@ class EpisodeBatch:
             steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
         self._batch.advance(places, steps)
 
-    def _set_gains(self, places: Sequence[int]) -> None:
-        chosen = self._action[places].reshape(len(places), len(TUNED_GAINS), -1)
-        for name, factor in gain_factors(np.moveaxis(chosen, 1, 0), self.settings.gain_range).items():
-            self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
-
     def _measure(self, place: int, last: int) -> None:
         """Measure the ticks since the last decision."""
         episode, row = self._episode(place), self._rows[place]
@@ -192,39 +276,17 @@ class EpisodeBatch:
         total[1] += row[_SQUARE]
         total[2] = max(total[2], row[_LARGEST])
 
-    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
-        settings, measured = self.settings, self.measured
-        left = self._setpoints - self._sent
-        faulty = advanced & (self._faults != 0)
-        ended = advanced & (left <= 0) & ~faulty
-        alone = self.source.ticks is None  # the episode has one decision
-        ripple = measured.ripple.max(axis=1)
-        undone = 1 if alone else 1 + left // self.source.ticks
-        terms = {
-            "reward_contour": -np.minimum(np.log1p(measured.contour_rms / settings.tolerance), _CONTOUR),
-            "reward_ripple": -np.clip(np.log(np.maximum(ripple / settings.ripple_limit, 1.0)), 0.0, _RIPPLE),
-            "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
-        }
+    def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
+        """Return the faults of the places that have one as texts, None elsewhere, (places,)."""
         faults = np.full(len(self.episodes), None, object)
         for place in np.flatnonzero(faulty).tolist():
             faults[place] = str(self._batch.runs[place].fault)
+        return faults
+
+    def _contour_values(self) -> dict[str, NDArray[Any]]:
+        """Return the contour errors of whole episodes so far, 0 without dispensing, (places,) each [mm]."""
         ticks, square, largest = self._total.T
-        return Outcome(
-            reward=sum(terms.values(), np.zeros(len(self.episodes))),
-            terminated=faulty | ended if alone else faulty,
-            truncated=np.zeros_like(ended) if alone else ended,
-            info={
-                **terms,
-                "contour_rms": measured.contour_rms,
-                "contour_max": measured.contour_max,
-                "ripple": ripple,
-                "fault": faults,
-            },
-            final={
-                "episode_contour_rms": np.where(ticks > 0, np.sqrt(square / np.maximum(ticks, 1)), np.nan),
-                "episode_contour_max": np.where(ticks > 0, largest, np.nan),
-            },
-        )
+        return {"episode_contour_rms": np.sqrt(square / np.maximum(ticks, 1)), "episode_contour_max": largest.copy()}
 
     def _episode(self, place: int) -> Episode:
         episode = self.episodes[place]

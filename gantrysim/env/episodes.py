@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from gantrysim import memory
 from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.controllers.profile import PointToPoint
+from gantrysim.controllers.profile import PointToPoint, Profile
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.simulation import Simulation
-from gantrysim.env.settings import Settings
-from gantrysim.errors import InputError
+from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
+from gantrysim.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.job.job import Job
 from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.tolerances import Tolerances
 
 TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
 SCALED = ("ki", *TUNED_GAINS)  # scaled by the action: ki with kp, so that the integral time stays
 
-_SPIRAL = ("diameter", "thickness", "speed", "turns")
+SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
+_PLANS = 8  # paths kept, for spirals that do not vary and for copies of an episode
 _ROUNDING = 1e-9
 
 
@@ -47,7 +53,7 @@ class Episode:
         simulation: its setpoints on its machine.
         points: points along the requested path, evenly spaced but for the corners, (m, 3) [mm].
         spacing: their spacing [mm].
-        drawn: values drawn for the path, by name.
+        drawn: values drawn for the path and the machine, by name.
     """
 
     simulation: Simulation
@@ -56,8 +62,22 @@ class Episode:
     drawn: dict[str, float]
 
 
+class Chosen(NamedTuple):
+    """What is chosen of an episode and not drawn.
+
+    Attributes:
+        spiral: diameter, thickness, speed and turns, as in `Settings`, or some of them.
+        machine: values by the names that `info` has, such as payload_kg and friction_x, or some of them.
+        task: what the task draws, or some of it.
+    """
+
+    spiral: Mapping[str, float]
+    machine: Mapping[str, float]
+    task: Mapping[str, float]
+
+
 @dataclass(frozen=True, eq=False)
-class _Plan:
+class Plan:
     """The path of an episode."""
 
     setpoints: Setpoints
@@ -75,14 +95,15 @@ class _Plan:
 
 
 class Source:
-    """Source of random episodes.
+    """Source of random episodes; a task's own derives from it.
 
     Args:
         settings: settings of the environment.
+        detune: divisor of the nominal gains.
 
     Attributes:
         machine: the nominal machine.
-        servo: the servo with an action of 0.
+        servo: the servo at the start of an episode.
         ticks: servo periods between decisions; None for one decision per episode.
 
     Raises:
@@ -90,8 +111,12 @@ class Source:
             multiple of the servo period.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    task: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what a task draws for an episode, uniformly
+    slowest: ClassVar[float] = 1.0  # path speed of a task between its ramps, at least, over the one drawn
+
+    def __init__(self, settings: PathSettings, detune: float = 1.0) -> None:
         self.settings = settings
+        self._spiral = lru_cache(_PLANS)(self._planned_spiral)
         self._job = Job.load(settings.job) if isinstance(settings.job, str) else settings.job
         if self._job is None:
             self.machine = Machine(settings.machine)
@@ -99,19 +124,53 @@ class Source:
         else:
             self.machine, servo = self._job.built_machine, self._job.built_servo
         servo.check_torque("environment")
-        lower: dict[str, Any] = {n: tuple(gain / settings.detune for gain in getattr(servo, n)) for n in SCALED}
+        lower: dict[str, Any] = {n: tuple(gain / detune for gain in getattr(servo, n)) for n in SCALED}
         self.servo = replace(servo, **lower)
         self.ticks = self._ticks()
-        self._fixed = self._fixed_plan()
+        self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
         if self._job is None:
             self._check_room()
 
-    def draw(self, random: np.random.Generator) -> Episode:
-        """Return a random episode; it depends on the random numbers alone."""
-        plan = self._fixed or self._drawn_plan(random)
-        spread = self.settings.spread
-        machine = self.machine if spread is None else self.machine.perturbed(spread.draw(random, self.machine))
-        simulation = Simulation.of(
+    def draw(self, random: np.random.Generator, chosen: Chosen | None = None) -> Episode:
+        """Return a random episode; it depends on the random numbers alone, and on what is chosen instead.
+
+        Raises:
+            InputError: an unknown name, or a value out of bounds.
+        """
+        spiral, machine = self._drawn_spiral(random), {}
+        if self.settings.spread is not None:
+            machine = self.settings.spread.sample(random, self.machine)
+        task = {name: float(random.uniform(*bounds)) for name, bounds in self.task.items()}
+        if chosen is not None:
+            spiral, machine = self._chosen(spiral, machine, chosen)
+            for name in chosen.task:
+                if name not in task:
+                    raise unknown("value of the task", name, task)
+            task |= {
+                name: at_least(name, value, self.task[name][0], "", self.task[name][1])
+                for name, value in chosen.task.items()
+            }
+        return self.episode({**spiral, **machine, **task})
+
+    def episode(self, drawn: Mapping[str, float]) -> Episode:
+        """Return the episode with the values drawn for its path and machine."""
+        spiral = {name: drawn[name] for name in SPIRAL if name in drawn}
+        task = {name: drawn[name] for name in self.task}
+        values = {name: value for name, value in drawn.items() if name not in {*SPIRAL, *task}}
+        plan = self._fixed or self._spiral(**spiral, **task)
+        machine = self.machine
+        if values:
+            machine = machine.perturbed(Tolerances.perturbation(values, machine))
+        simulation = self._simulation(machine, plan)
+        if len(simulation.position) > memory.LONG:
+            raise InputError(
+                f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG}, which are "
+                "kept in memory; use a shorter or faster path"
+            )
+        return Episode(simulation, *plan.points, {**plan.drawn, **values, **task})
+
+    def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
+        return Simulation.of(
             machine,
             self.servo,
             plan.setpoints,
@@ -119,30 +178,57 @@ class Source:
             dispenser=plan.dispenser,
             faults=() if self._job is None else self._job.faults,
         )
-        return Episode(simulation, *plan.points, plan.drawn)
 
-    def _fixed_plan(self) -> _Plan | None:
-        """Return the path that all episodes share, or None if it is drawn."""
+    def _chosen(
+        self, spiral: dict[str, float], machine: dict[str, float], chosen: Chosen
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        if chosen.spiral:
+            if self._job is not None:
+                raise InputError("option spiral: the path is that of the job; give a spiral without a job")
+            for name in chosen.spiral:
+                if name not in SPIRAL:
+                    raise unknown("value of the spiral", name, SPIRAL)
+            spiral = {**spiral, **{name: positive(name, value) for name, value in chosen.spiral.items()}}
+            spiral["turns"] = whole("turns", spiral["turns"], 1)
+            if spiral["diameter"] < LEAST_DIAMETER * spiral["thickness"]:
+                raise InputError(
+                    f"diameter = {spiral['diameter']:g} mm: must be at least {LEAST_DIAMETER} times the thickness, "
+                    f"{LEAST_DIAMETER * spiral['thickness']:g} mm, for one turn to fit in"
+                )
+        if chosen.machine:
+            known = Tolerances(1.0, 1.0, 1.0, 1.0, 1.0).columns(self.machine)
+            nominal = {name: 0.0 if name == "payload_kg" or name.startswith(ERRORS) else 1.0 for name in known}
+            for name in chosen.machine:
+                if name not in known:
+                    raise unknown("value of the machine", name, known)
+            machine = {**nominal, **machine, **{name: finite(name, value) for name, value in chosen.machine.items()}}
+        return spiral, machine
+
+    def _drawn_spiral(self, random: np.random.Generator) -> dict[str, float]:
         if self._job is not None:
-            return _Plan(self._job.setpoints, self._job.dispenser, {})
-        bounds = [self.settings.between(name) for name in _SPIRAL]
-        if any(low != high for low, high in bounds):
-            return None
-        diameter, thickness, speed, turns = (low for low, _ in bounds)
-        return self._spiral(diameter, thickness, speed, int(turns))
-
-    def _drawn_plan(self, random: np.random.Generator) -> _Plan:
-        diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in _SPIRAL[:3])
+            return {}
+        bounds = {name: self.settings.between(name) for name in SPIRAL}
+        if all(low == high for low, high in bounds.values()):
+            return {**{name: low for name, (low, _) in bounds.items()}, "turns": int(bounds["turns"][0])}
+        diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in SPIRAL[:3])
         fewest, most = self.settings.between("turns")
-        return self._spiral(diameter, thickness, speed, int(random.integers(int(fewest), int(most) + 1)))
+        turns = int(random.integers(int(fewest), int(most) + 1))
+        return {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
 
-    def _spiral(self, diameter: float, thickness: float, speed: float, turns: int) -> _Plan:
+    def _planned_spiral(self, diameter: float, thickness: float, speed: float, turns: int, **task: float) -> Plan:
+        path = self._path(diameter, thickness, turns)
+        setpoints = Setpoints.along(path, self._profile(path, speed, **task), self.servo.period)
+        drawn = {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": round(path.turns)}
+        return Plan(setpoints, Dispenser(flow=_BEAD * speed), drawn)
+
+    def _path(self, diameter: float, thickness: float, turns: int) -> Involute:
+        """Return a spiral, of fewer turns if they would not leave a radius of one thickness inside."""
         turns = min(turns, int(0.5 * diameter / thickness - 1 + _ROUNDING))
-        path = Involute(0.5 * diameter, thickness, turns, start=(-0.5 * diameter, 0.0))
-        profile = PointToPoint(path.length, speed, self.settings.acceleration)
-        setpoints = Setpoints.along(path, profile, self.servo.period)
-        drawn = {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
-        return _Plan(setpoints, Dispenser(flow=_BEAD * speed), drawn)
+        return Involute(0.5 * diameter, thickness, turns, start=(-0.5 * diameter, 0.0))
+
+    def _profile(self, path: Path, speed: float, **_task: float) -> Profile:
+        """Return the speed profile along a spiral."""
+        return PointToPoint(path.length, speed, self.settings.acceleration)
 
     def _check_room(self) -> None:
         """Raise InputError unless the machine can run the largest and fastest spirals: training must not stop later."""
@@ -151,10 +237,22 @@ class Source:
                 f"machine {self.machine.name} turns its work, but spirals need a work that does not turn: "
                 "give a job or another machine"
             )
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in _SPIRAL)
+        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
         for distance in thickness:
-            plan = self._spiral(diameter[1], distance, speed[1], int(turns[1]))
-            Simulation.of(self.machine, self.servo, plan.setpoints, dispenser=plan.dispenser)
+            middle = {name: 0.5 * (low + high) for name, (low, high) in self.task.items()}
+            plan = self._spiral(diameter[1], distance, speed[1], int(turns[1]), **middle)
+            self._simulation(self.machine, plan)
+
+    @cached_property
+    def most_ticks(self) -> int:
+        """Largest number of servo ticks of an episode, but for spirals chosen at its reset."""
+        if self._fixed is not None:
+            return self._fixed.setpoints.most_ticks
+        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
+        # n turns are pi n (diameter - n thickness) long, which more turns or a smaller thickness make longer
+        path = self._path(diameter[1], thickness[0], int(turns[1]))
+        slowest = PointToPoint(path.length, self.slowest * speed[0], self.settings.acceleration)
+        return periods(slowest.duration, self.servo.period) + 1
 
     def _ticks(self) -> int | None:
         interval, period = self.settings.decision_interval, self.servo.period

@@ -1,26 +1,164 @@
-"""The Gymnasium environments: one episode at a time."""
+"""The Gymnasium environments of the first version, and what all environments share: one episode at a time."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
+from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
-from gantrysim.env.settings import Settings
-from gantrysim.errors import InputError
+from gantrysim.env.gains import GainBatch
+from gantrysim.env.settings import PathSettings, Settings
+from gantrysim.env.spec import with_bound
+from gantrysim.errors import GantryError, InputError, unknown
 from gantrysim.run import Run
 
 Observation = NDArray[np.float32]
 
+OPTIONS = ("spiral", "machine", "task")
 
-class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
+
+class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
+    """An agent acts while the nozzle follows a path; a task derives from it.
+
+    `save` returns the state of a running episode, `restore` goes on from it. A copy, by `copy` or `pickle`, goes on
+    from the moment at which it was taken.
+
+    Args:
+        render_mode: None or "rgb_array".
+        size: width and height of the pictures [pixels].
+        settings: the fields of the task's settings.
+
+    Raises:
+        InputError: a setting out of bounds.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+    settings_type: ClassVar[type[PathSettings]]
+
+    @staticmethod
+    @abstractmethod
+    def batch(settings: Any, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        """Return the places in which the task's episodes run."""
+
+    def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
+        EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
+        self.settings = self.settings_type.of(settings)
+        self._episodes = self.batch(self.settings, 1, 1, False)
+        self.observation_space, self.action_space = self._episodes.observation_space, self._episodes.action_space
+        self.render_mode = render_mode
+        self._frames = Frames(render_mode, size)
+        if self.settings.decision_interval < math.inf:
+            self.metadata = {**self.metadata, "render_fps": max(round(1 / self.settings.decision_interval), 1)}
+        self._over = True
+        self._spec: EnvSpec | None = None
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the entries of the observation, in order."""
+        return tuple(entry.name for entry in self._episodes.entries)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Of Gymnasium's registry, with the largest number of decisions in an episode of these very settings."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, value: EnvSpec | None) -> None:
+        self._spec = None if value is None else with_bound(value, self._episodes.longest)
+
+    def save(self) -> EpisodeState:
+        """Return the state of the running episode.
+
+        Raises:
+            GantryError: no episode is running.
+        """
+        if self._over:
+            raise GantryError("no episode is running that could be saved: call reset")
+        return self._episodes.save(0, self.np_random)
+
+    def restore(self, state: EpisodeState) -> Observation:
+        """Go on from a saved state, and return its observation.
+
+        Raises:
+            InputError: a state of an environment with other settings.
+        """
+        self._over = True  # until all of the state is restored
+        self._episodes.restore(0, state, self.np_random)
+        self._over = False
+        return self._episodes.observations()[0]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "spec": self._spec, "state": None if self._over else self.save()}
+
+    def __setstate__(self, content: dict[str, Any]) -> None:
+        super().__setstate__(content)
+        self._spec = content["spec"]
+        if content["state"] is not None:
+            self.restore(content["state"])
+
+    @property
+    def run(self) -> Run:
+        """The record of the episode so far, after at least one step."""
+        return self._episodes.record(0)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        super().reset(seed=seed)
+        chosen = chosen_in(options or {})
+        self._over = True  # until the next episode has begun
+        drawn = self._episodes.begin({0: self.np_random}, chosen and {0: chosen})[0]
+        self._over = False
+        return self._episodes.observations()[0], dict(drawn)
+
+    def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        if self._over:
+            raise ResetNeeded("no episode is running: call reset")
+        outcome = self._episodes.advance(np.asarray(action)[None], np.ones(1, bool))
+        terminated, truncated = bool(outcome.terminated[0]), bool(outcome.truncated[0])
+        self._over = terminated or truncated
+        values = {**outcome.info, **outcome.final} if self._over else outcome.info
+        info = {name: array[:1].tolist()[0] for name, array in values.items()}
+        return self._episodes.observations()[0], float(outcome.reward[0]), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture of the machine and the bead so far, (height, width, 3), or None without a render mode.
+
+        Raises:
+            NoOpenGLError: OpenGL cannot draw without a display.
+        """
+        return None if self.render_mode is None else self._frames.picture(self._episodes, 0)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._frames.close()
+
+
+def chosen_in(options: dict[str, Any]) -> Chosen | None:
+    """Return what the options of a reset choose of the episode, None where they choose nothing.
+
+    Raises:
+        InputError: an unknown option, or one that is no dict.
+    """
+    for name, value in options.items():
+        if name not in OPTIONS:
+            raise unknown("option", name, OPTIONS)
+        if not isinstance(value, dict):
+            raise InputError(f"option {name} = {value!r}: must be a dict of names and values")
+    return Chosen(*(options.get(name, {}) for name in OPTIONS)) if options else None
+
+
+class SpiralTuningEnv(PathEnv):
     """Tune the servo while the nozzle follows a path.
 
     An episode is one spiral, with fixed or random diameter, turns, thickness and speed, or the path of a job. Its
@@ -76,8 +214,9 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
 
     `info` also holds contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, the torque ripple
     while dispensing as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, a text or
-    None; and at the end of an episode episode_contour_rms and episode_contour_max [mm], nan without dispensing. The
-    `info` of `reset` holds the values drawn for the path.
+    None; and at the end of an episode episode_contour_rms and episode_contour_max [mm], 0 without dispensing. The
+    `info` of `reset` holds the values drawn for the path and the machine. Its options "spiral" and "machine" are dicts
+    with some of these values, which replace those drawn.
 
     A fault terminates the episode; the end of the setpoints truncates it.
 
@@ -90,61 +229,11 @@ class SpiralTuningEnv(gymnasium.Env[Observation, Observation], EzPickle):
         InputError: a setting out of bounds.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+    settings_type = Settings
 
-    def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
-        EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
-        self.settings = Settings.of(settings)
-        self._episodes = EpisodeBatch(self.settings, 1, 1)
-        self.observation_space, self.action_space = self._episodes.observation_space, self._episodes.action_space
-        self.render_mode = render_mode
-        self._frames = Frames(render_mode, size)
-        if self.settings.decision_interval < math.inf:
-            self.metadata = {**self.metadata, "render_fps": max(round(1 / self.settings.decision_interval), 1)}
-        self._over = True
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """Names of the entries of the observation, in order."""
-        return tuple(entry.name for entry in self._episodes.entries)
-
-    @property
-    def run(self) -> Run:
-        """The record of the episode so far, after at least one step."""
-        return self._episodes.record(0)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        super().reset(seed=seed)
-        if options:
-            raise InputError(f"options {', '.join(options)}: reset takes none; use the settings of the environment")
-        self._over = True  # until the next episode has begun
-        drawn = self._episodes.begin({0: self.np_random})[0]
-        self._over = False
-        return self._episodes.observations()[0], dict(drawn)
-
-    def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        if self._over:
-            raise ResetNeeded("no episode is running: call reset")
-        outcome = self._episodes.advance(np.asarray(action)[None], np.ones(1, bool))
-        terminated, truncated = bool(outcome.terminated[0]), bool(outcome.truncated[0])
-        self._over = terminated or truncated
-        values = {**outcome.info, **outcome.final} if self._over else outcome.info
-        info = {name: array[:1].tolist()[0] for name, array in values.items()}
-        return self._episodes.observations()[0], float(outcome.reward[0]), terminated, truncated, info
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture of the machine and the bead so far, (height, width, 3), or None without a render mode.
-
-        Raises:
-            NoOpenGLError: OpenGL cannot draw without a display.
-        """
-        return None if self.render_mode is None else self._frames.picture(self._episodes, 0)
-
-    def close(self) -> None:
-        """Free the renderer."""
-        self._frames.close()
+    @staticmethod
+    def batch(settings: Settings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return GainBatch(settings, places, threads, ahead)
 
 
 class GainBanditEnv(SpiralTuningEnv):

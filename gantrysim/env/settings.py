@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from pydantic import (
@@ -25,15 +25,15 @@ from gantrysim.toml_files import one_line
 
 Bounds = float | tuple[float, float]  # a fixed value, or the lowest and the highest value drawn
 
-_LEAST_DIAMETER = 4  # thicknesses: the first turn ends at a radius of one
+LEAST_DIAMETER = 4  # thicknesses: the first turn ends at a radius of one
 
 
-class Settings(BaseModel):
-    """Settings of the environments. With a job, those of the spiral, its machine and its servo are not used.
+class PathSettings(BaseModel):
+    """Settings of every environment. With a job, those of the spiral, its machine and its servo are not used.
 
     Attributes:
-        job: a job, its name or its file, which gives path, machine and servo. By default the path is a spiral, an
-            involute commanded exactly from rest to rest.
+        job: a job, its name, its file or its content as a dict, which gives path, machine and servo. By default the
+            path is a spiral, an involute commanded exactly from rest to rest.
         machine: a built-in machine, or an MJCF file.
         servo: arguments of `Servo.derive` for the nominal gains.
         diameter: outer diameter of the spiral [mm].
@@ -44,10 +44,6 @@ class Settings(BaseModel):
         spread: tolerances from which every episode's machine is drawn; None for the nominal machine.
         decision_interval: time between decisions, a multiple of the servo period; inf for one per episode [s].
         tolerance: tolerance of the contour error [mm].
-        gain_range: largest factor by which the agent raises or lowers a gain.
-        detune: divisor of the nominal gains.
-        per_axis: whether every axis has its own gains.
-        ripple_limit: largest torque ripple without a penalty, as a share of the drive's peak torque.
 
     Raises:
         InputError: a value out of bounds.
@@ -66,13 +62,9 @@ class Settings(BaseModel):
     spread: Tolerances | None = Tolerances()
     decision_interval: float = 0.1
     tolerance: float = 0.05
-    gain_range: float = 10.0
-    detune: float = 1.0
-    per_axis: bool = False
-    ripple_limit: float = 0.01
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Settings:
+    def of(cls, values: Mapping[str, Any]) -> Self:
         """Return the settings with the given values.
 
         Raises:
@@ -85,6 +77,11 @@ class Settings(BaseModel):
             return cls(**{name: _plain(value) for name, value in values.items()})
         except ValidationError as error:
             raise InputError(one_line(error)) from None
+
+    @field_validator("job", mode="before")
+    @classmethod
+    def _parsed_job(cls, value: Any) -> Any:
+        return Job.model_validate(value) if isinstance(value, Mapping) else value
 
     @field_validator("spread", mode="before")
     @classmethod
@@ -109,23 +106,49 @@ class Settings(BaseModel):
                 raise InputError(f"{name} = ({low:g}, {high:g}) {unit}: must be the lowest, then the highest")
         fewest, most = self.between("turns")
         whole("highest turns", most, whole("turns", fewest, 1))
-        for name, unit in (("acceleration", "mm/s²"), ("tolerance", "mm"), ("detune", ""), ("ripple_limit", "")):
-            positive(name, getattr(self, name), unit)
-        if finite("gain_range", self.gain_range) <= 1:
-            raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
+        positive("acceleration", self.acceleration, "mm/s²")
+        positive("tolerance", self.tolerance, "mm")
         if self.decision_interval != math.inf:
             positive("decision_interval", self.decision_interval, "s")
         least, thickest = self.between("diameter")[0], self.between("thickness")[1]
-        if least < _LEAST_DIAMETER * thickest:
+        if least < LEAST_DIAMETER * thickest:
             raise InputError(
-                f"diameter = {least:g} mm: must be at least {_LEAST_DIAMETER} times the thickness, "
-                f"{_LEAST_DIAMETER * thickest:g} mm, for one turn to fit in"
+                f"diameter = {least:g} mm: must be at least {LEAST_DIAMETER} times the thickness, "
+                f"{LEAST_DIAMETER * thickest:g} mm, for one turn to fit in"
             )
 
     def between(self, name: str) -> tuple[float, float]:
         """Return the lowest and the highest value of a setting, equal if it is fixed."""
         value: Bounds = getattr(self, name)
         return value if isinstance(value, tuple) else (value, value)
+
+
+class Settings(PathSettings):
+    """Settings of the environments in which an agent tunes gains: those of `PathSettings`, and of action and reward.
+
+    Attributes:
+        gain_range: largest factor by which the agent raises or lowers a gain.
+        detune: divisor of the nominal gains.
+        per_axis: whether every axis has its own gains.
+        ripple_limit: largest torque ripple without a penalty, as a share of the drive's peak torque.
+
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    gain_range: float = 10.0
+    detune: float = 1.0
+    per_axis: bool = False
+    ripple_limit: float = 0.01
+
+    def model_post_init(self, context: Any) -> None:
+        """Raise InputError for values out of bounds."""
+        super().model_post_init(context)
+        positive("detune", self.detune)
+        positive("ripple_limit", self.ripple_limit)
+        if finite("gain_range", self.gain_range) <= 1:
+            raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
 
 
 def _plain(value: Any) -> Any:

@@ -1,22 +1,26 @@
-"""The vectorised environments: all episodes advance in one native call."""
+"""The vector environments: all episodes advance in one native call."""
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.episode_batch import EpisodeState
+from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
-from gantrysim.env.settings import Settings
-from gantrysim.errors import InputError, unknown, whole
+from gantrysim.env.scalar import OPTIONS, PathEnv, SpiralTuningEnv, chosen_in
+from gantrysim.env.spec import with_bound
+from gantrysim.errors import GantryError, InputError, unknown, whole
 from gantrysim.run import Run
 
 Observations = NDArray[np.float32]
@@ -24,8 +28,10 @@ Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
-    """Several `SpiralTuningEnv` in one, equal to them step by step for any number of threads.
+class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
+    """Several of a task's environments in one, equal to them step by step for any number of threads.
+
+    The next episodes are drawn on threads while these run.
 
     Args:
         num_envs: number of environments.
@@ -33,12 +39,13 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         autoreset_mode: one of Gymnasium's modes: when the next episode follows one that has ended.
         render_mode: None or "rgb_array".
         size: width and height of the pictures [pixels].
-        settings: the fields of `Settings`.
+        settings: the fields of the task's settings.
 
     Raises:
         InputError: a value out of bounds.
     """
 
+    single: ClassVar[type[PathEnv]]
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
@@ -59,8 +66,8 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         own = {"threads": threads, "autoreset_mode": autoreset_mode, "render_mode": render_mode, "size": size}
         EzPickle.__init__(self, num_envs, **own, **settings)
-        self.settings = Settings.of(settings)
-        self._episodes = EpisodeBatch(self.settings, self.num_envs, threads)
+        self.settings = self.single.settings_type.of(settings)
+        self._episodes = self.single.batch(self.settings, self.num_envs, threads, True)
         self.single_observation_space = self._episodes.observation_space
         self.single_action_space = self._episodes.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -69,6 +76,7 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         self._frames = Frames(render_mode, size)
         self._randoms: dict[int, np.random.Generator] = {}
         self._over = np.zeros(self.num_envs, bool)
+        self._spec: EnvSpec | None = None
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -87,17 +95,18 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         Args:
             seed: one seed, to which the index of the environment is added, or one per environment; by default the
                 random numbers continue, or start from a random seed.
-            options: "reset_mask", a boolean array of the environments to reset, by default all.
+            options: "reset_mask", a boolean array of the environments to reset, by default all; "spiral" and
+                "machine", each a dict of values that replace those drawn, or a list with a dict for each environment.
 
         Raises:
             InputError: seeds or a mask for another number of environments.
         """
-        mask = self._mask(options)
+        mask, chosen = self._mask(options), self._chosen(options or {})
         seeds = self._seeds(seed)
         for place in np.flatnonzero(mask).tolist():
             if seeds[place] is not None or place not in self._randoms:
                 self._randoms[place] = seeding.np_random(seeds[place])[0]
-        info = self._begin(mask)
+        info = self._begin(mask, chosen)
         return self._episodes.observations(), info
 
     def step(self, actions: Observations) -> tuple[Observations, Numbers, Flags, Flags, dict[str, Any]]:
@@ -139,8 +148,9 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         return tuple(self._frames.picture(self._episodes, place) for place in range(self.num_envs))
 
     def close_extras(self, **_kwargs: Any) -> None:
-        """Free the renderer."""
+        """Free the renderer, and draw no more episodes."""
         self._frames.close()
+        self._episodes.close()
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
@@ -152,8 +162,6 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
         return [None if one is None else whole("seed", one, 0) for one in seed]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
-        for name in set(options or {}) - {"reset_mask"}:
-            raise unknown("option", name, ["reset_mask"])
         mask = (options or {}).get("reset_mask")
         if mask is None:
             return np.ones(self.num_envs, bool)
@@ -162,16 +170,84 @@ class SpiralTuningVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle
             raise InputError(f"reset_mask = {mask}: must be {self.num_envs} booleans, at least one of them true")
         return mask
 
-    def _begin(self, mask: Flags) -> dict[str, Any]:
-        """Begin new episodes and return the values drawn for their paths as infos."""
+    def _chosen(self, options: dict[str, Any]) -> dict[int, Chosen]:
+        """Return what options choose of the episodes, by place."""
+        several: dict[str, list[Any]] = {}
+        for name, value in options.items():
+            if name == "reset_mask":
+                continue
+            if name not in OPTIONS:
+                raise unknown("option", name, ("reset_mask", *OPTIONS))
+            several[name] = list(value) if isinstance(value, list | tuple) else [value] * self.num_envs
+            if len(several[name]) != self.num_envs:
+                raise InputError(f"option {name} of {len(several[name])} dicts: must be one, or {self.num_envs}")
+        each = {place: {name: values[place] for name, values in several.items()} for place in range(self.num_envs)}
+        return {place: chosen for place, own in each.items() if (chosen := chosen_in(own)) is not None}
+
+    def _begin(self, mask: Flags, chosen: dict[int, Chosen] | None = None) -> dict[str, Any]:
+        """Begin new episodes and return the values drawn for them as infos."""
         self._over[mask] = True
-        drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()})
+        drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()}, chosen)
         self._over[mask] = False
-        values = {}
-        for name, value in next(iter(drawn.values())).items():
-            values[name] = np.zeros(self.num_envs, type(value))
-            values[name][list(drawn)] = [own[name] for own in drawn.values()]
-        return _masked(values, mask)
+        infos: dict[str, Any] = {}
+        for name in dict.fromkeys(name for own in drawn.values() for name in own):
+            having = [place for place, own in drawn.items() if name in own]
+            values, has = np.zeros(self.num_envs, type(drawn[having[0]][name])), np.zeros(self.num_envs, bool)
+            values[having], has[having] = [drawn[place][name] for place in having], True
+            infos |= {name: values, f"_{name}": has}
+        return infos
+
+    def save(self, place: int) -> EpisodeState:
+        """Return the state of one environment's running episode.
+
+        Raises:
+            GantryError: no episode is running there.
+        """
+        if place not in self._randoms or self._over[place]:
+            raise GantryError(f"no episode is running in environment {place} that could be saved: call reset")
+        return self._episodes.save(place, self._randoms[place])
+
+    def restore(self, states: Mapping[int, EpisodeState]) -> Observations:
+        """Go on from saved states, by environment, and return the observations of all.
+
+        Raises:
+            InputError: a state of an environment with other settings.
+        """
+        for place, state in states.items():
+            self._over[place] = True  # until all of the state is restored
+            random = self._randoms.setdefault(place, seeding.np_random()[0])
+            self._episodes.restore(place, state, random)
+            self._over[place] = False
+        return self._episodes.observations()
+
+    def __getstate__(self) -> dict[str, Any]:
+        running = [place for place in self._randoms if not self._over[place]]
+        own = {"randoms": self._randoms, "over": self._over, "spec": self._spec}
+        return {**super().__getstate__(), **own, "states": {place: self.save(place) for place in running}}
+
+    def __setstate__(self, content: dict[str, Any]) -> None:
+        super().__setstate__(content)
+        self._randoms, self._over, self._spec = (
+            copy.deepcopy(content["randoms"]),
+            content["over"].copy(),
+            content["spec"],
+        )
+        self.restore(content["states"])
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Of Gymnasium's registry, with the largest number of decisions in an episode of these very settings."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, value: EnvSpec | None) -> None:
+        self._spec = None if value is None else with_bound(value, self._episodes.longest)
+
+
+class SpiralTuningVectorEnv(PathVectorEnv):
+    """Several `SpiralTuningEnv` in one."""
+
+    single = SpiralTuningEnv
 
 
 class GainBanditVectorEnv(SpiralTuningVectorEnv):

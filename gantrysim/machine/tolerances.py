@@ -66,7 +66,11 @@ class Tolerances:
         return cls(**values)
 
     def draw(self, random: np.random.Generator, machine: Machine) -> Perturbation:
-        """Return a random machine's perturbation.
+        """Return a random machine's perturbation; arguments as of `sample`."""
+        return self.perturbation(self.sample(random, machine), machine)
+
+    def sample(self, random: np.random.Generator, machine: Machine) -> dict[str, float]:
+        """Return a random machine's values by column name, see `columns`.
 
         The generator always yields 1 + 4 axes numbers, so a seed gives a factor the same value whichever other
         tolerances are 0; after them those of the geometry.
@@ -82,8 +86,7 @@ class Tolerances:
         columns = self.columns(machine)
         geometry = [name for name in columns if name not in unit]
         unit |= dict(zip(geometry, random.random(len(geometry)), strict=True))
-        values = {name: float(_scaled(name, tolerance, unit[name])) for name, tolerance in columns.items()}
-        return self.perturbation(values, machine)
+        return {name: float(_scaled(name, tolerance, unit[name])) for name, tolerance in columns.items()}
 
     def machines(self, machine: Machine, count: int, seed: int) -> list[Perturbation]:
         """Return the perturbations of a Latin hypercube of n machines: each n-th of a factor's range has one.

@@ -5,23 +5,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, episode
+from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, episode, same
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
-
-
-def same(one, other):
-    """Whether two results are the same to the last bit, with all entries of infos."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
-    if isinstance(one, tuple | list):
-        return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, np.ndarray):
-        alike = isinstance(other, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
-        if alike and one.dtype == object:
-            return all(map(same, one.ravel(), other.ravel()))
-        return alike and one.tobytes() == other.tobytes()
-    return type(one) is type(other) and one == other
 
 
 @pytest.mark.parametrize("name", [TUNING, BANDIT])

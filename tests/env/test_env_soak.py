@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+from concurrent.futures import wait
 from pathlib import Path
 
 import gymnasium
@@ -77,6 +78,8 @@ def soak(env, count, early):
 
     def look(done):
         if done in (early, count):
+            if isinstance(env, gymnasium.vector.VectorEnv):
+                wait([drawn for _, drawn in env.unwrapped._episodes._ahead._next.values()])
             held[done] = Holdings()
 
     ends = (soak_vector if isinstance(env, gymnasium.vector.VectorEnv) else soak_alone)(env, count, look)

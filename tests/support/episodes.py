@@ -3,6 +3,7 @@
 import numpy as np
 
 TUNING, BANDIT = "gantrysim/SpiralTuning-v0", "gantrysim/GainBandit-v0"
+BEAD, SPEED = "gantrysim/BeadWidth-v1", "gantrysim/SpeedOverride-v1"
 
 SHORT = {"diameter": (40.0, 60.0), "turns": (1, 2), "thickness": (6.0, 8.0), "speed": (80.0, 150.0)}
 MOST = 1000  # decisions of an episode
@@ -24,3 +25,17 @@ def actions_of(envs, random):
     """Random actions, the first half of the environments bold."""
     scale = np.where(np.arange(envs.num_envs) < envs.num_envs / 2, BOLD, MEEK)[:, None]
     return (scale * random.uniform(-1, 1, envs.action_space.shape)).astype(np.float32)
+
+
+def same(one, other):
+    """Whether two results are the same to the last bit, with all entries of infos."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, np.ndarray):
+        alike = isinstance(other, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
+        if alike and one.dtype == object:
+            return all(map(same, one.ravel(), other.ravel()))
+        return alike and one.tobytes() == other.tobytes()
+    return type(one) is type(other) and one == other

@@ -1,0 +1,267 @@
+"""BeadWidth-v1: keep the width of a bead while viscosity and speed change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.profile import Profile
+from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episodes import Episode, Source
+from gantrysim.env.glue import PIECE, PIECES, STATE, SUMS, lay
+from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
+from gantrysim.env.observation import Entry
+from gantrysim.env.scalar import PathEnv
+from gantrysim.env.settings import Bounds, PathSettings
+from gantrysim.env.vector import PathVectorEnv
+from gantrysim.errors import InputError, at_least, positive
+from gantrysim.machine.tolerances import Tolerances
+
+# What is drawn for an episode: viscosity over the nominal one and how it changes, a clog of the needle, lag of the
+# pressure; and how the program's speed varies along the path.
+GLUE = {
+    "viscosity": (0.7, 1.4),
+    "warming": (0.6, 1.6),
+    "warming_time": (2.0, 8.0),
+    "clog": (0.7, 1.0),
+    "clog_time": (2.0, 10.0),
+    "lag": (0.05, 0.15),
+}
+SPEED = {"dip": (0.0, 0.6), "dip_length": (30.0, 90.0), "dip_phase": (0.0, 2 * math.pi)}
+_SEED = {"camera": (0.0, 1.0)}
+
+_WORST = 10.0  # tolerances: the largest penalty of an interval
+_FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
+_NOISES = 1024
+_SPEEDS = {
+    "speed": "commanded path speed",
+    "speed_1": "commanded path speed one decision ahead",
+    "speed_2": "commanded path speed two decisions ahead",
+}
+
+
+class BeadWidthSettings(PathSettings):
+    """Settings of `BeadWidthEnv`: those of `PathSettings`, and of glue, camera and action.
+
+    Attributes:
+        tolerance: tolerance of the bead's width, relative.
+        override: of the pressure, at the start of an episode.
+        step: largest change of the logarithm of the override at a decision.
+        override_range: largest factor by which the override raises or lowers the pressure.
+        index: flow index n of the glue.
+        behind: distance along the path from the nozzle to the camera that follows it, counted in pieces of the bead,
+            which are 0.5 mm long and end at the next servo tick [mm].
+        camera_noise: standard deviation of the camera's width, relative, for each 0.5 mm of the bead.
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    diameter: Bounds = (40.0, 80.0)
+    turns: Bounds = (1, 3)
+    thickness: Bounds = (6.0, 9.0)
+    speed: Bounds = (40.0, 80.0)
+    acceleration: float = 500.0
+    spread: Tolerances | None = Tolerances()
+    tolerance: float = 0.05
+    override: float = 1.0
+    step: float = 0.1
+    override_range: float = 4.0
+    index: float = 0.6
+    behind: float = 10.0
+    camera_noise: float = 0.02
+
+    def model_post_init(self, context: Any) -> None:
+        """Raise InputError for values out of bounds."""
+        super().model_post_init(context)
+        if self.decision_interval == math.inf:
+            raise InputError("decision_interval = inf s: must be finite, for the glue changes within an episode")
+        for name in ("override", "step", "index"):
+            positive(name, getattr(self, name))
+        if self.override_range <= 1 or not 1 / self.override_range <= self.override <= self.override_range:
+            raise InputError(
+                f"override_range = {self.override_range:g}: must be greater than 1, and override = "
+                f"{self.override:g} within"
+            )
+        at_least("behind", self.behind, PIECE, "mm", PIECE * (PIECES - 1))
+        at_least("camera_noise", self.camera_noise, 0)
+
+
+class BeadWidthSource(Source):
+    """Source of episodes with glue; on spirals the program slows down in places."""
+
+    task: ClassVar = {**GLUE, **SPEED, **_SEED}
+
+    slowest = 1 - SPEED["dip"][1]
+
+    def _profile(self, path: Path, speed: float, **task: float) -> Profile:
+        s = np.linspace(0.0, path.length, max(math.ceil(path.length), 2))
+        wave = 0.5 * (1 + np.sin(2 * math.pi * s / task["dip_length"] + task["dip_phase"]))
+        return LimitedSpeed(s, speed * (1 - task["dip"] * wave), self.settings.acceleration)
+
+
+class BeadWidthBatch(EpisodeBatch):
+    """Places in which episodes run whose pressure the agent sets; arguments as of `EpisodeBatch`."""
+
+    settings: BeadWidthSettings
+    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_override", "_bead", "_ring", "_sums", "_seen", "_whole")
+
+    def __init__(self, settings: BeadWidthSettings, places: int, threads: int | None, ahead: bool) -> None:
+        super().__init__(settings, places, threads, ahead, BeadWidthSource(settings))
+        self._override = np.zeros(places)  # logarithm
+        self._bead, self._ring = np.zeros((places, len(STATE))), np.zeros((places, PIECES))
+        self._sums, self._seen = np.zeros((places, len(SUMS))), np.zeros((places, 3))
+        self._whole = np.zeros((places, 4))  # the first sums, of the whole episode
+        self._speeds, self._noise = [np.zeros(1)] * places, [np.zeros(1)] * places
+        self._look: list[LookAhead | None] = [None] * places
+        self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
+
+    def _entries(self) -> list[Entry]:
+        return [
+            Entry("width_error", -_WORST, _WORST, "tolerances", "mean width error that the camera measured last"),
+            Entry("width_change", -_WORST, _WORST, "tolerances", "its change since the measurement before"),
+            Entry("width_seen", 0.0, 1.0, "1", "whether the camera has seen the bead"),
+            Entry("override", -1.0, 1.0, "log of range", "override of the pressure"),
+            Entry("action", -1.0, 1.0, "1", "last action"),
+            *ahead_entries(_SPEEDS),
+            Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
+        ]
+
+    def _action_size(self) -> int:
+        return 1
+
+    def _start(self, place: int, episode: Episode) -> None:
+        super()._start(place, episode)
+        settings, setpoints = self.settings, episode.simulation.setpoints
+        self._override[place] = math.log(settings.override)
+        for array in (self._bead, self._ring, self._sums, self._seen, self._whole):
+            array[place] = 0.0
+        tips = episode.simulation.machine.tip(episode.simulation.position)
+        speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / setpoints.period
+        self._speeds[place] = np.append(speeds, 0.0)
+        random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
+        self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
+        self._look[place] = LookAhead(episode.points)
+
+    def _apply(self, places: Sequence[int]) -> None:
+        most = math.log(self.settings.override_range)
+        moved = self._override[places] + self.settings.step * self._action[places, 0]
+        self._override[places] = np.clip(moved, -most, most)
+
+    def _measure(self, place: int, last: int) -> None:
+        first, settings, episode = int(self._measured[place]), self.settings, self._episode(place)
+        super()._measure(place, last)
+        speeds, drawn = self._speeds[place], episode.drawn
+        lay(  # type: ignore[no-untyped-call]
+            episode.simulation.log,
+            first,
+            last,
+            speeds,
+            float(speeds.max()),
+            math.exp(self._override[place]),
+            np.array([*(drawn[name] for name in GLUE), settings.index]),
+            round(settings.behind / PIECE),
+            self._noise[place],
+            settings.tolerance,
+            self.source.servo.period,
+            self._bead[place],
+            self._ring[place],
+            self._sums[place],
+        )
+        sums, whole = self._sums[place], self._whole[place]
+        whole[[0, 1, 3]] += sums[[0, 1, 3]]
+        whole[2] = max(whole[2], sums[2])
+        if sums[4]:
+            mean = sums[5] / sums[4] / settings.tolerance
+            seen = self._seen[place]
+            seen[:] = mean, mean - seen[0] if seen[2] else 0.0, 1.0
+
+    def observations(self) -> NDArray[np.float32]:
+        interval = self.source.ticks or 1
+        for place, look in enumerate(self._look):
+            if look is not None:
+                sent = int(self._sent[place])
+                speeds = [self._speeds[place][sent + k * interval : sent + k * interval + 1] for k in range(3)]
+                s = look.s[max(int(self._foot[place]), 0)]
+                self._ahead_values[place] = look_ahead(look, s, [float(v.sum()) for v in speeds])
+        parts = [
+            np.clip(self._seen[:, :2], -_WORST, _WORST),
+            self._seen[:, 2:],
+            self._override[:, None] / math.log(self.settings.override_range),
+            self._action,
+            self._ahead_values,
+            np.minimum(self._sent / self._setpoints, 1.0)[:, None],
+        ]
+        return np.concatenate(parts, 1, dtype=np.float32)
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        pieces, square, largest, outside = self._sums[:, :4].T
+        count = np.maximum(pieces, 1)
+        rms = np.sqrt(square / count)
+        left = self._setpoints - self._sent
+        faulty = advanced & (self._faults != 0)
+        undone = 1 + left // (self.source.ticks or 1)
+        whole, all_square, all_largest, all_outside = self._whole.T
+        whole = np.maximum(whole, 1)
+        reward: Floats = -np.minimum(rms / self.settings.tolerance, _WORST) / _WORST
+        return Outcome(
+            reward=reward - np.where(faulty, _FAULT * undone, 0.0),
+            terminated=faulty,
+            truncated=advanced & (left <= 0) & ~faulty,
+            info={
+                "cost": outside / count,
+                "width_rms": rms,
+                "width_max": largest.copy(),
+                "override": np.exp(self._override),
+                "fault": self._fault_texts(faulty),
+            },
+            final={
+                "episode_width_rms": np.sqrt(all_square / whole),
+                "episode_width_max": all_largest.copy(),
+                "episode_cost": all_outside / whole,
+            },
+        )
+
+
+class BeadWidthEnv(PathEnv):
+    """Keep the width of the bead while viscosity and speed change, with a camera that follows the nozzle.
+
+    An episode is a spiral, or the path of a job, on a machine drawn from tolerances. On a spiral the program slows
+    down in places. The program asks for a pressure that would lay an even bead of the nominal glue; the pressure
+    follows with a lag, viscosity is drawn and drifts, and the needle clogs in part at some moment: see
+    `gantrysim.env.glue.lay`.
+
+    Action: one number from -1 to 1, which changes the logarithm of the override of the pressure by up to `step`.
+
+    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.bead_width.BeadWidthBatch`: the
+    width error that the camera measured last, its change, the override, commanded speed now and one and two decisions
+    ahead, curvature here and ahead, distances to the next and since the last reversal of an axis, and progress.
+
+    Reward: -min(e / tolerance, 10) / 10 for the RMS relative width error e of the bead laid since the last decision;
+    less 2 for the interval of a fault and for each interval that the fault prevents.
+
+    `info` holds cost, the share of this bead out of tolerance; width_rms and width_max, relative; override; fault, a
+    text or None; and at the end of an episode episode_width_rms, episode_width_max and episode_cost. The `info` of
+    `reset` holds the values drawn; its options "spiral", "machine" and "task" replace some of them.
+
+    A fault terminates the episode; the end of the setpoints truncates it.
+    """
+
+    settings_type = BeadWidthSettings
+    settings: BeadWidthSettings
+
+    @staticmethod
+    def batch(settings: BeadWidthSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return BeadWidthBatch(settings, places, threads, ahead)
+
+
+class BeadWidthVectorEnv(PathVectorEnv):
+    """Several `BeadWidthEnv` in one."""
+
+    single = BeadWidthEnv

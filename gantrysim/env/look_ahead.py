@@ -1,0 +1,147 @@
+"""What lies ahead on a path: curvature and reversals of the axes; and speed profiles with limits along a path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.arrays import Floats
+from gantrysim.env.observation import Entry
+
+_NEAR = 8  # points over which the direction of the path is taken
+
+
+@dataclass(frozen=True, eq=False)
+class LookAhead:
+    """Curvature and reversals along a path.
+
+    An axis reverses where its coordinate of the path's direction changes its sign.
+
+    Args:
+        points: along the path, (m, 3) [mm].
+    """
+
+    points: Floats
+
+    @cached_property
+    def s(self) -> Floats:
+        """Arc length of the points, (m,) [mm]."""
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+
+    @cached_property
+    def curvature(self) -> Floats:
+        """Curvature in the XY plane at the points, positive to the left, (m,) [1/mm]."""
+        away = self.points[_NEAR:] - self.points[:-_NEAR]
+        heading = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+        middle = 0.5 * (self.s[_NEAR:] + self.s[:-_NEAR])
+        return np.interp(self.s, middle, np.gradient(heading, middle))
+
+    @cached_property
+    def reversals(self) -> Floats:
+        """Arc lengths at which an axis reverses, (k,) [mm]."""
+        found = []
+        for steps in np.diff(self.points, axis=0).T:
+            moving = np.flatnonzero(steps)
+            turned = np.flatnonzero(np.diff(np.sign(steps[moving])))
+            found.append(self.s[moving[turned] + 1])
+        return np.unique(np.concatenate(found))
+
+    def to_reversal(self, s: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the distances to the next reversal and since the last, of the shape of s, inf without one [mm]."""
+        at = np.asarray(s, float)
+        edges = np.concatenate([[-np.inf], self.reversals, [np.inf]])
+        after = np.searchsorted(edges, at, "right")
+        return edges[after] - at, at - edges[after - 1]
+
+
+class LimitedSpeed:
+    """From rest to rest along a path, as fast as a limit of the speed along it and the acceleration allow.
+
+    Between two points the acceleration is constant.
+
+    Args:
+        s: ascending arc lengths from 0 to the path's length, (m,) [mm].
+        limit: of the speed there, (m,) [mm/s].
+        acceleration: largest, in both directions [mm/s²].
+    """
+
+    def __init__(self, s: Floats, limit: Floats, acceleration: float) -> None:
+        square = np.minimum(limit, np.inf) ** 2
+        square[[0, -1]] = 0.0
+        # v² changes by no more than 2 a ds: the least of v² + 2 a |s - s'| over all s'
+        rise = 2 * acceleration * s
+        square = np.minimum.accumulate(square - rise) + rise
+        square = (np.minimum.accumulate((square + rise)[::-1]) - rise[::-1])[::-1]
+        self._s, self._v = s, np.sqrt(np.maximum(square, 0.0))
+        self._t = np.concatenate([[0.0], np.cumsum(2 * np.diff(s) / (self._v[1:] + self._v[:-1]))])
+
+    @property
+    def length(self) -> float:
+        return float(self._s[-1])
+
+    @property
+    def duration(self) -> float:
+        return float(self._t[-1])
+
+    def _parts(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        at = np.clip(np.asarray(t, float), 0.0, self.duration)
+        k = np.clip(np.searchsorted(self._t, at, "right") - 1, 0, len(self._t) - 2)
+        slope = (self._v[k + 1] - self._v[k]) / (self._t[k + 1] - self._t[k])
+        return self._s[k], self._v[k] + 0.0 * at, np.stack([at - self._t[k], slope])
+
+    def position(self, t: ArrayLike) -> Floats:
+        s, v, (since, slope) = self._parts(t)
+        return s + since * (v + 0.5 * slope * since)
+
+    def velocity(self, t: ArrayLike) -> Floats:
+        _, v, (since, slope) = self._parts(t)
+        return v + slope * since
+
+
+AHEAD = (2.0, 5.0, 10.0)  # distances at which the curvature ahead is observed [mm]
+_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s] and range
+_CURVATURE, _CURVATURES = 0.1, 10.0  # unit [1/mm] and range
+_REVERSAL = 10.0  # range of distances to reversals [mm]
+
+
+def ahead_entries(speeds: Mapping[str, str]) -> list[Entry]:
+    """Return the entries of the observation that tell what lies ahead.
+
+    Args:
+        speeds: names and meanings of the speeds among them.
+    """
+    places = [("", "here"), *((f"_{distance:g}", f"{distance:g} mm ahead") for distance in AHEAD)]
+    return [
+        *(Entry(name, 0.0, _SPEEDS, "100 mm/s", meaning) for name, meaning in speeds.items()),
+        *(
+            Entry(
+                f"curvature{name}", -_CURVATURES, _CURVATURES, "0.1/mm", f"path curvature {where}, positive to the left"
+            )
+            for name, where in places
+        ),
+        Entry("to_reversal", 0.0, 1.0, "10 mm", "distance to the next reversal of an axis, at most 10 mm"),
+        Entry("since_reversal", 0.0, 1.0, "10 mm", "distance since the last reversal of an axis, at most 10 mm"),
+    ]
+
+
+def look_ahead(look: LookAhead, s: float, speeds: Sequence[float]) -> Floats:
+    """Return the values of `ahead_entries`.
+
+    Args:
+        look: of the path.
+        s: arc length of the nozzle [mm].
+        speeds: as in `ahead_entries` [mm/s].
+    """
+    curvature = np.interp(s + np.array([0.0, *AHEAD]), look.s, look.curvature)
+    reversal = np.array(look.to_reversal(s)) / _REVERSAL
+    return np.concatenate(
+        [
+            np.clip(np.array(speeds) / _SPEED, 0.0, _SPEEDS),
+            np.clip(curvature / _CURVATURE, -_CURVATURES, _CURVATURES),
+            np.minimum(reversal, 1.0),
+        ]
+    )

@@ -1,0 +1,234 @@
+"""SpeedOverride-v1: follow a path as fast as its tolerance allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.positions import axis_positions
+from gantrysim.engine.simulate import perfect_follower
+from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState, Outcome
+from gantrysim.env.episodes import Episode
+from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
+from gantrysim.env.observation import Entry
+from gantrysim.env.scalar import PathEnv
+from gantrysim.env.timeline import SpeedOverrideSettings, SpeedOverrideSource, move
+from gantrysim.env.vector import PathVectorEnv
+from gantrysim.run import Run
+
+_PERCENT = 100.0
+_SPEEDS = {"speed": "commanded path speed", "program_speed": "path speed of the program"}
+_NEAR = 1.0  # range of the distances to reversals that are observed a second time [mm]
+_ERRORS = 10.0  # range of errors [tolerances]
+
+
+class SpeedOverrideBatch(EpisodeBatch):
+    """Places in which episodes run whose speed the agent sets; arguments as of `EpisodeBatch`."""
+
+    settings: SpeedOverrideSettings
+    source: SpeedOverrideSource
+    kept: ClassVar[tuple[str, ...]] = (
+        *EpisodeBatch.kept,
+        "_override",
+        "_along",
+        "_setpoints",
+        "_written",
+        "_losses",
+        "_way",
+    )
+
+    def __init__(self, settings: SpeedOverrideSettings, places: int, threads: int | None, ahead: bool) -> None:
+        super().__init__(settings, places, threads, ahead, SpeedOverrideSource(settings))
+        self._override = np.zeros(places)  # logarithm
+        self._along = np.zeros((places, 2))  # commanded arc length [mm] and speed [mm/s]
+        self._written = np.zeros(places, np.int64)  # setpoints
+        self._losses = np.zeros((places, 3))  # of the episode: time, error beyond tolerance, and way out of tolerance
+        self._way = np.zeros(places)  # commanded in the last interval [mm]
+        self._speed, self._length = np.ones(places), np.ones(places)
+        self._look: list[LookAhead | None] = [None] * places
+        self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
+        self._near = np.ones((places, 2))
+
+    def _entries(self) -> list[Entry]:
+        axes = self.source.machine.axis_names
+        return [
+            Entry("contour_max", 0.0, _ERRORS, "tolerances", "largest contour error of the last interval"),
+            *(
+                Entry(f"tracking_rms_{axis}", 0.0, _ERRORS, "tolerances", f"RMS following error of {axis}")
+                for axis in axes
+            ),
+            Entry("override", -1.0, 1.0, "log of range", "override of the speed, from slowest to fastest"),
+            Entry("action", -1.0, 1.0, "1", "last action"),
+            *ahead_entries(_SPEEDS),
+            Entry("to_reversal_near", 0.0, 1.0, "1 mm", "distance to the next reversal of an axis, at most 1 mm"),
+            Entry("since_reversal_near", 0.0, 1.0, "1 mm", "distance since the last reversal of an axis, at most 1 mm"),
+            Entry("progress", 0.0, 1.0, "1", "share of the path commanded"),
+        ]
+
+    def _action_size(self) -> int:
+        return 1
+
+    @property
+    def longest(self) -> int:
+        return self.source.most_ticks // (self.source.ticks or 1)
+
+    def _start(self, place: int, episode: Episode) -> None:
+        super()._start(place, episode)
+        self._override[place] = math.log(self.settings.override)
+        self._along[place], self._losses[place], self._way[place], self._written[place] = 0.0, 0.0, 0.0, 0
+        setpoints = episode.simulation.setpoints
+        self._length[place] = setpoints.requested.length
+        self._speed[place] = self.source.program_speed(episode.drawn)
+        self._look[place] = LookAhead(episode.points)
+
+    def _apply(self, places: Sequence[int]) -> None:
+        settings, interval = self.settings, self.source.ticks or 1
+        moved = self._override[places] + settings.step * self._action[places, 0]
+        self._override[places] = np.clip(moved, math.log(settings.slowest), math.log(settings.fastest))
+        for place in places:
+            self._write(place, interval)
+
+    def _write(self, place: int, interval: int) -> None:
+        """Write the setpoints of the next interval."""
+        simulation, begin = self._episode(place).simulation, int(self._written[place])
+        path, (s, v) = simulation.setpoints.requested, self._along[place]
+        target = math.exp(self._override[place]) * self._speed[place]
+        way = np.zeros(interval)
+        settings, period = self.settings, self.source.servo.period
+        first = 1 if not begin else 0  # the path begins at its start
+        before = s
+        self._along[place] = move(s, v, target, path.length, settings.acceleration, period, way[first:])
+        axes = simulation.setpoints.axes
+        sent = Setpoints(period, axes, path.position(way)[:, : len(axes)], np.ones(interval, bool), path)
+        simulation.position[begin : begin + interval] = axis_positions(simulation.machine, sent)
+        self._written[place], self._way[place] = begin + interval, self._along[place, 0] - before
+        if way[-1] >= path.length:
+            self._setpoints[place] = begin + int(np.searchsorted(way, path.length)) + 1
+
+    def save(self, place: int, random: np.random.Generator) -> EpisodeState:
+        state = super().save(place, random)
+        written = self._episode(place).simulation.position[: self._written[place]].copy()
+        return replace(state, values={**state.values, "position": written})
+
+    def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
+        values = {**state.values}
+        written = values.pop("position")
+        super().restore(place, replace(state, values=values), random)
+        self._episode(place).simulation.position[: len(written)] = written
+
+    def follower(self, place: int) -> Run:
+        """Return the record of the whole episode at the program's speed without tracking error."""
+        simulation = self._episode(place).simulation
+        asked, speed = simulation.setpoints, float(self._speed[place])
+        setpoints = Setpoints.along(asked.requested, speed, asked.period, axes=asked.axes)
+        return perfect_follower(simulation.machine, setpoints, dispenser=simulation.dispenser)
+
+    def observations(self) -> NDArray[np.float32]:
+        settings, measured = self.settings, self.measured
+        for place, look in enumerate(self._look):
+            if look is not None:
+                s, v = self._along[place].tolist()
+                self._ahead_values[place] = look_ahead(look, s, [v, self._speed[place]])
+                self._near[place] = np.minimum(np.array(look.to_reversal(s)) / _NEAR, 1.0)
+        low, high = math.log(settings.slowest), math.log(settings.fastest)
+        errors = np.column_stack([measured.contour_max, measured.tracking_rms]) / settings.tolerance
+        parts = [
+            np.clip(errors, 0.0, _ERRORS),
+            2 * (self._override[:, None] - low) / (high - low) - 1,
+            self._action,
+            self._ahead_values,
+            self._near,
+            (self._along[:, 0] / self._length)[:, None],
+        ]
+        return np.concatenate(parts, 1, dtype=np.float32)
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        settings, measured = self.settings, self.measured
+        ended = advanced & (self._sent >= self._setpoints)
+        faulty = advanced & (self._faults != 0)
+        reference = self._length / self._speed  # nominal duration [s]
+        late = np.maximum(self._sent - self._setpoints, 0)  # ticks after the end of the path
+        time = ((self.source.ticks or 1) - late) * self.source.servo.period
+        beyond = np.clip(measured.contour_max / settings.tolerance - 1, 0.0, settings.worst)
+        share = self._way / self._length
+        rest = 1 - self._along[:, 0] / self._length
+        terms = {
+            "reward_time": -_PERCENT * time / reference,
+            "reward_contour": -_PERCENT * settings.weight * beyond * share,
+            "reward_fault": np.where(
+                faulty, -_PERCENT * (rest + share) * (1 / settings.slowest + settings.weight * settings.worst), 0.0
+            ),
+        }
+        outside = np.where(beyond > 0, share, 0.0)
+        self._losses[advanced] += np.stack([time, beyond * share, outside], 1)[advanced]
+        return Outcome(
+            reward=sum(terms.values(), np.zeros(len(self.episodes))),
+            terminated=faulty,
+            truncated=ended & ~faulty,
+            info={
+                **terms,
+                "cost": (beyond > 0).astype(float),
+                "contour_rms": measured.contour_rms,
+                "contour_max": measured.contour_max,
+                "override": np.exp(self._override),
+                "fault": self._fault_texts(faulty),
+            },
+            final={
+                **self._contour_values(),
+                "episode_time": self._losses[:, 0].copy(),
+                "episode_time_ratio": self._losses[:, 0] / reference,
+                "episode_cost": self._losses[:, 2].copy(),
+            },
+        )
+
+
+class SpeedOverrideEnv(PathEnv):
+    """Follow a path as fast as its tolerance allows, with an override of the program's speed.
+
+    An episode is a spiral, or the path of a job, on a machine drawn from tolerances whose friction changes at some
+    moment. The commanded speed follows the program's speed times the override with limited acceleration, and comes to
+    rest at the end. Where an axis reverses, friction throws the nozzle off the path, the less the slower it moves.
+
+    Action: one number from -1 to 1, which changes the logarithm of the override by up to `step`.
+
+    Observation: `observation_names`, with range, unit and meaning in
+    `gantrysim.env.speed_override.SpeedOverrideBatch`: errors of the last interval, override, commanded speed, the
+    program's speed, curvature here and ahead, distances to the next and since the last reversal of an axis, progress.
+
+    Reward: the sum of three terms, in percent of the nominal duration length / program speed, which `info` holds too.
+
+    ==============  ===============================================================================================
+    term            value
+    ==============  ===============================================================================================
+    reward_time     -100 time / nominal duration
+    reward_contour  -100 weight e share, where e is by how many tolerances the largest contour error since the last
+                    decision is beyond the tolerance, at most `worst`, and share is that of the path commanded
+    reward_fault    for a fault the largest loss of the rest of the path: -100 rest (1 / slowest + weight worst)
+    ==============  ===============================================================================================
+
+    `info` also holds cost, 1 where this error is beyond the tolerance and 0 elsewhere; contour_rms and contour_max
+    [mm]; override; fault, a text or None; and at the end of an episode episode_time [s], episode_time_ratio, over the
+    nominal duration, episode_cost, the share of the path out of tolerance, episode_contour_rms and episode_contour_max
+    [mm]. The `info` of `reset` holds the values drawn; its options "spiral", "machine" and "task" replace some of them.
+
+    A fault terminates the episode; the end of the path truncates it.
+    """
+
+    settings_type = SpeedOverrideSettings
+    settings: SpeedOverrideSettings
+
+    @staticmethod
+    def batch(settings: SpeedOverrideSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return SpeedOverrideBatch(settings, places, threads, ahead)
+
+
+class SpeedOverrideVectorEnv(PathVectorEnv):
+    """Several `SpeedOverrideEnv` in one."""
+
+    single = SpeedOverrideEnv

@@ -1,0 +1,43 @@
+"""The table of docs/learning.md is what its rows give, and a task is registered only if adapting pays."""
+
+import csv
+import runpy
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TASKS = ("BeadWidth", "SpeedOverride")
+
+
+@pytest.fixture(scope="module")
+def rows():
+    with (ROOT / "docs/learning.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_page_shows_the_rows(rows):
+    page = (ROOT / "docs/learning.md").read_text()
+    assert runpy.run_path(str(ROOT / "scripts/adapting.py"))["with_table"](page, rows) == page
+    for row in rows:
+        assert f"| {row['policy']} | {row['seed']} | {row['decisions']} | {float(row['return']):.4g} |" in page
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_registered_task_has_something_adaptive_that_loses_a_fifth_less_than_the_best_constant(rows, task):
+    assert f"gantrysim/{task}-v1" in gymnasium.registry
+    losses = {(row["policy"], row["seed"]): -float(row["return"]) for row in rows if row["task"] == task}
+    fixed = [loss for (policy, _), loss in losses.items() if policy.startswith(("constant", "derived"))]
+    classical = [loss for (policy, _), loss in losses.items() if policy.startswith("classical")]
+    assert len(fixed) == 2
+    assert min(classical) < 0.8 * min(fixed)
+
+
+def test_what_is_learnt_with_the_librarys_defaults_beats_the_derived_override(rows):
+    derived = {row["task"]: float(row["return"]) for row in rows if row["policy"] == "derived"}
+    learnt = [row for row in rows if row["policy"] in ("PPO", "SAC")]
+    assert len(learnt) >= 4
+    for row in learnt:
+        assert float(row["return"]) > derived[row["task"]]
+        assert int(row["decisions"]) < 52_000  # 50 000, in whole rollouts
