@@ -42,9 +42,8 @@ class CalledLaw:
     def __init__(self, law: UserLaw, state: Floats) -> None:
         self.raised: list[BaseException] = []
         self._law, self._state = law, state
-        self._kept = _compiled(law) if hasattr(law, "py_func") else _CALLED(self.call)
-        own = self._kept.address if hasattr(law, "py_func") else ctypes.cast(self._kept, ctypes.c_void_p).value
-        self.address = int(own)
+        self._kept: Any = _compiled(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
+        self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
     def call(self, userdata: int, _state: int) -> None:
         """Call a law in plain Python; Ctrl-C is deferred in this function, see `gantrysim.native.hook`.
