@@ -31,7 +31,7 @@ def test_a_prediction_is_that_of_the_dense_formula():
     np.testing.assert_allclose(values, mean + k(at, points) @ inverse @ left, rtol=EXACT, atol=EXACT)
     size = np.sqrt(left @ inverse @ left / 30)
     variance = 1 - np.einsum("ij,jk,ik->i", k(at, points), inverse, k(at, points))
-    np.testing.assert_allclose(deviations, size * np.sqrt(variance), rtol=1e-4)
+    np.testing.assert_allclose(deviations**2, size**2 * variance, atol=EXACT * size**2)
 
 
 def test_a_smooth_function_is_predicted_between_its_values():

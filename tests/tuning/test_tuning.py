@@ -186,6 +186,7 @@ def test_the_result_is_run_on_all_machines_and_meets_all_limits(outcome):
     ]
     errors = [1e3 * np.sqrt(np.mean(Budget(run).analysis.nozzle.distance ** 2)) for run in runs]
     assert history.best.metric == pytest.approx(max(errors), rel=EXACT)
+    assert study.stability.machines == 2 + study.guards
     assert float(study.stability.excess(history.best.servo).max()) <= 0
     assert history.best.ripple <= 0.02
 

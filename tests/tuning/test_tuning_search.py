@@ -8,6 +8,7 @@ import pytest
 
 from gantrysim import Machine, Servo
 from gantrysim.tuning.candidates import Candidate, TrialResult
+from gantrysim.tuning.rounds import Estimates
 from gantrysim.tuning.search import search
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
@@ -239,6 +240,23 @@ def test_a_start_far_from_any_good_loop_is_left_behind(stability, seed):
     assert history.start.order(RIPPLE)[0] == 3
     assert history.best.order(RIPPLE)[0] == 1
     assert history.ended == "budget"
+
+
+def test_a_candidate_run_on_one_machine_is_estimated_by_the_nearest_run_on_all():
+    def at(place, *measured, **more):
+        return dataclasses.replace(candidate(*measured, **more), point=np.array([place]))
+
+    two = [TrialResult(2.0, 0.004), TrialResult(3.0, 0.012)]  # 1.5 and 3 times the first machine's
+    four = [TrialResult(5.0, 0.001), TrialResult(4.0, 0.001)]
+    fault = TrialResult(math.inf, math.inf, 1.0)
+    all_of = [at(0.0, *two), at(1.0, *four), at(0.2, two[0]), at(0.9, two[0]), at(0.1, fault), at(0.0, excess=0.3)]
+    own = Estimates(all_of, 2, RIPPLE)
+    assert np.exp(own.measured.metric) == pytest.approx([3.0, 5.0, 3.0, 2.0, math.inf, math.inf])
+    assert RIPPLE * np.exp(own.measured.ripple) == pytest.approx([0.012, 0.001, 0.012, 0.004, math.inf, math.inf])
+    assert [rank for rank, _ in own.keys] == [1, 1, 1, 1, 4, 5]
+    assert (own.best(), own.best(4)) == (3, 4)
+    assert own.falls(0, 3, 0.1)
+    assert not own.falls(0, 3, 0.5)  # log(3/2) is less
 
 
 def test_a_start_below_the_margin_gains_no_rank_by_its_metric():
