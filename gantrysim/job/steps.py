@@ -34,10 +34,10 @@ class LostSteps(NamedTuple):
     unit: str
 
     def __str__(self) -> str:
-        left = f"{self.offset:+.4g} {self.unit} from its command" if self.steps else "all regained"
+        left = f"{abs(self.steps)}, {self.offset:+.4g} {self.unit} from its command" if self.steps else "none"
         return (
-            f"stepper {self.axis} lost {self.most} full steps, the first at t = {self.time:.4f} s; at the end {left}: "
-            "lower acceleration or speed, or raise the current or the bus voltage"
+            f"stepper {self.axis} lost up to {self.most} full steps, the first at t = {self.time:.4f} s, at the end "
+            f"{left}: lower acceleration or speed, or raise the current or the bus voltage"
         )
 
 
