@@ -48,7 +48,7 @@ class Inverse:
         self._z = z = np.exp(1j * self._theta)
         self._inverse: Complexes = np.zeros((len(z), n, n), complex)
         for first, motion in enumerate(servo.motions):
-            drives = servo.drives.of_axis(first) if len(servo.motions) > 1 else servo.drives
+            drives = servo.drives.of_axes([first]) if len(servo.motions) > 1 else servo.drives
             for system in motion.driven(drives).sampled(servo.period, servo.delay):
                 P = system.response(z) * z[:, None, None] ** -servo.feedback_delay
                 axes = [first + axis for axis in system.axes]

@@ -15,7 +15,7 @@ import numpy as np
 from gantrysim.controllers.cad.dxf import BINARY, read_dxf
 from gantrysim.controllers.cad.planning import Paused, planned
 from gantrysim.controllers.cad.routing import Manner, Route, routed
-from gantrysim.controllers.cad.shapes import Sheet, Stroke, checked
+from gantrysim.controllers.cad.shapes import FASTEST, Sheet, Stroke, checked
 from gantrysim.controllers.cad.svg import read_svg
 from gantrysim.controllers.cad.table import read_points, with_speeds
 from gantrysim.controllers.cad.units import millimetres
@@ -108,8 +108,9 @@ class Drawing(Controller):
             if getattr(self, name) not in choices:
                 raise unknown(name, str(getattr(self, name)), choices)
         millimetres(self.unit)
-        for name, unit in (("speed", "mm/s"), ("travel_speed", "mm/s"), ("chord_tolerance", "mm")):
-            positive(name, getattr(self, name), unit)
+        for name in ("speed", "travel_speed"):
+            positive(name, getattr(self, name), "mm/s", FASTEST)
+        positive("chord_tolerance", self.chord_tolerance, "mm")
         finite("height", self.height, "mm")
         lengths = [(name, "mm") for name in ("lift", "join_tolerance", "corner_tolerance")]
         for name, unit in (*lengths, ("corner_speed", "mm/s"), ("dot_time", "s")):

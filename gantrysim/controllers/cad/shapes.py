@@ -12,6 +12,7 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 
 LARGEST = 1e6  # coordinate [mm]
+FASTEST = 1e6  # [mm/s]
 _CIRCULAR = 1e-9  # relative difference of a circle's half axes, and cosine of the angle between them
 
 

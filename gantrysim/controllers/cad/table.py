@@ -19,8 +19,8 @@ from itertools import pairwise
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.cad.shapes import LARGEST, Segment, Shape, Sheet, Stroke, bezier
-from gantrysim.errors import InputError
+from gantrysim.controllers.cad.shapes import FASTEST, LARGEST, Segment, Shape, Sheet, Stroke, bezier
+from gantrysim.errors import InputError, positive
 
 COLUMNS = ("x", "y", "z", "glue", "speed")
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}
@@ -155,8 +155,7 @@ def _row(number: int, layout: _Layout, line: str, factor: float) -> _Row:
     speed = math.nan
     if values.get("speed"):
         speed = _number(number, "speed", values["speed"], layout.comma)
-        if not speed > 0:
-            raise InputError(f"line {number}: speed = {speed:g} mm/s: must be greater than 0 mm/s")
+        positive(f"line {number}: speed", speed, "mm/s", FASTEST)
     return _Row(number, factor * np.array(place), _SWITCH[switch], speed)
 
 
