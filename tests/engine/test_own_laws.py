@@ -28,7 +28,9 @@ def pd(xy):
 
 
 @pytest.mark.parametrize(
-    "law", [own_laws.pd, own_laws.compiled_pd, "support.own_laws:pd", "support.own_laws:compiled_pd", FILE], ids=str
+    "law",
+    [own_laws.pd, own_laws.compiled_pd, "support.own_laws:pd", "support.own_laws:compiled_pd", FILE],
+    ids=["python", "numba", "module", "compiled in a module", "file"],
 )
 def test_a_user_s_pd_is_pd(xy, pd, law):
     own = dataclasses.replace(pd, law=(law,))
