@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.spacing import Spacing
 from gantrysim.plots.style import INK, add_legend, axes_on, thinned, turn_colours
 
 if TYPE_CHECKING:
@@ -26,8 +28,8 @@ def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the spacing over the angle within the turn; return the axes."""
     axes = axes_on(on)
     turns, requested = analysis.spacing, analysis.run.requested.turn_spacing
-    for k, x, y, style in _by_turn(turns.turn, turns.turn, turns.distance):
-        axes.plot(360 * (x - k), y, **style)
+    for k, rows, style in _by_turn(turns):
+        axes.plot(360 * (turns.turn[rows] - k), turns.distance[rows], **style)
     if requested is not None:
         axes.axhline(requested, color=INK, lw=1.0, ls="--", label=f"requested: {requested:g} mm")
     axes.set(xlabel="tangent angle within the turn [deg]", ylabel="spacing [mm]", title="Spacing of neighbouring turns")
@@ -46,16 +48,15 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
     axes = cast("PolarAxes", axes_on(on, projection="polar"))
     run, turns = analysis.run, analysis.spacing
     requested = run.requested.turn_spacing
-    heading = run.requested.heading(turns.s)
-    outward = heading - 0.5 * np.pi * np.sign(heading[-1] - heading[0])
-    for _, x, y, style in _by_turn(turns.turn, outward, turns.distance):
-        axes.plot(x, y, **style)
-    shown = turns.distance
+    first, last = run.requested.heading(turns.s[[0, -1]])
+    to_the_left = 0.5 * np.pi * np.sign(last - first)
+    for _, rows, style in _by_turn(turns):
+        axes.plot(run.requested.heading(turns.s[rows]) - to_the_left, turns.distance[rows], **style)
+    low, high = float(turns.distance.min()), float(turns.distance.max())
     if requested is not None:
         circle = np.linspace(0, 2 * np.pi, 181)
         axes.plot(circle, np.full(181, requested), color=INK, lw=1.0, ls="--", label=f"requested: {requested:g} mm")
-        shown = np.append(shown, requested)
-    low, high = float(shown.min()), float(shown.max())
+        low, high = min(low, requested), max(high, requested)
     reach = max(high - low, 1e-3)
     axes.set_rlim(low - reach, high + 0.05 * reach)
     axes.set_rticks(np.linspace(low, high, 3), [f"{r:.3f}" for r in np.linspace(low, high, 3)], fontsize=8)
@@ -65,15 +66,15 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
     return axes
 
 
-def _by_turn(turn: Floats, x: Floats, y: Floats) -> Iterator[tuple[int, Floats, Floats, dict[str, Any]]]:
+def _by_turn(spacing: Spacing) -> Iterator[tuple[int, NDArray[np.intp], dict[str, Any]]]:
     """Number, points and style of the line of every turn; many turns become an image, with fewer points each."""
-    number = np.floor(turn).astype(int)
-    begins = np.flatnonzero(np.diff(number, prepend=number[:1] - 1))
-    count = begins.size
-    step = -(-count // _MOST_NAMED)
-    stretches = pairwise([*begins.tolist(), number.size])
-    for i, ((begin, end), colour) in enumerate(zip(stretches, turn_colours(count), strict=True)):
-        k = int(number[begin])
+    turn, distance = spacing.turn, spacing.distance
+    numbers = range(math.floor(turn[0]), math.floor(turn[-1]) + 1)
+    ends = np.append(np.searchsorted(turn, numbers), turn.size).tolist()
+    present = [(k, begin, end) for k, (begin, end) in zip(numbers, pairwise(ends), strict=True) if begin < end]
+    step, columns = -(-len(present) // _MOST_NAMED), max(_MOST_COLUMNS // len(present), _LEAST_COLUMNS)
+    for i, ((k, begin, end), colour) in enumerate(zip(present, turn_colours(len(present)), strict=True)):
+        rows, _ = thinned(np.arange(begin, end, dtype=np.float64), distance[begin:end], columns)
         label = f"turn {k + 1} to {k + 2}" if i % step == 0 else "_"  # that is not shown
-        line = thinned(x[begin:end], y[begin:end], max(_MOST_COLUMNS // count, _LEAST_COLUMNS))
-        yield k, *line, {"lw": 1.2, "color": colour, "label": label, "rasterized": count > _MOST_LINES}
+        style = {"lw": 1.2, "color": colour, "label": label, "rasterized": len(present) > _MOST_LINES}
+        yield k, rows.astype(np.intp), style
