@@ -34,10 +34,11 @@ def test_a_registered_task_has_something_adaptive_that_loses_a_fifth_less_than_t
     assert min(classical) < 0.8 * min(fixed)
 
 
-def test_what_is_learnt_with_the_librarys_defaults_beats_the_derived_override(rows):
-    derived = {row["task"]: float(row["return"]) for row in rows if row["policy"] == "derived"}
-    learnt = [row for row in rows if row["policy"] in ("PPO", "SAC")]
-    assert len(learnt) >= 4
+def test_the_width_learnt_with_the_librarys_defaults_beats_the_derived_override(rows):
+    own = [row for row in rows if row["task"] == "BeadWidth"]
+    (derived,) = (float(row["return"]) for row in own if row["policy"] == "derived")
+    learnt = [row for row in own if row["policy"] in ("PPO", "SAC")]
+    assert len(learnt) == 6  # three seeds of each
     for row in learnt:
-        assert float(row["return"]) > derived[row["task"]]
+        assert float(row["return"]) > derived
         assert int(row["decisions"]) < 52_000  # 50 000, in whole rollouts
