@@ -154,10 +154,15 @@ class TuningStudy(Study):
         return [own if one is None else own.perturbed(one) for one in self.perturbations]
 
     @cached_property
+    def guarded(self) -> list[Machine]:
+        """The machines on which the margin is kept: those of the search, then the guards."""
+        guards = self._drawn(self.guards if self.robust else 0, self.seed + 2)
+        return [*self.machines, *(self.job.built_machine.perturbed(one) for one in guards)]
+
+    @cached_property
     def stability(self) -> Stability:
         """Stability margins on the machines of the search and the guards."""
-        guards = self._drawn(self.guards if self.robust else 0, self.seed + 2)
-        return self._stability_on([*self.machines, *(self.job.built_machine.perturbed(one) for one in guards)])
+        return self._stability_on(self.guarded)
 
     @cached_property
     def unseen_stability(self) -> Stability:
