@@ -266,7 +266,7 @@ BENCHMARKS = {
     "servo": Benchmark(servo, "at least 0.95"),
     "converged_cost": Benchmark(converged_cost, "at most 1.50"),
     "batch": Benchmark(batch, "at least 0.90"),
-    "vector_env": Benchmark(vector_env, "at least 0.70"),
+    "vector_env": Benchmark(vector_env, "at least 0.90"),
     "scalar_env": Benchmark(scalar_env, "at least 5.00"),
     "import_time": Benchmark(import_time, "at most 1.40"),
     "frame_growth": Benchmark(frame_growth, "at most 1.30"),
