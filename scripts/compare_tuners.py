@@ -201,9 +201,8 @@ def table(rows, robust, budgets):
             means = [np.mean(found.get((job, start, method, budget), [math.nan])) for method in (OWN, *OTHERS)]
             share = means[0] / np.nanmin(means[1:]) if np.isfinite(means[1:]).any() else math.nan
             cells = ["" if math.isnan(mean) else f"{mean:.2f}" if math.isfinite(mean) else "none" for mean in means]
-            lines.append(
-                f"| `{job}` | {start} | {budget} | {' | '.join(cells)} | {'' if math.isnan(share) else f'{share:.2f}'} |"
-            )
+            cells.append("" if math.isnan(share) else f"{share:.2f}")
+            lines.append(f"| `{job}` | {start} | {budget} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
 from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.servo import DERIVED
+from gantrysim.controllers.servo_values import DERIVED
 from gantrysim.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.plots.style import UM, sheet, thinned, turn_colours

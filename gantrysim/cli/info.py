@@ -11,7 +11,8 @@ from rich.table import Table
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import described
-from gantrysim.controllers.servo import DERIVED, Servo
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo_values import DERIVED
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.settings import ServoSettings

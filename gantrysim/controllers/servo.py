@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from gantrysim.controllers.derivation import (
     loop,
     nominal_motions,
 )
-from gantrysim.controllers.law import GAIN_NAMES, GAINS, Parameter, compensator
+from gantrysim.controllers.law import GAIN_NAMES, compensator
 from gantrysim.controllers.laws.linear import closed, linear_law
 from gantrysim.controllers.laws.parameters import (
     LAW_PARAMETERS,
@@ -35,51 +34,33 @@ from gantrysim.controllers.laws.parameters import (
     words,
 )
 from gantrysim.controllers.laws.user import LawName, linearised, resolved
+from gantrysim.controllers.servo_values import (
+    COMMON,
+    DAMPINGS,
+    DERIVED,
+    DRIVE,
+    DRIVE_PERIOD,
+    FEEDBACKS,
+    FOLLOWING_ERROR_LIMIT,
+    LARGEST_SEED,
+    LONGEST_PERIOD,
+    LOOPS,
+    MAX_FEEDBACK_DELAY,
+    SHORTEST_PERIOD,
+    UNLESS_GIVEN,
+    check_drive_period,
+    check_modes,
+    check_period,
+    check_whole,
+    checked,
+    drives_of,
+    per_axis,
+    whole_ratio,
+)
 from gantrysim.display import Shown
-from gantrysim.errors import InputError, at_least, between, finite, positive, whole
+from gantrysim.errors import InputError, at_least, between
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import MODES, Drives
-
-_LARGEST_GAIN = 1e18
-_DAMPINGS = (1e-3, 1e3)
-_LONGEST_PERIOD = 1.0  # [s]
-_SHORTEST_PERIOD = 1e-7  # [s]
-
-MAX_FEEDBACK_DELAY = 16  # servo periods
-_LARGEST_BANDWIDTH = 1e5  # [Hz]
-_ALMOST = 1e-6  # a whole number
-_LARGEST_SEED = 2**53
-
-FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
-
-NOTCH = (
-    Parameter("notch_frequency", "Hz", "frequency of the notch on the torque demand, 0 for none"),
-    Parameter("notch_width", "", "damping ratio of the notch's poles"),
-    Parameter("notch_depth", "", "gain of the notch at its frequency"),
-)
-
-DRIVE = (
-    Parameter("current_bandwidth", "Hz", "bandwidth of the drive's current loop, 0 for none: the winding's own lag"),
-    Parameter("encoder_noise", "u", "white noise of the encoder, rms per sample"),
-    Parameter("interpolation_error", "u", "amplitude of the encoder's error once per signal period"),
-    Parameter("interpolation_error_twice", "u", "amplitude of the encoder's error twice per signal period"),
-    Parameter("signal_period", "u", "axis travel per signal period of the encoder"),
-    Parameter("velocity_gain", "N·m·s/u", "torque per error of velocity, of a velocity loop in the drive"),
-    Parameter("velocity_time", "s", "integral time of a velocity loop in the drive, 0 for no integral term"),
-)
-LOOPS = {"velocity", "position"}  # modes of drives that close loops themselves
-DRIVE_PERIOD = 1.25e-4  # [s]
-FEEDBACKS = ("motor", "load", "none")
-
-# what `Servo.derive` takes from the axes unless it is given
-DERIVED = (
-    *GAINS,
-    *NOTCH,
-    *DRIVE,
-    *LAW_PARAMETERS,
-    Parameter("torque_limit", "N·m", "largest torque demand, the drive's own"),
-    Parameter("resolution", "u", "axis travel per encoder count, the machine's own; 0 for an exact encoder"),
-)
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,20 +120,20 @@ class Servo(LawParameters, Shown):
     encoder_seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_period(self.period)
+        check_period(self.period)
         object.__setattr__(self, "law", law_names(self.law))
-        for name, value in _UNLESS_GIVEN.items():
+        for name, value in UNLESS_GIVEN.items():
             if not getattr(self, name):
                 object.__setattr__(self, name, (value,) * len(self.kp))
         if at_least("servo delay", self.delay, 0, "s") > self.period:
             raise InputError(f"servo delay = {self.delay:g} s: must be at most the period, {self.period:g} s")
         for field in fields(self):
-            if field.name in _COMMON:
+            if field.name in COMMON:
                 continue
             values = tuple(getattr(self, field.name))
             if len(values) != len(self.kp) or not values:
                 raise InputError(f"{field.name} has {len(values)} values: must be {len(self.kp)}, one per axis")
-            object.__setattr__(self, field.name, tuple(_checked(field.name, value) for value in values))
+            object.__setattr__(self, field.name, tuple(checked(field.name, value) for value in values))
         _ = self.filters
         for once, twice, signal in zip(
             self.interpolation_error, self.interpolation_error_twice, self.signal_period, strict=True
@@ -172,8 +153,8 @@ class Servo(LawParameters, Shown):
                         f"{name} = {value:g} in mode 'stepper': must be 0, nothing is fed back; use 'torque'"
                     )
         self._check_loops()
-        _check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
-        _check_whole("encoder_seed", self.encoder_seed, _LARGEST_SEED)
+        check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
+        check_whole("encoder_seed", self.encoder_seed, LARGEST_SEED)
         self.check_laws(self.period)
         if self.law != (PID,):
             self.check_torque(f"servo law = {words(self.law)}")
@@ -183,7 +164,7 @@ class Servo(LawParameters, Shown):
             if bool(value) is not (mode == "velocity"):
                 need = "must be greater than 0" if mode == "velocity" else "must be 0, only for mode 'velocity'"
                 raise InputError(f"velocity_gain = {value:g} N·m·s/mm in mode {mode!r}: {need}")
-        _check_drive_period(self.drive_period, self.period, self.mode)
+        check_drive_period(self.drive_period, self.period, self.mode)
 
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
@@ -233,7 +214,7 @@ class Servo(LawParameters, Shown):
 
     def check_torque(self, what: str) -> None:
         """Raise InputError unless the servo sends torques to all drives, which something needs, named in words."""
-        _check_modes(what, self.mode)
+        check_modes(what, self.mode)
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return law, notch and feedback delay of each axis as the stability of its loop depends on them.
@@ -316,22 +297,22 @@ class Servo(LawParameters, Shown):
         axes = tuple(axes)
         if not axes:
             raise InputError("a servo must have at least one axis")
-        _check_period(period)
-        zeta = between("damping", damping, *_DAMPINGS)
+        check_period(period)
+        zeta = between("damping", damping, *DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
-        inner = drive_period or (DRIVE_PERIOD if _whole(period / DRIVE_PERIOD) else period)
+        inner = drive_period or (DRIVE_PERIOD if whole_ratio(period / DRIVE_PERIOD) else period)
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
-        at_least("integral_time", min(integral_time, _LONGEST_PERIOD), _SHORTEST_PERIOD, "s")
-        modes = _per_axis("mode", mode or tuple(axis.mode for axis in axes), len(axes))
-        counts = _per_axis("resolution", given.get("resolution", [axis.resolution for axis in axes]), len(axes))
-        _check_drive_period(inner, period, modes)
+        at_least("integral_time", min(integral_time, LONGEST_PERIOD), SHORTEST_PERIOD, "s")
+        modes = per_axis("mode", mode or tuple(axis.mode for axis in axes), len(axes))
+        counts = per_axis("resolution", given.get("resolution", [axis.resolution for axis in axes]), len(axes))
+        check_drive_period(inner, period, modes)
         places = tuple(
             "none" if own == "stepper" and place == "motor" and not count else place
-            for own, place, count in zip(modes, _per_axis("feedback", feedback, len(axes)), counts, strict=True)
+            for own, place, count in zip(modes, per_axis("feedback", feedback, len(axes)), counts, strict=True)
         )
-        widths = _per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
-        _check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
+        widths = per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
+        check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
         names = law_names(law)
         if PD in names:
             integral_time, share = math.inf, 0.0
@@ -339,7 +320,7 @@ class Servo(LawParameters, Shown):
         if velocity_bandwidth is not None and "velocity" not in modes:
             raise InputError(f"velocity_bandwidth = {velocity_bandwidth:g} Hz: no drive is in mode 'velocity'")
         if names != (PID,):
-            _check_modes(f"servo law = {words(names)}", modes)
+            check_modes(f"servo law = {words(names)}", modes)
         found, _ = gains_of(axes, period, frequency, zeta, integral_time, lags, velocity_bandwidth, names)
         own: list[dict[str, float]] = [{} for _ in axes]
         if names != (PID,):
@@ -369,7 +350,7 @@ class Servo(LawParameters, Shown):
                 raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
             if value is None:
                 continue
-            derived[name] = list(_per_axis(name, value, len(axes)))
+            derived[name] = list(per_axis(name, value, len(axes)))
         for name in GAIN_NAMES:
             if not isinstance(given.get(name), Iterable):
                 kept = zip(derived[name], modes, strict=True)
@@ -387,83 +368,3 @@ class Servo(LawParameters, Shown):
             drive_period=inner,
             **{name: tuple(values) for name, values in derived.items()},
         )
-
-
-_UNLESS_GIVEN: dict[str, float | str] = {
-    "notch_frequency": notch.NONE,
-    "notch_width": NOTCH_WIDTH,
-    "notch_depth": NOTCH_DEPTH,
-    **{parameter.name: 0.0 for parameter in (*DRIVE, *LAW_PARAMETERS)},
-    "feedback": FEEDBACKS[0],
-    "mode": MODES[0],
-}
-_COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed", "law", "learning_repeats", "motions")
-_LAW_NAMES = frozenset(parameter.name for parameter in LAW_PARAMETERS)
-_WORDS = {"feedback": FEEDBACKS, "mode": MODES}
-_DRIVE_NAMES = frozenset(parameter.name for parameter in DRIVE)
-
-
-def _per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
-    single = isinstance(value, str) or not isinstance(value, Iterable)
-    values = (value,) * axes if single else tuple(value)
-    if len(values) != axes:
-        raise InputError(f"{name} has {len(values)} values: must be one or {axes}, one per axis")
-    return tuple(_checked(name, one) for one in values) if name in (*_WORDS, "current_bandwidth") else values
-
-
-def drives_of(feedback: Sequence[str], bandwidth: Sequence[float], mode: Sequence[str], period: float) -> Drives:
-    """Return what of the drives lies in the loops, given feedback, current bandwidth and mode of every axis.
-
-    Gains of velocity loops are left out.
-    """
-    load = tuple(place == "load" for place in feedback)
-    return Drives(
-        load if any(load) else (),
-        tuple(bandwidth) if any(bandwidth) else (),
-        tuple(mode) if set(mode) != {MODES[0]} else (),
-        period=period if LOOPS & set(mode) else 0.0,
-    )
-
-
-def _whole(ratio: float) -> bool:
-    return round(ratio) >= 1 and abs(ratio - round(ratio)) < _ALMOST
-
-
-def _check_drive_period(own: float, period: float, mode: Sequence[str]) -> None:
-    ratio = period / positive("drive_period", own, "s", _LONGEST_PERIOD)
-    if LOOPS & set(mode) and not _whole(ratio):
-        raise InputError(f"drive_period = {own:g} s: must be a whole fraction of the servo period, {period:g} s")
-
-
-def _check_whole(name: str, value: float, most: int) -> None:
-    between(name, whole(name, value, 0), 0, most)
-
-
-def _check_modes(what: str, modes: Sequence[str]) -> None:
-    if set(modes) != {MODES[0]}:
-        raise InputError(
-            f"{what}: servo mode = {', '.join(map(repr, modes))}, with other gains or none; only for 'torque'"
-        )
-
-
-def _check_period(period: float) -> None:
-    if positive("servo period", period, "s", _LONGEST_PERIOD) < _SHORTEST_PERIOD:
-        raise InputError(f"servo period = {period:g} s: must be at least {_SHORTEST_PERIOD:g} s")
-
-
-def _checked(name: str, value: Any) -> Any:
-    if name in _WORDS:
-        if value not in _WORDS[name]:
-            raise InputError(f"servo {name} = {value!r}: must be one of {', '.join(map(repr, _WORDS[name]))}")
-        return value
-    if name in _LAW_NAMES:
-        return at_least(name, value, 0)
-    if name in _DRIVE_NAMES:
-        return between(name, value, 0, _LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)
-    if name in ("torque_limit", "following_error_limit"):
-        return value if value == math.inf else positive(name, value)
-    if name == "resolution":
-        return at_least("encoder resolution", value, 0, "mm")
-    if abs(finite(name, value)) > _LARGEST_GAIN:
-        raise InputError(f"{name} = {value:g}: must be at most {_LARGEST_GAIN:g}")
-    return float(value)

@@ -8,7 +8,8 @@ from contextlib import AbstractContextManager
 import mujoco
 
 from gantrysim.controllers.law import PlainLaw
-from gantrysim.engine.simulation import Simulation, Started
+from gantrysim.engine.simulation import Simulation
+from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed, installed_law
 
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
@@ -64,7 +65,7 @@ class Stepper:
 
     def __init__(self, simulation: Simulation) -> None:
         self.data = mujoco.MjData(simulation.model)
-        self.run = simulation.start(self.data.qpos, self.data.userdata)
+        self.run = Started.of(simulation, self.data.qpos, self.data.userdata)
 
     def advance(
         self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None

@@ -19,7 +19,8 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import advance
 from gantrysim.engine.learning import run_and_learn
-from gantrysim.engine.simulation import Simulation, Started
+from gantrysim.engine.simulation import Simulation
+from gantrysim.engine.started import Started
 from gantrysim.errors import GantryError, InputError, whole
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
@@ -207,7 +208,7 @@ class Batch:
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
         for place, simulation in simulations.items():
             self._loaded[place] = simulation  # kept alive before its row is armed with addresses of its arrays
-            self.runs[place] = simulation.start(self._qpos[place], self._userdata[place])
+            self.runs[place] = Started.of(simulation, self._qpos[place], self._userdata[place])
 
     def moment(self, place: int) -> Moment:
         """Return a copy of the present moment of the simulation at a place.

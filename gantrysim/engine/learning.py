@@ -11,7 +11,8 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.laws.parameters import LEARNING
-from gantrysim.engine.simulation import Simulation, Started
+from gantrysim.engine.simulation import Simulation
+from gantrysim.engine.started import Started
 from gantrysim.errors import InputError
 
 

@@ -12,7 +12,8 @@ from gantrysim.engine.advance import Stepper
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
-from gantrysim.engine.simulation import Simulation, Started, checked_dispenser
+from gantrysim.engine.simulation import Simulation, checked_dispenser
+from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine

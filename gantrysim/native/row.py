@@ -12,7 +12,7 @@ from gantrysim.controllers.law import GAINS
 from gantrysim.controllers.laws.friction import Friction
 from gantrysim.controllers.laws.observer import MOST_SHIFT, TAPS
 from gantrysim.controllers.notch import Coefficients
-from gantrysim.controllers.servo import MAX_FEEDBACK_DELAY
+from gantrysim.controllers.servo_values import MAX_FEEDBACK_DELAY
 from gantrysim.native.layout import offsets
 
 MAX_AXES = 6

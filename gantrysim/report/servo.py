@@ -6,7 +6,8 @@ import math
 
 from gantrysim.controllers.law import GAINS
 from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, LawParameters, words
-from gantrysim.controllers.servo import NOTCH, Servo
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo_values import NOTCH
 from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.machine.machine import Machine

@@ -6,7 +6,8 @@ import json
 from collections.abc import Sequence
 
 from gantrysim.controllers.laws.parameters import NOT_PD, PD, PID
-from gantrysim.controllers.servo import DERIVED, Servo
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo_values import DERIVED
 from gantrysim.job.job import Job
 
 TUNED = "tuned.toml"

@@ -9,7 +9,8 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from typing import Any
 
-from gantrysim.controllers.servo import DRIVE, Servo
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo_values import DRIVE
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
 from gantrysim.errors import InputError, positive, unknown, whole

@@ -13,6 +13,7 @@ from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulation import Simulation
+from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed
 
 from support.runs import PERIOD, STEP, ideal_motors, plain, ramp, turn, turntable
@@ -206,7 +207,7 @@ def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
     simulation = Simulation.of(machine, servo, ramp(400.0), physics_step=STEP)
     model = simulation.model
     data = mujoco.MjData(model)
-    run = simulation.start(data.qpos, data.userdata)
+    run = Started.of(simulation, data.qpos, data.userdata)
     before = 0.0
     with installed():
         for _ in range(4000):

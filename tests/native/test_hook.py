@@ -12,6 +12,7 @@ import pytest
 
 from gantrysim import simulate
 from gantrysim.engine.simulation import Simulation
+from gantrysim.engine.started import Started
 from gantrysim.native import hook, interrupts
 from gantrysim.native.hook import installed, installed_law
 
@@ -56,7 +57,7 @@ def shared(machine):
 def alone(machine):
     simulation = Simulation.of(machine, plain(machine), ramp(50.0, 1.0))
     data = mujoco.MjData(simulation.model)
-    simulation.start(data.qpos, data.userdata)
+    Started.of(simulation, data.qpos, data.userdata)
     return lambda: installed_law(data, lambda tick: 0.0 * tick.error)
 
 

@@ -1,0 +1,184 @@
+"""The columns of a record: from a log, from the setpoints, and the part that is no array."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats, read_only
+from gantrysim.columns import FileTable, blocks
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.injection import faulted_flow, stretches
+from gantrysim.faults import InjectedFault
+from gantrysim.jit import jit
+from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.machine import Machine
+from gantrysim.native.row import Log
+
+
+def columns_of(axes: int, *, waiting: bool, geometry: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
+    """Return the columns of a record in a file."""
+    number = np.dtype(np.float64)
+    names = {"": ("time", "flow", "flow_demand"), "axes": ("commanded", *OF_AXES), "tip": (*TIPS, "commanded_tip")}
+    tails = {"": (), "axes": (axes,), "tip": (3,)}
+    columns = {name: (number, tails[kind]) for kind, group in names.items() for name in group}
+    columns |= {name: (number, (3,)) for name in ("geometric_tip", IDEAL) if geometry}
+    whole = {"setpoint": (np.dtype(np.int64), ())} if waiting else {}
+    return {**columns, "dispense": (np.dtype(np.bool_), ()), **whole}
+
+
+OF_AXES = ("encoder", "motor", "demand", "torque", "current", "voltage")
+TIPS = ("encoder_tip", "motor_tip", "nozzle")
+IDEAL = "ideal_nozzle"  # the nozzle of the same machine with an ideal geometry
+
+
+def measured(
+    machine: Machine, log: Log, first: int, period: float, faults: tuple[InjectedFault, ...], special: Floats
+) -> dict[str, Floats]:
+    """Return the part of a record that was measured, from the log from a first tick on."""
+    drives = np.array(
+        [
+            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, *own)
+            for gain, axis, own in zip(machine.drive_gain, machine.axes, special, strict=True)
+        ]
+    )
+    ticks = len(log.axis)
+    columns = np.empty((len(OF_AXES), len(drives), ticks))
+    for begin, after, own in stretches(faults, machine.axis_names, period, range(first, first + ticks), drives):
+        part = slice(begin - first, after - first)
+        _fill(columns[:, :, part], log.axis[part], own)
+    of_axes = {name: column.T for name, column in zip(OF_AXES, columns, strict=True)}
+    tips = (machine.tip(of_axes["encoder"]), machine.tip(of_axes["motor"]), log.tick["nozzle"].copy())
+    return {**of_axes, **dict(zip(TIPS, tips, strict=True))}
+
+
+@jit
+def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
+    """Fill in encoder, motor, demand, torque, current and voltage, (6, axes, n).
+
+    Columns are several times as fast to work on as rows. The voltage is by the drive's law: terminal voltage for the
+    demanded torque, back-EMF compensated, within the bus; with a current loop, for what it asks for, see
+    `gantrysim.native.drives.follow_demands`. A stepper in open loop has the torque of its current, which is also its
+    demand, and the voltage that it logs.
+
+    Args:
+        columns: to be filled in.
+        log: of the axes, (n, axes) of `LOG_AXIS`.
+        drives: gain, motor constant, resistance, bus voltage, peak torque, lead, and 1 for a stepper in open loop, of
+            each axis, (axes, 7).
+    """
+    n, axes = log.shape
+    for a in range(axes):
+        gain, constant, resistance, bus, peak, lead, stepping = drives[a]
+        for k in range(n):
+            entry = log[k, a]
+            wanted = gain * entry.demand  # about to be delivered
+            back = constant * entry.motor_speed
+            control = wanted
+            if lead != 0.0:
+                control = constant * entry.current + lead * (wanted - constant * entry.current)
+            volts = min(max(resistance / constant * control + back, -bus), bus)
+            amperes = (volts - back) / resistance if np.isnan(entry.current) else entry.current
+            delivered = wanted if np.isnan(constant) else constant * amperes
+            torque = min(max(delivered, -peak), peak)
+            demand = entry.demand
+            if stepping != 0.0:
+                demand, volts = torque, entry.demand
+            for row, value in enumerate((entry.encoder, entry.motor, demand, torque, amperes, volts)):
+                columns[row, a, k] = value
+
+
+@jit
+def _speeds(tip: Floats, period: float) -> Floats:
+    """Return the mean speed over the period after each tick, 0 after the last, (n,) [mm/s].
+
+    Args:
+        tip: commanded nozzle, (n, 3) [mm].
+        period: servo period [s].
+    """
+    speeds = np.zeros(len(tip))
+    for k in range(len(tip) - 1):
+        x, y, z = tip[k + 1, 0] - tip[k, 0], tip[k + 1, 1] - tip[k, 1], tip[k + 1, 2] - tip[k, 2]
+        speeds[k] = np.sqrt(x * x + y * y + z * z) / period
+    return speeds
+
+
+def protected(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the content with its arrays read-only."""
+    return {name: read_only(array) for name, array in content.items()}
+
+
+def sent_columns(
+    machine: Machine,
+    setpoints: Setpoints,
+    position: Floats,
+    sent: NDArray[np.integer],
+    dispenser: Dispenser,
+    content: dict[str, Any],
+    faults: tuple[InjectedFault, ...] = (),
+    table: FileTable | None = None,
+) -> None:
+    """Add the columns of a record that follow from the setpoints.
+
+    Args:
+        machine: as in `LogBook`.
+        setpoints: likewise.
+        position: likewise.
+        sent: index of the setpoint at each tick, (n,).
+        dispenser: as in `LogBook`.
+        content: to which the columns are added, unless there is a table.
+        faults: as in `LogBook`.
+        table: to which they are written block by block.
+    """
+    n, period = sent.size, setpoints.period
+    waited = sent[-1] != n - 1  # else one at a tick
+    speed = np.zeros(n)
+    for block in [slice(0, n)] if table is None else blocks(n):
+        ahead = slice(block.start, block.stop + 1)
+        commanded = position[sent[ahead]] if waited else position[: sent.size][ahead]
+        tip, count = machine.tip(commanded), block.stop - block.start
+        speed[block] = _speeds(tip, period)[:count]
+        columns = {
+            "time": np.arange(block.start, block.stop, dtype=np.float64) * period,
+            "commanded": commanded[:count],
+            "commanded_tip": tip[:count],
+        }
+        if table is None:
+            content |= columns
+        else:
+            table.write(block.start, columns)
+    dispense = setpoints.dispense[sent] if waited else setpoints.dispense[:n]
+    flow = dispenser.flows(dispense, speed, period)
+    if faults:
+        flow = faulted_flow(faults, flow, dispenser.open_share(dispense, period), period)
+    columns = {
+        "flow": flow,
+        "flow_demand": dispenser.flow_demand(dispense, speed),
+        "dispense": dispense,
+    }
+    if table is None:
+        content |= columns
+    else:
+        table.write(0, columns)
+
+
+def constants(machine: Machine, setpoints: Setpoints, dispenser: Dispenser) -> dict[str, Any]:
+    """Return the part of a record that is no array."""
+    return {
+        "machine": machine.name,
+        "axes": machine.axis_names,
+        "units": tuple(axis.unit for axis in machine.axes),
+        "requested": setpoints.requested,
+        "period": setpoints.period,
+        "gap": machine.gap,
+        **_needle(machine, dispenser),
+    }
+
+
+def _needle(machine: Machine, dispenser: Dispenser) -> dict[str, float]:
+    """Return the size of the dispenser's needle, or else of the machine's; empty where neither has one."""
+    needle = dispenser.needle
+    size = machine.needle if needle is None else (needle.face, needle.length)
+    return {} if size is None else {"face": size[0], "needle_length": size[1]}
