@@ -82,15 +82,6 @@ def test_a_refused_job_is_refused_before_any_case(tmp_path, job):
         assert not (tmp_path / "new").exists()
 
 
-def test_a_failing_report_keeps_the_rows_and_writes_nothing(tmp_path, job):
-    with pytest.raises(ZeroDivisionError):
-        run_study(Toy(job, broken=True), tmp_path, workers=1)
-    assert list(content(tmp_path)) == [LEDGER]
-    mended = Toy(job)
-    assert run_study(mended, tmp_path, workers=1).kept == 4
-    assert mended.measure.seen == []
-
-
 class Failing(Counted):
     """Fails at one of its cases."""
 

@@ -405,7 +405,7 @@ def test_the_command(tmp_path, monkeypatch, gantrysim_command):
     assert (status, said) == (0, "")
     assert output.startswith("Least contour error ")
     assert "best period" in output
-    assert output.endswith(f"written to {tmp_path / 'a'}/: job.toml, plots, report.html, study.csv, study.toml\n")
+    assert output.endswith(f"written to {tmp_path / 'a'}/: job.toml, report.html, study.csv, study.toml\n")
     assert 'command = "gantrysim study loop job.toml"' in (tmp_path / "a" / "study.toml").read_text()
 
 
