@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, settings
 # for one another on busy cores take a hundred times as long as one alone.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A job in the background of a shell begins with Ctrl-C ignored, one of nohup with SIGHUP: the command respects that, and
-# its tests need the signals.
+# A job in the background of a shell begins with Ctrl-C ignored, one of nohup with SIGHUP. The command respects that,
+# but its tests need the signals.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
