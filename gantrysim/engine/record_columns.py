@@ -91,18 +91,18 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
 
 
 @jit
-def _speeds(tip: Floats, period: float) -> Floats:
-    """Return the mean speed over the period after each tick, 0 after the last, (n,) [mm/s].
+def _fill_speeds(speeds: Floats, tip: Floats, period: float) -> None:
+    """Fill in the mean speed over the period after each tick, 0 after the last, (n,) [mm/s].
 
     Args:
-        tip: commanded nozzle, (n, 3) [mm].
+        speeds: to be filled in.
+        tip: commanded nozzle, (n, 3), and where it goes on (n + 1, 3) [mm].
         period: servo period [s].
     """
-    speeds = np.zeros(len(tip))
+    speeds[-1] = 0.0
     for k in range(len(tip) - 1):
         x, y, z = tip[k + 1, 0] - tip[k, 0], tip[k + 1, 1] - tip[k, 1], tip[k + 1, 2] - tip[k, 2]
         speeds[k] = np.sqrt(x * x + y * y + z * z) / period
-    return speeds
 
 
 def protected(content: dict[str, Any]) -> dict[str, Any]:
@@ -134,12 +134,12 @@ def sent_columns(
     """
     n, period = sent.size, setpoints.period
     waited = sent[-1] != n - 1  # else one at a tick
-    speed = np.zeros(n)
+    speed = np.empty(n)
     for block in [slice(0, n)] if table is None else blocks(n):
         ahead = slice(block.start, block.stop + 1)
         commanded = position[sent[ahead]] if waited else position[: sent.size][ahead]
         tip, count = machine.tip(commanded), block.stop - block.start
-        speed[block] = _speeds(tip, period)[:count]
+        _fill_speeds(speed[block], tip, period)
         columns = {
             "time": np.arange(block.start, block.stop, dtype=np.float64) * period,
             "commanded": commanded[:count],

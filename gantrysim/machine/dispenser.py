@@ -127,6 +127,10 @@ class Dispenser:
         """The needle through which a pressure drives the flow, None for a volumetric dispenser."""
         return self.needle if self.metering == TIME_PRESSURE else None
 
+    @property
+    def _flows_at_all(self) -> bool:
+        return bool(self.flow or self.area or self.pressure)
+
     def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
         """Return the flow demanded by the program, without leads and lags, over each servo period, (n,) [mm³/s].
 
@@ -134,7 +138,8 @@ class Dispenser:
             dispense: dispenser command from each tick to the next, (n,).
             speed: mean commanded path speed over that period, (n,) [mm/s].
         """
-        return np.where(np.asarray(dispense, bool), self._demand(np.asarray(speed, float)), 0.0)
+        on = np.asarray(dispense, bool)
+        return np.where(on, self._demand(np.asarray(speed, float)), 0.0) if self._flows_at_all else np.zeros(on.shape)
 
     def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float) -> Floats:
         """Return the mean flow out of the nozzle over the period after each tick, (n,) [mm³/s].
@@ -154,10 +159,10 @@ class Dispenser:
         positive("period", period, "s")
         if on.ndim != 1 or speeds.shape != on.shape:
             raise InputError(f"speed of shape {speeds.shape}: must be that of dispense, (n,), here {on.shape}")
-        if not np.isfinite(speeds).all() or (speeds < 0).any():
+        if not (speeds.min(initial=0.0) >= 0 and speeds.max(initial=0.0) < math.inf):
             wrong = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
             raise InputError(f"speed = {speeds[wrong]:g} mm/s at tick {wrong}: must be finite and at least 0 mm/s")
-        if not (self.flow or self.area or self.pressure):
+        if not self._flows_at_all:
             return np.zeros(on.size)
         begins, ends = self._valve(on, period)
         if not begins.size:
