@@ -15,6 +15,7 @@ from typing import Any
 import wrapt
 from rich.console import Console, RenderableType
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -37,6 +38,7 @@ _AGAIN = 0.1  # until a lost interrupt is raised again [s]
 # what is printed where the terminal's encoding lacks a character
 _PLAIN = str.maketrans({"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "..."})
 
+_WIDEST = 10_000  # characters of a table
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
 
@@ -57,8 +59,10 @@ def spell_out() -> None:
 
 
 def show(content: RenderableType) -> None:
-    """Print a table or another rich renderable."""
-    _output.print(content)
+    """Print a table or another rich renderable; where the terminal is too narrow, lines run on and nothing is cut."""
+    least = Measurement.get(_output, _output.options.update(width=_WIDEST), content).minimum
+    wide = _output if least <= _output.width else Console(width=least)
+    wide.print(content, crop=False)
 
 
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:

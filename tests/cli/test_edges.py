@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from gantrysim.cli import study, terminal
 from gantrysim.plots.style import sheet
+from gantrysim.report.document import Table
 
 LINES = {
     "job in a home": (["check", "~nobody-here/x.toml"], "~nobody-here/x.toml: there is no such home folder"),
@@ -86,3 +88,16 @@ def test_code_is_compiled_where_no_folder_can_be_written(monkeypatch):
         return 2 * x
 
     assert jit(double)(21) == 42
+
+
+@pytest.mark.parametrize("columns", [20, 60, 400])
+def test_no_number_of_a_study_is_cut_in_a_narrow_terminal(monkeypatch, capsys, columns):
+    heads = [f"quantity {k} of many" for k in range(12)]
+    rows = [[f"{1000 * a + k + 0.125:.3f}" for k in range(12)] for a in range(3)]
+    monkeypatch.setattr(terminal._output, "_width", columns)
+    terminal.show(study._terminal_table(Table(heads, rows)))
+    shown = capsys.readouterr().out
+    words = shown.split()
+    for row in rows:
+        assert [word for word in words if word in row] == row
+    assert words.count("quantity") == 12
