@@ -267,3 +267,9 @@ def test_a_job_of_fanuc_keeps_its_program_through_toml(tmp_path):
 def test_objects_that_are_not_blocks_are_refused():
     with pytest.raises(ValueError, match="must be a Rapid, Line, Arc, Spiral or Dwell"):
         Program(("G01 X5",))
+
+
+def test_an_alarm_quotes_no_more_than_a_line():
+    with pytest.raises(Alarm) as refused:
+        Program("G90 G01 X10 F1000\n" + "?" * 5000)
+    assert len(str(refused.value)) < 300

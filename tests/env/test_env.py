@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, simulate
-from gantrysim.engine.simulation import Simulation
+from gantrysim.engine.started import Started
 from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuningVectorEnv
 from gantrysim.env.episodes import TUNED_GAINS
 from gantrysim.env.observation import entries
@@ -504,14 +504,14 @@ def test_a_copy_is_a_new_environment_with_the_same_settings(again):
 def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
     env = kind(**SHORT)
     env.reset(seed=1)
-    start = Simulation.start
+    start = Started.of.__func__
 
-    def interrupted(self, *state):
-        start(self, *state)
+    def interrupted(cls, *state):
+        start(cls, *state)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Simulation, "start", interrupted)
+        patch.setattr(Started, "of", classmethod(interrupted))
         with pytest.raises(KeyboardInterrupt):
             env.reset()
     fleet = env._episodes._batch

@@ -30,6 +30,8 @@ TITLES = {
     5124: "CAN NOT COMMAND SPIRAL",
 }
 
+_LONGEST = 200  # characters of a detail
+
 
 class Alarm(InputError):  # noqa: N818 - the controller's own word
     """A program that the controller refuses before any motion.
@@ -44,10 +46,10 @@ class Alarm(InputError):  # noqa: N818 - the controller's own word
 
     def __init__(self, number: int, block: str, line: int, detail: str) -> None:
         self.number, self.title, self.block, self.line = number, TITLES[number], block, line
-        self.detail = detail
+        self.detail = detail if len(detail) <= _LONGEST else f"{detail[:_LONGEST]}..."
         where = block if block.startswith("block ") else f"block {block}"
         where += f" (line {line})" if line else ""
-        super().__init__(f"alarm {number:03} {self.title} in {where}: {detail}")
+        super().__init__(f"alarm {number:03} {self.title} in {where}: {self.detail}")
 
     def __reduce__(self) -> tuple[type[Alarm], tuple[int, str, int, str]]:
         return Alarm, (self.number, self.block, self.line, self.detail)
