@@ -178,9 +178,9 @@ EVERY = Target(lambda: [bytes([k]) + seed for k, one in enumerate(TARGETS.values
 def compiled() -> list[str]:
     """Return the modules with functions that numba compiles, which may not be changed."""
     root = DOCS.parent / "gantrysim"
-    paths = [
-        path for path in root.rglob("*.py") if re.search(r"\bjit\b|_jit\b|PlainLaw", path.read_text(encoding="utf-8"))
-    ]
+    marked = re.compile(r"\bjit\b|_jit\b|PlainLaw")
+    paths = [path for path in root.rglob("*.py") if marked.search(path.read_text(encoding="utf-8"))]
+    paths += [root / "controllers" / "notch.py", *(root / "controllers" / "laws").glob("*.py")]
     return [".".join(path.relative_to(root.parent).with_suffix("").parts) for path in paths]
 
 
