@@ -7,8 +7,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.jit import jit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,13 +114,26 @@ def thinned(x: Floats, y: Floats, columns: int = _COLUMNS) -> tuple[Floats, Floa
     size = -(-x.size // columns)
     if size <= 4:
         return x, y
-    rows = np.full((-(-x.size // size), size), np.nan)
-    rows.flat[: x.size] = y
-    first = np.arange(rows.shape[0]) * size
-    low, high = (
-        first + choose(np.where(np.isnan(rows), away, rows), axis=1)
-        for choose, away in ((np.argmin, np.inf), (np.argmax, -np.inf))
-    )
-    gaps = np.flatnonzero(np.isnan(y))
-    kept = np.unique(np.concatenate([first, low, high, first[1:] - 1, gaps, [x.size - 1]]))
+    kept = np.zeros(x.size, bool)
+    _mark(kept, y, size)
     return x[kept], y[kept]
+
+
+@jit
+def _mark(kept: NDArray[np.bool_], y: Floats, size: int) -> None:
+    """Mark the first, lowest, highest and last of every so many values, and every NaN; in place, as lines are long."""
+    for begin in range(0, y.size, size):
+        end = min(begin + size, y.size)
+        low = high = -1
+        for k in range(begin, end):
+            if np.isnan(y[k]):
+                kept[k] = True
+            elif low < 0:
+                low = high = k
+            elif y[k] < y[low]:
+                low = k
+            elif y[k] > y[high]:
+                high = k
+        kept[begin] = kept[end - 1] = True
+        if low >= 0:
+            kept[low] = kept[high] = True
