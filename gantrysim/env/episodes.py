@@ -11,6 +11,7 @@ import numpy as np
 
 from gantrysim import memory
 from gantrysim.arrays import Floats
+from gantrysim.controllers.laws.parameters import LEARNING, words
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.profile import PointToPoint, Profile
@@ -124,6 +125,8 @@ class Source:
         else:
             self.machine, servo = self._job.built_machine, self._job.built_servo
         servo.check_torque("environment")
+        if LEARNING in servo.law:
+            raise InputError(f"environment: servo law = {words(servo.law)}: leave out learning, which needs whole runs")
         lower: dict[str, Any] = {n: tuple(gain / detune for gain in getattr(servo, n)) for n in SCALED}
         self.servo = replace(servo, **lower)
         self.ticks = self._ticks()

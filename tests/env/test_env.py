@@ -523,3 +523,8 @@ def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
     else:
         *_, info = env.step(np.zeros((1, 4)))
         assert "reward_contour" not in info  # a reset came first
+
+
+def test_an_environment_refuses_a_law_that_learns_over_whole_runs():
+    with pytest.raises(InputError, match=r"^environment: servo law = pid, learning: leave out learning"):
+        SpiralTuningEnv(job=Job.load("an225", ['servo.law=["pid", "learning"]']))
