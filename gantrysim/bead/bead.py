@@ -190,7 +190,7 @@ class Bead(BeadTrace, Shown):
             on[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
         return on
 
-    @cached_property
+    @property
     def _turn_lengths(self) -> Floats:
         """Length of the path that each point of the spacing stands for, (m,) [mm]."""
         s = self.analysis.spacing.s
@@ -214,17 +214,17 @@ class Bead(BeadTrace, Shown):
     @cached_property
     def _coverage(self) -> float:
         """Wet share of the links between neighbouring turns, weighted by area."""
-        link, distance = self.analysis.spacing.link, self.analysis.spacing.distance
+        spacing = self.analysis.spacing
         cumulated = np.concatenate([[0.0], np.cumsum(self._turn_lengths)])
         some = np.minimum(
-            np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, distance.size - 1
+            np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, cumulated.size - 2
         )
         # not at the same distances from the trace on every link
         share = (np.arange(_ON_A_LINK) + (_GOLDEN * np.arange(_LINKS)[:, None]) % 1.0) / _ON_A_LINK
-        begin, end = link[some, 0, :2], link[some, 1, :2]
+        begin, end = np.moveaxis(spacing.link[some][..., :2], 1, 0)
         points = begin[:, None] + share[..., None] * (end - begin)[:, None]
         wet = self.map.wet(points).mean(axis=1)
-        return float(np.average(wet, weights=distance[some]))
+        return float(np.average(wet, weights=spacing.distance[some]))
 
     @cached_property
     def _bounds(self) -> NDArray[np.intp]:

@@ -90,7 +90,7 @@ class BeadTrace:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        self.length: Floats = cumulated(surface_steps(run.nozzle))
+        self.length: Floats = cumulated(surface_steps(run))
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
@@ -175,12 +175,12 @@ class BeadTrace:
     @property
     def commanded_steps(self) -> Floats:
         """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
-        tip = self.run.commanded_tip
+        run = self.run
 
         def steps(block: slice) -> Floats:
-            return np.linalg.norm(np.diff(tip[block.start : block.stop + 1], axis=0), axis=1)
+            return np.linalg.norm(np.diff(run.commanded_tip[block.start : block.stop + 1], axis=0), axis=1)
 
-        return by_blocks(steps, len(tip) - 1)
+        return by_blocks(steps, len(run.time) - 1)
 
     @cached_property
     def nozzle_height(self) -> Floats:
@@ -306,19 +306,19 @@ def cumulated(values: Floats) -> Floats:
     return sums
 
 
-def surface_steps(trace: Floats) -> Floats:
-    """Length from each point of a trace to the next along the surface, (n - 1,) [mm].
+def surface_steps(run: Run) -> Floats:
+    """Length of the nozzle's trace from each tick to the next along the surface, (n - 1,) [mm].
 
     A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
     so that glue which flows meanwhile lies on the spot.
     """
 
     def steps(block: slice) -> Floats:
-        step = np.diff(trace[block.start : block.stop + 1], axis=0)
+        step = np.diff(run.nozzle[block.start : block.stop + 1], axis=0)  # a long run's is mapped anew
         ahead = np.hypot(step[:, 0], step[:, 1])
         return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
 
-    return by_blocks(steps, len(trace) - 1)
+    return by_blocks(steps, len(run.time) - 1)
 
 
 def _averaged(values: Floats, reach: int) -> Floats:

@@ -163,7 +163,7 @@ def _evaluated(
 
     if with_report:
         with optional("plot"), share_bar("plot", go_on) as advance:
-            save_plots(analysis, scratch / PLOTS, bead=bead, progress=advance)
+            save_plots(budget, scratch / PLOTS, bead=bead, progress=advance)
     shown.append(lambda: show(links_table(job.name, machine, budget)))
     if losses is not None:
         cost = losses_table(record, losses)
@@ -178,5 +178,5 @@ def _evaluated(
             save_video(machine, record, scratch / VIDEO, bead=job.bead, label=job.name, progress=advance)
     if with_report:
         with optional("report"), share_bar("report", go_on) as advance:
-            write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses)
+            write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses, budget)
     return shown

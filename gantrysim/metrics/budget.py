@@ -139,14 +139,19 @@ class Budget:
         On a path that turns both ways, turns are counted on the stretch that turns furthest one way. A rest below a
         hundredth of a turn belongs to the last one.
         """
+        turned, (first, last) = self._turned()
+        turn = np.full(self.analysis.ticks.size, -1)
+        if turned.size:
+            turned /= 2 * np.pi  # in place: a long run has room for few arrays
+            whole = np.ceil(turned[-1] - _REST)
+            np.floor(turned, out=turned)
+            turn[first:last] = np.clip(turned, 0, max(whole - 1, 0), out=turned)
+        return turn
+
+    def _turned(self) -> tuple[Floats, tuple[int, int]]:
         foot = np.maximum.accumulate(self.analysis.nozzle.s)
         path = self.analysis.run.requested
-        turned, (first, last) = one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
-        turn = np.full(foot.size, -1)
-        if turned.size:
-            whole = np.ceil(turned[-1] / (2 * np.pi) - _REST)
-            turn[first:last] = np.clip(np.floor(turned / (2 * np.pi)), 0, max(whole - 1, 0))
-        return turn
+        return one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
 
     @cached_property
     def values(self) -> BudgetValues:

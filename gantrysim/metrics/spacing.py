@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.arrays import Floats, dot
 from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.controllers.paths.path import Local, Path, Projection
+from gantrysim.jit import jit
 
 _NEWTON_STEPS = 20
 _LAST_STEP = 1e-7  # Newton step below which the remaining error is of the order of its square [mm]
@@ -141,16 +141,39 @@ def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:
     Returns:
         The angle turned since the start of the stretch, (k,) [rad], and its first index and the one after its last.
     """
-    change = np.diff(heading)
-    sense = np.sign(change)
-    # a straight belongs to the turning before it
-    turning = np.flatnonzero(sense)
-    if not turning.size:
+    low, high = _furthest_turned(heading, s)
+    if low == high:
         return np.zeros(0), (0, 0)
-    sense = sense[turning[np.maximum(np.searchsorted(turning, np.arange(sense.size), side="right") - 1, 0)]]
-    sense[(np.abs(change) > _CORNER) & (np.diff(s) < _CORNER_LENGTH)] = 0  # a corner belongs to no stretch
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(sense)) + 1, [sense.size]])
-    turned = [abs(heading[high] - heading[low]) * abs(sense[low]) for low, high in pairwise(edges.tolist())]
-    k = int(np.argmax(turned))
-    low, high = edges[k : k + 2].tolist()
-    return np.abs(heading[low : high + 1] - heading[low]), (low, high + 1)
+    turned = heading[low : high + 1] - heading[low]
+    return np.abs(turned, out=turned), (low, high + 1)
+
+
+@jit
+def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
+    """Return the first and the last index of the stretch that turns furthest one way, twice 0 where nothing turns."""
+    n = heading.size
+    before = 0.0  # sense of the last turning
+    for k in range(n - 1):
+        if heading[k + 1] != heading[k]:
+            before = np.sign(heading[k + 1] - heading[k])
+            break
+    if before == 0.0:
+        return 0, 0
+    begin, low, high, furthest = 0, 0, 0, -1.0
+    own = 0.0  # sense of the stretch, 0 for that of a corner
+    for k in range(n):
+        sense = 2.0  # of no stretch, behind the last
+        if k < n - 1:
+            change = heading[k + 1] - heading[k]
+            if change != 0.0:
+                before = np.sign(change)
+            # a straight belongs to the turning before it, a corner to no stretch
+            sense = 0.0 if abs(change) > _CORNER and s[k + 1] - s[k] < _CORNER_LENGTH else before
+        if k == 0:
+            own = sense
+        elif sense != own:
+            turned = abs(heading[k] - heading[begin]) * abs(own)
+            if turned > furthest:
+                low, high, furthest = begin, k, turned
+            begin, own = k, sense
+    return low, high

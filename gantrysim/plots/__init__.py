@@ -30,12 +30,15 @@ class PlotError(GantryError):
 
 
 def save_plots(
-    analysis: Analysis, folder: FilePath, bead: Bead | None = None, progress: Callable[[float], None] | None = None
+    of: Analysis | Budget,
+    folder: FilePath,
+    bead: Bead | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> list[FilePath]:
     """Write plan.png, error.png, budget.png, spacing.png of neighbouring turns, and bead.png where there is glue.
 
     Args:
-        analysis: the analysis of the run.
+        of: the analysis of the run, or its budget.
         folder: folder to write into.
         bead: the bead of the run.
         progress: called with the share that is done.
@@ -46,11 +49,13 @@ def save_plots(
     Raises:
         PlotError: plots that failed; the others are written.
     """
+    budget = of if isinstance(of, Budget) else Budget(of)
+    analysis = budget.analysis
     tall = 6.5 if len(set(analysis.run.units)) == 1 else 9.0  # a panel for each kind of axis, and one for the path
     drawings: dict[str, tuple[Callable[[Figure], object], tuple[float, float]]] = {
         "plan": (partial(draw_plan, analysis=analysis), (7.0, view_height(*plan_extent(analysis), 7.0))),
         "error": (partial(draw_error, analysis=analysis), (9.0, tall)),
-        "budget": (partial(draw_budget_along, budget=Budget(analysis)), (9.0, 7.5)),
+        "budget": (partial(draw_budget_along, budget=budget), (9.0, 7.5)),
     }
     if analysis.spacing.distance.size:
         drawings["spacing"] = (partial(draw_spacing, analysis=analysis), (8.0, 4.6))

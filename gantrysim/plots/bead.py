@@ -56,8 +56,8 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead) -> tuple[Axes, ...]:
     for axes in lower:
         analysis = bead.analysis
         on = bead.length[analysis.ticks]
-        at = np.interp(analysis.spacing.s, np.maximum.accumulate(analysis.nozzle.s), on)
-        at, clearance = thinned(at, bead.clearance)
+        s, clearance = thinned(analysis.spacing.s, bead.clearance)
+        at = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
         axes.fill_between(at, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
         axes.fill_between(at, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")
         axes.plot(at, clearance, color=INK, lw=0.8)

@@ -106,14 +106,17 @@ def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:
 def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style: object) -> None:
     """Draw an error along the path, with gaps at missing ticks."""
     gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
-    x, y = thinned(np.insert(s, gaps, np.nan), np.insert(UM * error, gaps, np.nan))
-    axes.plot(x, y, **style)  # type: ignore[arg-type]
+    if gaps.size:
+        s, error = np.insert(s, gaps, np.nan), np.insert(error, gaps, np.nan)
+    x, y = thinned(s, error)
+    axes.plot(x, UM * y, **style)  # type: ignore[arg-type]
 
 
 def _shares_by_turn(budget: Budget) -> dict[str, Floats]:
     """The links' shares of the contour error's mean square within each turn, (turns,)."""
-    whole, inside = budget.contour, budget.turn >= 0
-    turn = budget.turn[inside]
+    whole, turn = budget.contour, budget.turn
+    inside = turn >= 0
+    turn = turn[inside]
     square = np.bincount(turn, whole.dot(whole)[inside])
     products = {name: np.bincount(turn, part.dot(whole)[inside]) for name, part in budget.parts.items()}
     return {

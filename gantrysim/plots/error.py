@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.arrays import Floats, spans
-from gantrysim.metrics.analysis import THOUSANDTH, Analysis, tracking_error
+from gantrysim.columns import by_blocks
+from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
+from gantrysim.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,19 +22,20 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     run, on = analysis.run, analysis.ticks
     kinds = [unit for unit in THOUSANDTH if unit in run.units]
     *upper, lower = figure.subplots(len(kinds) + 1, sharex=True)
-    error = 1e3 * tracking_error(run)
     for panel, unit in zip(upper, kinds, strict=True):
         members = [a for a, own in enumerate(run.units) if own == unit]
         for a in members:
-            panel.plot(*thinned(run.time, error[:, a]), color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
-        _clip(panel, analysis, error, members, THOUSANDTH[unit])
+            time, error = thinned(run.time, _following(run, a))
+            panel.plot(time, 1e3 * error, color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
+        _clip(panel, analysis, members, THOUSANDTH[unit])
         panel.set(ylabel=f"following error [{THOUSANDTH[unit]}]")
         panel.set_title(f"{'Axes' if unit == 'mm' else 'Rotary axes'}: commanded minus encoder", loc="right")
         panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(members))
     for name, foot, style in (("contour", analysis.nozzle, "-"), ("generation", analysis.commanded, "--")):
         lateral = np.full(len(run.time), np.nan)
-        lateral[on] = UM * foot.lateral
-        lower.plot(*thinned(run.time, lateral), color=COLOURS[name], lw=1.0, ls=style, label=name)
+        lateral[on] = foot.lateral
+        time, error = thinned(run.time, lateral)
+        lower.plot(time, UM * error, color=COLOURS[name], lw=1.0, ls=style, label=name)
     lower.set(xlabel="time [s]", ylabel="lateral error, positive to the left [µm]")
     lower.set_title("Error normal to the requested path", loc="right")
     lower.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
@@ -50,19 +53,25 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     return (*upper, lower)
 
 
-def _clip(axes: Axes, analysis: Analysis, error: Floats, members: list[int], unit: str) -> None:
+def _following(run: Run, axis: int) -> Floats:
+    """Return the following error of one axis, (n,) [mm or deg]; one at a time, as a long run has room for no more."""
+    return by_blocks(lambda block: run.commanded[block, axis] - run.encoder[block, axis], len(run.time))
+
+
+def _clip(axes: Axes, analysis: Analysis, members: list[int], unit: str) -> None:
     """Scale the axis to the usual errors while the dispenser is on, and annotate the largest if that is beyond."""
-    on = analysis.ticks
+    run, on = analysis.run, analysis.ticks
     size = np.zeros(on.size)
-    for a in members:  # one after the other: a long run has room for no more
-        np.maximum(size, np.abs(error[on, a]), out=size)
-    usual = 1.6 * float(np.percentile(size, 99.5))
-    if size.max() <= usual or usual == 0:
+    for a in members:
+        np.maximum(size, np.abs(_following(run, a)[on]), out=size)
+    usual = 1.6e3 * float(np.percentile(size, 99.5))
+    if 1e3 * size.max() <= usual or usual == 0:
         return
     axes.set_ylim(-usual, usual)
     k = on[size.argmax()]
-    worst = max(members, key=lambda a: abs(error[k, a]))
-    time, peak = analysis.run.time[k], error[k, worst]
+    errors = 1e3 * (run.commanded[k] - run.encoder[k])
+    worst = max(members, key=lambda a: abs(errors[a]))
+    time, peak = run.time[k], errors[worst]
     at = (time, np.sign(peak) * usual)
     text = f"peak {peak:.0f} {unit} at {time:.3f} s"
     colour = AXIS_COLOURS[worst]

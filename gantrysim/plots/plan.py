@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gantrysim.columns import by_blocks
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots.style import COLOURS, INK, UM, add_legend, axes_on
 
@@ -25,8 +26,9 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     worst, factor = int(distance.argmax()), _magnification(analysis)
     every = np.arange(0, distance.size, -(-distance.size // _MOST_POINTS))
     shown = np.unique(np.append(every, [worst, distance.size - 1]))
-    trace, offset = run.nozzle[analysis.ticks[shown]], analysis.nozzle.offset[shown]
-    drawn = trace + (factor - 1) * offset
+    ticks = analysis.ticks[shown]
+    trace = by_blocks(lambda block: run.nozzle[ticks[block]], shown.size)
+    drawn = trace + (factor - 1) * by_blocks(lambda block: analysis.nozzle.offset[shown[block]], shown.size)
     line = run.requested.position(np.linspace(0, run.requested.length, 4000))
     axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=1.0, label="requested path")
     label = f"nozzle, error × {factor}" if factor > 1 else "nozzle"

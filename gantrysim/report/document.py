@@ -18,6 +18,8 @@ from gantrysim.files import replaced
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    Drawing = Figure | Callable[[], Figure]
+
 _NOTHING = "–"
 _PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is slightly smaller than the text
 
@@ -80,7 +82,8 @@ class Section:
     Attributes:
         title: heading, also listed in the page's contents.
         text: a paragraph, or several.
-        figure: a matplotlib figure, or several, side by side where there is room: the page is 10.7 inches wide.
+        figure: a matplotlib figure, or several, side by side where there is room: the page is 10.7 inches wide. A
+            function draws its own only when it is its turn, as figures take memory.
         table: a table, or several.
         facts: values shown large: name, value with its unit, and a remark.
         video: content of an MP4 file.
@@ -89,7 +92,7 @@ class Section:
 
     title: str
     text: str | Sequence[str] | None = None
-    figure: Figure | Sequence[Figure] | None = None
+    figure: Drawing | Sequence[Drawing] | None = None
     table: Table | Sequence[Table] | None = None
     facts: Sequence[tuple[str, str, str]] = ()
     video: bytes | None = None
@@ -157,7 +160,8 @@ def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
     from gantrysim.report.svg import description, inline_svg
 
     drawn = []
-    for i, figure in enumerate(_several(section.figure), 1):
+    for i, drawing in enumerate(_several(section.figure), 1):
+        figure = drawing() if callable(drawing) else drawing
         alternative = ": ".join(filter(None, (section.title, description(figure))))
         svg = Markup(inline_svg(figure, f"{prefix}-{i}", alternative))
         drawn.append({"svg": svg, "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0])})

@@ -40,18 +40,20 @@ def write_run_page(
     progress: Callable[[float], None] | None = None,
     causes: Causes | None = None,
     losses: Losses | None = None,
+    budget: Budget | None = None,
 ) -> None:
     """Write the report of a run as one HTML file.
 
     It includes the MP4 file `video` where it exists, the causes of the error where they are given, and the faults on
-    purpose with their `losses`; `progress` is called with the completed share.
+    purpose with their `losses`; `progress` is called with the completed share. A `budget` that is given is not computed
+    again.
     """
     run = bead.run
     write_page(
         file,
         f"{job.name} on {machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(job, machine, bead, None if video is None else Path(video), causes, losses)),
+        list(run_sections(job, machine, bead, None if video is None else Path(video), causes, losses, budget)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
@@ -64,10 +66,11 @@ def run_sections(
     video: Path | None = None,
     causes: Causes | None = None,
     losses: Losses | None = None,
+    budget: Budget | None = None,
 ) -> Iterator[Section]:
     """Yield the sections of a run's report, see `write_run_page`."""
     analysis = bead.analysis
-    budget = Budget(analysis)
+    budget = Budget(analysis) if budget is None else budget
     yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, bead.run.requested.turn_spacing)))
     if bead.run.injected:
         yield faults_section(bead.run, losses)

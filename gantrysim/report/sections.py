@@ -204,8 +204,14 @@ def _volumes(values: BeadValues) -> Table:
     )
 
 
-def drawn(draw: Callable[[Figure, Subject], object], subject: Subject, width: float, height: float) -> Figure:
-    """Return a plot on a figure of its own, width by height [inch]."""
-    with sheet(width, height) as figure:
-        draw(figure, subject)
+def drawn(
+    draw: Callable[[Figure, Subject], object], subject: Subject, width: float, height: float
+) -> Callable[[], Figure]:
+    """Return a function that draws a plot on a figure of its own, width by height [inch]."""
+
+    def figure() -> Figure:
+        with sheet(width, height) as figure:
+            draw(figure, subject)
+        return figure
+
     return figure
