@@ -6,7 +6,7 @@ All methods minimise the same metric over the same coordinates with the same con
 that miss the margin are known without one. The value of a method is the metric of the best gains that it found within
 the budget and that keep every limit, measured on all machines. Results are kept in results.csv, and every run in
 runs-JOB.jsonl, so a comparison that was stopped resumes when rerun; delete both to compare anew after a change. With
---write, the table replaces that between the markers in docs/tuning.md.
+--write, the results go to docs/tuning.csv, and their table replaces that between the markers in docs/tuning.md.
 """
 
 import argparse
@@ -37,7 +37,7 @@ STEP = 0.3  # of the first points around the start, for every method that has on
 WORSE = 10.0  # added to the logarithm of the metric for each rank below the first
 BEYOND = 0.3  # bound of rho of the others: above 0 it counts as 0, so that they reach the edge of the margin
 FREE = 20  # evaluations without a run, for each run of the budget
-PAGE = Path(__file__).parent.parent / "docs" / "tuning.md"
+DOCS = Path(__file__).parent.parent / "docs"
 BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -48,7 +48,7 @@ parser.add_argument("--seeds", nargs="+", type=int, default=[1])
 parser.add_argument("--budgets", nargs="+", type=int, default=[100, 300], help="runs")
 parser.add_argument("--robust", type=int, default=0, help="perturbed machines besides the job's own")
 parser.add_argument("--out", type=Path, default=Path("out/compare-tuners"))
-parser.add_argument("--write", action="store_true", help="rewrite the table in docs/tuning.md")
+parser.add_argument("--write", action="store_true", help="write docs/tuning.csv and the table in docs/tuning.md")
 
 
 class BudgetSpentError(Exception):
@@ -185,25 +185,30 @@ def results_of(method, name, start, seed, budgets, robust, runs):
     return {budget: value_at(trace, budget) for budget in budgets}
 
 
-def table(rows, robust, budgets):
-    """Return the mean over the seeds as a Markdown table, a row for each job and start."""
+def table(rows):
+    """Return the mean over the seeds as a Markdown table, a row for each job, start and budget."""
     found = {}
     for row in rows:
-        if int(row["machines"]) == robust + 1:
-            key = row["job"], row["start"], row["method"], int(row["budget"])
-            found.setdefault(key, []).append(float(row["metric"]))
+        budgets = found.setdefault((row["job"], row["start"]), {})
+        budgets.setdefault(int(row["budget"]), {}).setdefault(row["method"], []).append(float(row["metric"]))
     lines = [
         f"| job | start | runs | {' | '.join((OWN, *OTHERS))} | {OWN} over the best other |",
         "|---|---|---|" + "---|" * (len(OTHERS) + 2),
     ]
-    for job, start in dict.fromkeys(key[:2] for key in found):
-        for budget in budgets:
-            means = [np.mean(found.get((job, start, method, budget), [math.nan])) for method in (OWN, *OTHERS)]
+    for (job, start), budgets in found.items():
+        for budget, metrics in sorted(budgets.items()):
+            means = [np.mean(metrics.get(method, [math.nan])) for method in (OWN, *OTHERS)]
             share = means[0] / np.nanmin(means[1:]) if np.isfinite(means[1:]).any() else math.nan
             cells = ["" if math.isnan(mean) else f"{mean:.2f}" if math.isfinite(mean) else "none" for mean in means]
             cells.append("" if math.isnan(share) else f"{share:.2f}")
             lines.append(f"| `{job}` | {start} | {budget} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def with_table(page, rows):
+    """Return a page with the table of rows between its markers."""
+    before, _, rest = page.partition(BEGIN)
+    return f"{before}{BEGIN}\n{table(rows)}\n{END}{rest.partition(END)[2]}"
 
 
 COLUMNS = ("job", "start", "machines", "method", "seed", "budget", "metric")
@@ -237,11 +242,17 @@ def main(arguments):
                 *(f"{budget}: {metric:.4g} µm" for budget, metric in found.items()),
                 flush=True,
             )
-    text = table(done, arguments.robust, arguments.budgets)
+    shown = [
+        row for row in done if int(row["machines"]) == arguments.robust + 1 and int(row["budget"]) in arguments.budgets
+    ]
     if arguments.write:
-        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
-    print(text)
+        with (DOCS / "tuning.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(shown)
+        page = DOCS / "tuning.md"
+        page.write_text(with_table(page.read_text(encoding="utf-8"), shown), encoding="utf-8")
+    print(table(shown))
 
 
 if __name__ == "__main__":

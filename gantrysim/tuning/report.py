@@ -99,7 +99,7 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
                 "path",
                 "Error along the path",
                 "The nozzle's error normal to the requested path, positive to its left, and the tracking part of it; "
-                "each panel has its own scale.",
+                "the panels have one scale.",
                 drawing.draw_path(budgets),
             ),
         ]
