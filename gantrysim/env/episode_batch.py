@@ -16,7 +16,7 @@ from gantrysim.engine.batch import Batch, Moment
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
 from gantrysim.env.episodes import Chosen, Episode, Source
-from gantrysim.env.interval import PER_AXIS, SHARED, measure
+from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
 from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.settings import PathSettings
 from gantrysim.errors import GantryError, InputError
@@ -93,8 +93,9 @@ class EpisodeBatch(ABC):
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
-        fields = ("gains", "tick", "index", "fault")
-        self._gains, self._ticks, self._sent, self._faults = (self._batch.field(name) for name in fields)  # live
+        fields = ("gains", "tick", "index", "fault", "log", "axis_log", "setpoints")
+        live = (self._batch.field(name) for name in fields)
+        self._gains, self._ticks, self._sent, self._faults, *self._addresses = live
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
         low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
@@ -104,8 +105,9 @@ class EpisodeBatch(ABC):
         self.episodes: list[Episode | None] = [None] * places
         self._action = np.zeros((places, self._action_size()))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
-        self._foot = np.full(places, -1)
-        self._measured = np.zeros(places, np.int64)  # ticks measured
+        self._spans = np.zeros(places, SPAN)
+        self._spans["foot"] = -1
+        self._foot, self._measured = self._spans["foot"], np.zeros(places, np.int64)  # ticks measured
         self._setpoints = np.ones(places, np.int64)
         self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
         self.measured = self._interval()
@@ -151,7 +153,7 @@ class EpisodeBatch(ABC):
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
             self._start(place, episode)
-            self._measure(place, 0)
+        self._measure(list(drawn))
         self.measured = self._interval()
         if self._ahead is not None:
             self._ahead.prepare(randoms)
@@ -162,6 +164,10 @@ class EpisodeBatch(ABC):
         self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
         self._foot[place], self._measured[place] = -1, 0
         self._setpoints[place] = len(episode.simulation.position)
+        simulation, span = episode.simulation, self._spans[place]
+        span["dispense"], span["count"] = simulation.setpoints.dispense.ctypes.data, len(simulation.position)
+        span["points"], span["entries"] = episode.points.ctypes.data, len(episode.points)
+        span["spacing"] = episode.spacing
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""
@@ -207,8 +213,7 @@ class EpisodeBatch(ABC):
             return self._outcome(mask)
         self._apply(places)
         self._run(places)
-        for place in places:
-            self._measure(place, int(self._ticks[place]))
+        self._measure(places)
         self.measured = self._interval()
         return self._outcome(mask)
 
@@ -255,26 +260,17 @@ class EpisodeBatch(ABC):
             steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
         self._batch.advance(places, steps)
 
-    def _measure(self, place: int, last: int) -> None:
+    def _measure(self, places: Sequence[int]) -> None:
         """Measure the ticks since the last decision."""
-        episode, row = self._episode(place), self._rows[place]
-        simulation = episode.simulation
-        self._foot[place] = measure(  # type: ignore[no-untyped-call]
-            simulation.log,
-            int(self._measured[place]),
-            last,
-            simulation.position,
-            simulation.setpoints.dispense,
-            episode.points,
-            episode.spacing,
-            int(self._foot[place]),
-            row,
-        )
-        self._measured[place] = last
-        total = self._total[place]
-        total[0] += row[_DISPENSING]
-        total[1] += row[_SQUARE]
-        total[2] = max(total[2], row[_LARGEST])
+        spans, at = self._spans, np.array(places)
+        spans["log"], spans["axis_log"], spans["setpoints"] = self._addresses
+        spans["first"], spans["last"] = self._measured, self._ticks
+        measure(spans, at, self._rows)  # type: ignore[no-untyped-call]
+        self._measured[at] = self._ticks[at]
+        rows, total = self._rows[at], self._total
+        total[at, 0] += rows[:, _DISPENSING]
+        total[at, 1] += rows[:, _SQUARE]
+        total[at, 2] = np.maximum(total[at, 2], rows[:, _LARGEST])
 
     def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
         """Return the faults of the places that have one as texts, None elsewhere, (places,)."""
