@@ -98,6 +98,8 @@ class Started:
     @property
     def steps_of_model(self) -> int:
         """Number of physics steps until the model changes, large if it does not."""
+        if not self.simulation.later:
+            return NEVER
         steps = self.steps
         return min((begin - steps for begin, _ in self.simulation.later if begin > steps), default=NEVER)
 
@@ -116,6 +118,8 @@ class Started:
 
     def make_room(self, steps: int) -> None:
         """Make room in the log for the servo ticks of a number of physics steps; errors as of `LogBook.make_room`."""
+        if self.simulation.book.whole:
+            return
         ticks = steps // self.simulation.substeps + 2
         if self.row["gate"] >= self.row["gate_count"]:  # no more waits
             ticks = min(ticks, len(self.simulation.position) - self.sent)

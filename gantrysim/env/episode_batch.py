@@ -72,7 +72,7 @@ class EpisodeBatch(ABC):
         settings: of the environment.
         places: number of places.
         threads: number of threads; by default all cores.
-        ahead: whether the next episodes are drawn on threads while these run.
+        ahead: whether the next episodes are drawn on a thread while these run.
         source: of the episodes, by default of spirals and machines alone.
 
     Attributes:
@@ -93,9 +93,9 @@ class EpisodeBatch(ABC):
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
-        fields = ("gains", "tick", "index", "fault", "log", "axis_log", "setpoints")
+        fields = ("gains", "tick", "index", "fault", "steps", "log", "axis_log", "setpoints")
         live = (self._batch.field(name) for name in fields)
-        self._gains, self._ticks, self._sent, self._faults, *self._addresses = live
+        self._gains, self._ticks, self._sent, self._faults, self._steps, *self._addresses = live
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
         low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
@@ -254,10 +254,12 @@ class EpisodeBatch(ABC):
         """Step until the next decision, or the end of the longest episode where that comes first."""
         steps = None
         if self.source.ticks is not None:
-            runs = [self._batch.runs[place] for place in places]
-            substeps = runs[0].simulation.substeps
-            left = max(run.steps_left for run in runs)
+            substeps = self._episode(places[0]).simulation.substeps
+            last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
+            left = int((last * substeps + 1 - self._steps)[places].max())
             steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
+        if self._ahead is not None:
+            self._ahead.start()
         self._batch.advance(places, steps)
 
     def _measure(self, places: Sequence[int]) -> None:
