@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -23,6 +25,7 @@ from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 
+_SHARED = 16  # places from which on threads share the measurements
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
 
@@ -93,6 +96,8 @@ class EpisodeBatch(ABC):
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
+        self._parts = min(places, os.cpu_count() or 1 if threads is None else threads)
+        self._threads = ThreadPoolExecutor(self._parts, "measurements")  # they begin when they are first needed
         fields = ("gains", "tick", "index", "fault", "steps", "log", "axis_log", "setpoints")
         live = (self._batch.field(name) for name in fields)
         self._gains, self._ticks, self._sent, self._faults, self._steps, *self._addresses = live
@@ -218,10 +223,12 @@ class EpisodeBatch(ABC):
         return self._outcome(mask)
 
     def close(self) -> None:
-        """Draw no more episodes."""
+        """Draw no more episodes, and end the threads."""
         if self._ahead is not None:
             self._ahead.close()
             self._ahead = None
+        self._parts = 1
+        self._threads.shutdown(wait=False)
 
     def _interval(self) -> IntervalValues:
         return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
@@ -264,10 +271,14 @@ class EpisodeBatch(ABC):
 
     def _measure(self, places: Sequence[int]) -> None:
         """Measure the ticks since the last decision."""
-        spans, at = self._spans, np.array(places)
+        spans, at = self._spans, np.array(places, np.int64)
         spans["log"], spans["axis_log"], spans["setpoints"] = self._addresses
         spans["first"], spans["last"] = self._measured, self._ticks
-        measure(spans, at, self._rows)  # type: ignore[no-untyped-call]
+        parts = np.array_split(at, self._parts if len(at) >= _SHARED else 1)
+        others = [self._threads.submit(measure, spans, part, self._rows) for part in parts[1:]]
+        measure(spans, parts[0], self._rows)  # type: ignore[no-untyped-call]
+        for other in others:
+            other.result()
         self._measured[at] = self._ticks[at]
         rows, total = self._rows[at], self._total
         total[at, 0] += rows[:, _DISPENSING]

@@ -21,7 +21,16 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.display import table_html
 from gantrysim.errors import InputError, expanded, positive, unknown
-from gantrysim.machine.axis import PER_SI, Axis, element_index, fact, motion_of, read_axes, with_dynamics
+from gantrysim.machine.axis import (
+    PER_SI,
+    Axis,
+    element_index,
+    fact,
+    motion_of,
+    perturbed_axes,
+    read_axes,
+    with_dynamics,
+)
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.geometry import Geometry
@@ -124,6 +133,7 @@ class Machine:
         moving = [*(axis.joint for axis in self.addresses), *self._followers]
         per_si = np.concatenate([self._per_si, np.ones(len(self._followers))])
         self._chain = Chain(physics, self.nozzle, self.work, moving, per_si)
+        self.plain_axes = axes
         self._use(physics)
         _ = self.axes  # checks the motion
         if not self.turns_work:
@@ -136,9 +146,8 @@ class Machine:
         return Geometry(travel_error=travel, periodic_error=periodic) if any((*travel, *periodic)) else None
 
     def _use(self, physics: mujoco.MjModel) -> None:
-        """Set the model that is stepped, and everything that depends on it."""
+        """Set the model that is stepped, and forget what is derived of it."""
         self.physics = physics
-        self.plain_axes, self.addresses = read_axes(physics)
         self._axes: tuple[Axis, ...] | None = None
         self._model: mujoco.MjModel | None = None
         self._stepping: dict[tuple[float, bool], mujoco.MjModel] = {}
@@ -254,6 +263,7 @@ class Machine:
         machine._perturbations = (*self._perturbations, perturbation)
         with quiet():
             machine._use(self._perturbed_model(self.physics, perturbation))
+        machine.plain_axes = perturbed_axes(machine.physics, self.plain_axes)
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 

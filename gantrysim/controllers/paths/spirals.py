@@ -84,7 +84,7 @@ class Involute(Path):
     def _turn(self) -> float:
         return -1.0 if self.clockwise else 1.0
 
-    @property
+    @cached_property
     def length(self) -> float:
         return float(arc_length(self.radius, -self.a, abs(self._rise), self.angle)[0])
 
