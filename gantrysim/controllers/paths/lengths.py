@@ -36,8 +36,6 @@ def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: Ar
 
     The radius r + b phi must not be negative up to there.
     """
-    if np.ndim(s) == 1 and not any(map(np.ndim, (r, b, c, most))):
-        return _swept_along(float(r), float(b), float(c), np.ascontiguousarray(s, float), float(most))
     values, shape = _together(r, b, c, s, most)
     return _swept_angles(*values).reshape(shape)
 
@@ -83,8 +81,8 @@ def _swept_angles(r, b, c, s, most):
 
 
 @jit
-def _swept_along(r, b, c, s, most):
-    """Return the angles on one curve."""
+def swept_along(r, b, c, s, most):
+    """Return what `swept_angle` does for arc lengths of one curve, (n,)."""
     found = np.empty(s.size)
     for k in range(s.size):
         found[k] = _angle(r, b, c, s[k], most)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats, LastCall
-from gantrysim.controllers.paths.lengths import arc_length, swept_angle
+from gantrysim.controllers.paths.lengths import arc_length, swept_along
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError, finite, point, positive
 from gantrysim.jit import jit
@@ -102,7 +102,8 @@ class Involute(Path):
         return LastCall(self._swept)
 
     def _swept(self, s: Floats) -> Floats:
-        angles = swept_angle(self.radius, -self.a, abs(self._rise), s, self.angle)
+        numbers = float(self.radius), -self.a, abs(self._rise)
+        angles: Floats = swept_along(*numbers, s.ravel(), self.angle).reshape(s.shape)  # type: ignore[no-untyped-call]
         angles.flags.writeable = False
         return angles
 
@@ -115,7 +116,7 @@ class Involute(Path):
     def position(self, s: ArrayLike) -> Floats:
         phi, c, d = self.phi(s), np.cos(self.heading_start), np.sin(self.heading_start)
         turned = np.cos(phi), np.sin(phi)  # not compiled, for other rounding would be another path
-        return _points(phi, *turned, self.radius, self.a, self._rise, self.start, float(c), float(d), self._turn)
+        return _points(phi, *turned, float(self.radius), self.a, self._rise, self.start, float(c), float(d), self._turn)
 
     def heading(self, s: ArrayLike) -> Floats:
         return self.heading_start + self._turn * self.phi(s)
