@@ -98,15 +98,14 @@ class EpisodeBatch(ABC):
         self._ahead = DrawnAhead(self.source) if ahead else None
         self._parts = min(places, os.cpu_count() or 1 if threads is None else threads)
         self._threads = ThreadPoolExecutor(self._parts, "measurements")  # they begin when they are first needed
-        fields = ("gains", "tick", "index", "fault", "steps", "log", "axis_log", "setpoints")
-        live = (self._batch.field(name) for name in fields)
-        self._gains, self._ticks, self._sent, self._faults, self._steps, *self._addresses = live
+        field = self._batch.field  # live views
+        self._gains, self._ticks, self._sent, self._faults = map(field, ("gains", "tick", "index", "fault"))
+        self._steps, *self._addresses = map(field, ("steps", "log", "axis_log", "setpoints"))
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
         low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
         self.observation_space = Box(low, high, dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
-
         self.episodes: list[Episode | None] = [None] * places
         self._action = np.zeros((places, self._action_size()))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
@@ -168,11 +167,10 @@ class EpisodeBatch(ABC):
         self.episodes[place] = episode
         self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
         self._foot[place], self._measured[place] = -1, 0
-        self._setpoints[place] = len(episode.simulation.position)
-        simulation, span = episode.simulation, self._spans[place]
-        span["dispense"], span["count"] = simulation.setpoints.dispense.ctypes.data, len(simulation.position)
-        span["points"], span["entries"] = episode.points.ctypes.data, len(episode.points)
-        span["spacing"] = episode.spacing
+        span, dispense = self._spans[place], episode.simulation.setpoints.dispense
+        self._setpoints[place] = span["count"] = len(episode.simulation.position)
+        span["dispense"], span["points"] = dispense.ctypes.data, episode.points.ctypes.data
+        span["entries"], span["spacing"] = len(episode.points), episode.spacing
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""
@@ -277,12 +275,9 @@ class EpisodeBatch(ABC):
         parts = np.array_split(at, self._parts if len(at) >= _SHARED else 1)
         others = [self._threads.submit(measure, spans, part, self._rows) for part in parts[1:]]
         measure(spans, parts[0], self._rows)  # type: ignore[no-untyped-call]
-        for other in others:
-            other.result()
-        self._measured[at] = self._ticks[at]
-        rows, total = self._rows[at], self._total
-        total[at, 0] += rows[:, _DISPENSING]
-        total[at, 1] += rows[:, _SQUARE]
+        _ = [other.result() for other in others]
+        self._measured[at], rows, total = self._ticks[at], self._rows[at], self._total
+        total[at, :2] += rows[:, [_DISPENSING, _SQUARE]]
         total[at, 2] = np.maximum(total[at, 2], rows[:, _LARGEST])
 
     def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
