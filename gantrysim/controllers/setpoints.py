@@ -83,9 +83,9 @@ class Setpoints:
             raise InputError(f"setpoints of shape {position.shape}: must be (n, {len(self.axes)}) with n at least 2")
         if dispense.shape != position.shape[:1]:
             raise InputError(f"dispenser command of shape {dispense.shape}: must be {position.shape[:1]}")
-        bad = np.flatnonzero(~np.isfinite(position).all(axis=1))
-        if bad.size:
-            raise InputError(f"setpoint {bad[0]} = {position[bad[0]].tolist()}: must be finite")
+        if not np.isfinite(position).all():  # axis by axis it would take much longer
+            bad = int(np.argmin(np.isfinite(position).all(axis=1)))
+            raise InputError(f"setpoint {bad} = {position[bad].tolist()}: must be finite")
         gates = np.array(self.gates, np.int64)
         if gates.ndim != 1 or np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")

@@ -30,10 +30,10 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
         InputError: feedback from the load of an axis that has none, a current loop of a motor without inductance, or
             mode "stepper" of a motor that is none.
     """
-    if servo.plain and all(axis.efficiency == 1 for axis in machine.axes):
+    if servo.plain and all(axis.efficiency == 1 for axis in machine.plain_axes):
         return None
     entries, model = np.zeros(servo.axes, DRIVE), machine.physics
-    for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
+    for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         entry = entries[a]
         entry["load"] = -1
         if servo.feedback[a] == "load":

@@ -51,7 +51,7 @@ def injected_entries(faults: Sequence[InjectedFault], machine: Machine, servo: S
         for a in _axes(fault, machine):
             kind, value = _kind(fault, machine, servo, a)
             if kind and fault.acts:
-                axis, (begin, end) = machine.axes[a], fault.acting(servo.period)
+                axis, (begin, end) = machine.plain_axes[a], fault.acting(servo.period)
                 entries.append(
                     (kind, a, min(begin, NEVER), min(end, NEVER), value, axis.motor_constant, axis.resistance)
                 )
@@ -62,7 +62,7 @@ def _axes(fault: InjectedFault, machine: Machine) -> list[int]:
     """Return the axes of a fault; none of one of the dispenser."""
     if not hasattr(fault, "axis"):
         return []
-    return list(range(len(machine.axes))) if fault.axis is None else [machine.axis_names.index(fault.axis)]
+    return list(range(len(machine.plain_axes))) if fault.axis is None else [machine.axis_names.index(fault.axis)]
 
 
 def _kind(fault: InjectedFault, machine: Machine, servo: Servo, a: int) -> tuple[int, float]:
@@ -89,7 +89,7 @@ def _kind(fault: InjectedFault, machine: Machine, servo: Servo, a: int) -> tuple
             return WINDING, 0.0
         case BusSag():
             if not np.isfinite(axis.bus_voltage):
-                if fault.axis is None and any(np.isfinite(one.bus_voltage) for one in machine.axes):
+                if fault.axis is None and any(np.isfinite(one.bus_voltage) for one in machine.plain_axes):
                     return 0, 0.0
                 raise InputError(f"fault {fault.kind}: axis {axis.name} is an ideal torque source, it has no bus")
             return BUS, fault.share * axis.bus_voltage

@@ -20,7 +20,7 @@ def check_supervision(machine: Machine, supervision: Supervision) -> None:
     for name, unit in (("position_error", "mm"), ("velocity_limit", "mm/s")):
         value = getattr(supervision, name)
         if value < np.inf:
-            axes = ", ".join(f"{axis.name} [{axis.unit}]" for axis in machine.axes)
+            axes = ", ".join(f"{axis.name} [{axis.unit}]" for axis in machine.plain_axes)
             raise InputError(
                 f"{name} = {value:g} {unit}: must be inf on machine {machine.name}, whose axes {axes} are not those "
                 "of its nozzle; limit the servo's following error instead"
@@ -64,7 +64,7 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     """
     kinematics = machine.kinematics
     if set(setpoints.axes) <= set(machine.axis_names) and not set(setpoints.axes) <= set(kinematics.names):
-        position = np.zeros((len(setpoints.position), len(machine.axes)))
+        position = np.zeros((len(setpoints.position), len(machine.plain_axes)))
         position[:, [machine.axis_names.index(name) for name in setpoints.axes]] = setpoints.position
     else:
         program = program_positions(machine, setpoints)
@@ -79,7 +79,7 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         place = f" ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})" if kinematics.followers else ""
         return f"at t = {k * setpoints.period:.4g} s{place}"
 
-    for a, axis in enumerate(machine.axes):
+    for a, axis in enumerate(machine.plain_axes):
         low, high = axis.travel
         for k in (int(lowest[a]), int(highest[a])):
             if not low <= position[k, a] <= high:
@@ -113,7 +113,7 @@ def axis_torques(machine: Machine, setpoints: Setpoints) -> Floats | None:
             f"setpoints of {', '.join(setpoints.axes)} with torques: must be of the axes of machine {machine.name}, "
             f"{', '.join(machine.axis_names)}"
         )
-    torque = np.zeros((len(setpoints.position), len(machine.axes)))
+    torque = np.zeros((len(setpoints.position), len(machine.plain_axes)))
     torque[:, [machine.axis_names.index(name) for name in setpoints.axes]] = setpoints.torque
     return torque
 

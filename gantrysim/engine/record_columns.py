@@ -41,7 +41,7 @@ def measured(
     drives = np.array(
         [
             (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, *own)
-            for gain, axis, own in zip(machine.drive_gain, machine.axes, special, strict=True)
+            for gain, axis, own in zip(machine.drive_gain, machine.plain_axes, special, strict=True)
         ]
     )
     ticks = len(log.axis)
@@ -169,7 +169,7 @@ def constants(machine: Machine, setpoints: Setpoints, dispenser: Dispenser) -> d
     return {
         "machine": machine.name,
         "axes": machine.axis_names,
-        "units": tuple(axis.unit for axis in machine.axes),
+        "units": tuple(axis.unit for axis in machine.plain_axes),
         "requested": setpoints.requested,
         "period": setpoints.period,
         "gap": machine.gap,

@@ -36,6 +36,7 @@ class LogBook:
     Attributes:
         log: the entries in memory.
         first: tick of the first of them.
+        whole: whether there is room in memory for all ticks that the run may have.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class LogBook:
             self.log = Log.of(0, axes)
         else:
             self.log = Log.of(min(self._most, 2 * count), axes)
+        self.whole = self._table is None and self._most <= 2 * count
 
     def begin(self, row: np.void) -> None:
         """Begin at the first tick of a run; write the log's addresses into its servo's row."""

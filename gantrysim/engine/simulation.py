@@ -90,8 +90,8 @@ class Simulation:
                 raise InputError(
                     f"law 'contour' on machine {machine.name}: its axes are not coordinates of its nozzle; leave it out"
                 )
-        if servo.axes != len(machine.axes):
-            raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.axes)}")
+        if servo.axes != len(machine.plain_axes):
+            raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.plain_axes)}")
         if abs(servo.period - setpoints.period) > 1e-12:
             raise InputError(
                 f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s"

@@ -98,6 +98,8 @@ class Started:
     @property
     def steps_of_model(self) -> int:
         """Number of physics steps until the model changes, large if it does not."""
+        if not self.simulation.later:
+            return NEVER
         steps = self.steps
         return min((begin - steps for begin, _ in self.simulation.later if begin > steps), default=NEVER)
 
@@ -116,6 +118,8 @@ class Started:
 
     def make_room(self, steps: int) -> None:
         """Make room in the log for the servo ticks of a number of physics steps; errors as of `LogBook.make_room`."""
+        if self.simulation.book.whole:
+            return
         ticks = steps // self.simulation.substeps + 2
         if self.row["gate"] >= self.row["gate_count"]:  # no more waits
             ticks = min(ticks, len(self.simulation.position) - self.sent)
@@ -128,7 +132,7 @@ class Started:
         code = int(row["fault"])
         if not code:
             return None
-        kind, axis = FAULTS[code], simulation.machine.axes[row["fault_axis"]]
+        kind, axis = FAULTS[code], simulation.machine.plain_axes[row["fault_axis"]]
         value, limit = float(row["fault_value"]), float(row["fault_limit"])
         unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
         if kind == "diverged" and np.isfinite(limit):
@@ -177,13 +181,13 @@ def _fill(simulation: Simulation, row: np.void) -> None:
         row["gains"][: servo.axes, k] = getattr(servo, name)
     row["notch"][: servo.axes] = servo.filters
     # a demand beyond what the drive can give is clamped by the drive itself
-    peak = np.array([axis.peak_torque for axis in machine.axes]) / machine.drive_gain
+    peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
     row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)
-    for a, (axis, mode) in enumerate(zip(machine.axes, servo.mode, strict=True)):
+    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.mode, strict=True)):
         if mode != "torque":  # the drives limit torques themselves
             row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
     row["drive_gain"][: servo.axes] = machine.drive_gain
-    for a, (axis, address) in enumerate(zip(machine.axes, machine.addresses, strict=True)):
+    for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         for name in ("control", "output", "current"):
             row[name][a] = getattr(address, name)
         row["scale"][a], row["speed_limit"][a] = axis.scale, axis.speed_limit
@@ -199,7 +203,7 @@ def _supervise(simulation: Simulation, row: np.void) -> None:
     row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
     row["settle_ticks"] = periods(supervision.settle_time, simulation.setpoints.period)
     row["timeout_ticks"] = periods(supervision.settle_timeout, simulation.setpoints.period)
-    for a, axis in enumerate(simulation.machine.axes):
+    for a, axis in enumerate(simulation.machine.plain_axes):
         row["linear"][a] = axis.unit == "mm"
         if axis.unit == "mm":
             row["speed_limit"][a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)

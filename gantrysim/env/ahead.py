@@ -1,4 +1,4 @@
-"""Episodes drawn ahead on threads, while others run."""
+"""Episodes drawn ahead on a thread, while others run."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from gantrysim.env.episodes import Episode, Source
 
-_THREADS = 2  # for Python's part of the work is done by one thread at a time
-
 
 class DrawnAhead:
     """Draws episodes from copies of random number generators; each is used only if its generator is unchanged.
+
+    It draws on one thread, as almost all of the work holds Python's lock, and while the others run natively, as it
+    would keep them from that lock.
 
     Args:
         source: of the episodes.
@@ -22,19 +23,27 @@ class DrawnAhead:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._threads = ThreadPoolExecutor(_THREADS, "episodes")
+        self._thread = ThreadPoolExecutor(1, "episodes")
+        self._asked: dict[int, tuple[Any, np.random.Generator]] = {}  # state before; copy of the random numbers
         self._next: dict[int, tuple[Any, Future[tuple[Episode, Any]]]] = {}  # state before; episode and state after
 
     def prepare(self, randoms: Mapping[int, np.random.Generator]) -> None:
-        """Begin to draw the next episode of each place from a copy of its random numbers."""
+        """Ask for the next episode of each place, from a copy of its random numbers."""
         for place, random in randoms.items():
             before = random.bit_generator.state
             own = np.random.Generator(type(random.bit_generator)(0))
             own.bit_generator.state = before
-            self._next[place] = before, self._threads.submit(self._draw, own)
+            self._asked[place] = before, own
+
+    def start(self) -> None:
+        """Begin to draw the episodes that are asked for; best before Python waits for native code."""
+        for place, (before, own) in self._asked.items():
+            self._next[place] = before, self._thread.submit(self._draw, own)
+        self._asked.clear()
 
     def take(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, Episode]:
         """Return the episodes that `Source.draw` would return, and advance the random numbers as it would."""
+        self.start()
         missing = {
             place: random
             for place, random in randoms.items()
@@ -44,6 +53,7 @@ class DrawnAhead:
             if place in self._next:
                 self._next.pop(place)[1].cancel()
         self.prepare(missing)
+        self.start()
         episodes = {}
         for place, random in randoms.items():
             episodes[place], random.bit_generator.state = self._next.pop(place)[1].result()
@@ -54,4 +64,4 @@ class DrawnAhead:
 
     def close(self) -> None:
         """Draw no more."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        self._thread.shutdown(wait=False, cancel_futures=True)

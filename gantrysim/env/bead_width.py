@@ -154,9 +154,15 @@ class BeadWidthBatch(EpisodeBatch):
         moved = self._override[places] + self.settings.step * self._action[places, 0]
         self._override[places] = np.clip(moved, -most, most)
 
-    def _measure(self, place: int, last: int) -> None:
-        first, settings, episode = int(self._measured[place]), self.settings, self._episode(place)
-        super()._measure(place, last)
+    def _measure(self, places: Sequence[int]) -> None:
+        before = self._measured.copy()
+        super()._measure(places)
+        for place in places:
+            self._lay(place, int(before[place]), int(self._measured[place]))
+
+    def _lay(self, place: int, first: int, last: int) -> None:
+        """Lay the bead of some ticks, and see it."""
+        settings, episode = self.settings, self._episode(place)
         speeds, drawn = self._speeds[place], episode.drawn
         lay(  # type: ignore[no-untyped-call]
             episode.simulation.log,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -16,13 +18,14 @@ from gantrysim.engine.batch import Batch, Moment
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
 from gantrysim.env.episodes import Chosen, Episode, Source
-from gantrysim.env.interval import PER_AXIS, SHARED, measure
+from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
 from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.settings import PathSettings
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 
+_SHARED = 16  # places from which on threads share the measurements
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
 
@@ -72,7 +75,7 @@ class EpisodeBatch(ABC):
         settings: of the environment.
         places: number of places.
         threads: number of threads; by default all cores.
-        ahead: whether the next episodes are drawn on threads while these run.
+        ahead: whether the next episodes are drawn on a thread while these run.
         source: of the episodes, by default of spirals and machines alone.
 
     Attributes:
@@ -93,19 +96,22 @@ class EpisodeBatch(ABC):
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
-        fields = ("gains", "tick", "index", "fault")
-        self._gains, self._ticks, self._sent, self._faults = (self._batch.field(name) for name in fields)  # live
+        self._parts = min(places, os.cpu_count() or 1 if threads is None else threads)
+        self._threads = ThreadPoolExecutor(self._parts, "measurements")  # they begin when they are first needed
+        field = self._batch.field  # live views
+        self._gains, self._ticks, self._sent, self._faults = map(field, ("gains", "tick", "index", "fault"))
+        self._steps, *self._addresses = map(field, ("steps", "log", "axis_log", "setpoints"))
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
         low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
         self.observation_space = Box(low, high, dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
-
         self.episodes: list[Episode | None] = [None] * places
         self._action = np.zeros((places, self._action_size()))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
-        self._foot = np.full(places, -1)
-        self._measured = np.zeros(places, np.int64)  # ticks measured
+        self._spans = np.zeros(places, SPAN)
+        self._spans["foot"] = -1
+        self._foot, self._measured = self._spans["foot"], np.zeros(places, np.int64)  # ticks measured
         self._setpoints = np.ones(places, np.int64)
         self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
         self.measured = self._interval()
@@ -151,7 +157,7 @@ class EpisodeBatch(ABC):
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
             self._start(place, episode)
-            self._measure(place, 0)
+        self._measure(list(drawn))
         self.measured = self._interval()
         if self._ahead is not None:
             self._ahead.prepare(randoms)
@@ -161,7 +167,10 @@ class EpisodeBatch(ABC):
         self.episodes[place] = episode
         self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
         self._foot[place], self._measured[place] = -1, 0
-        self._setpoints[place] = len(episode.simulation.position)
+        span, dispense = self._spans[place], episode.simulation.setpoints.dispense
+        self._setpoints[place] = span["count"] = len(episode.simulation.position)
+        span["dispense"], span["points"] = dispense.ctypes.data, episode.points.ctypes.data
+        span["entries"], span["spacing"] = len(episode.points), episode.spacing
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""
@@ -207,16 +216,17 @@ class EpisodeBatch(ABC):
             return self._outcome(mask)
         self._apply(places)
         self._run(places)
-        for place in places:
-            self._measure(place, int(self._ticks[place]))
+        self._measure(places)
         self.measured = self._interval()
         return self._outcome(mask)
 
     def close(self) -> None:
-        """Draw no more episodes."""
+        """Draw no more episodes, and end the threads."""
         if self._ahead is not None:
             self._ahead.close()
             self._ahead = None
+        self._parts = 1
+        self._threads.shutdown(wait=False)
 
     def _interval(self) -> IntervalValues:
         return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
@@ -249,32 +259,26 @@ class EpisodeBatch(ABC):
         """Step until the next decision, or the end of the longest episode where that comes first."""
         steps = None
         if self.source.ticks is not None:
-            runs = [self._batch.runs[place] for place in places]
-            substeps = runs[0].simulation.substeps
-            left = max(run.steps_left for run in runs)
+            substeps = self._episode(places[0]).simulation.substeps
+            last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
+            left = int((last * substeps + 1 - self._steps)[places].max())
             steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
+        if self._ahead is not None:
+            self._ahead.start()
         self._batch.advance(places, steps)
 
-    def _measure(self, place: int, last: int) -> None:
+    def _measure(self, places: Sequence[int]) -> None:
         """Measure the ticks since the last decision."""
-        episode, row = self._episode(place), self._rows[place]
-        simulation = episode.simulation
-        self._foot[place] = measure(  # type: ignore[no-untyped-call]
-            simulation.log,
-            int(self._measured[place]),
-            last,
-            simulation.position,
-            simulation.setpoints.dispense,
-            episode.points,
-            episode.spacing,
-            int(self._foot[place]),
-            row,
-        )
-        self._measured[place] = last
-        total = self._total[place]
-        total[0] += row[_DISPENSING]
-        total[1] += row[_SQUARE]
-        total[2] = max(total[2], row[_LARGEST])
+        spans, at = self._spans, np.array(places, np.int64)
+        spans["log"], spans["axis_log"], spans["setpoints"] = self._addresses
+        spans["first"], spans["last"] = self._measured, self._ticks
+        parts = np.array_split(at, self._parts if len(at) >= _SHARED else 1)
+        others = [self._threads.submit(measure, spans, part, self._rows) for part in parts[1:]]
+        measure(spans, parts[0], self._rows)  # type: ignore[no-untyped-call]
+        _ = [other.result() for other in others]
+        self._measured[at], rows, total = self._ticks[at], self._rows[at], self._total
+        total[at, :2] += rows[:, [_DISPENSING, _SQUARE]]
+        total[at, 2] = np.maximum(total[at, 2], rows[:, _LARGEST])
 
     def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
         """Return the faults of the places that have one as texts, None elsewhere, (places,)."""

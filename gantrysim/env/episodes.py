@@ -92,7 +92,7 @@ class Plan:
         s, points = path.table
         if path.corners.size:
             points = np.insert(points, np.searchsorted(s, path.corners), path.position(path.corners), axis=0)
-        return points, float(s[1])
+        return np.ascontiguousarray(points), float(s[1])
 
 
 class Source:

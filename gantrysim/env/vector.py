@@ -31,7 +31,7 @@ Flags = NDArray[np.bool_]
 class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
     """Several of a task's environments in one, equal to them step by step for any number of threads.
 
-    The next episodes are drawn on threads while these run.
+    The next episodes are drawn on a thread while these run.
 
     Args:
         num_envs: number of environments.

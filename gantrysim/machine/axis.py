@@ -219,27 +219,20 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         raise InputError(f"gear of {name!r} = {gear:g}: must be greater than 0 ({meaning})")
     per_si = PER_SI[unit]
     scale = per_si / gear
-    dof = int(model.jnt_dofadr[joint])
-    drive = _drive(model, i, name)
-    static, stribeck = (float(value) for value in model.actuator_biasprm[i, 4:6])
-    bristles = float(model.actuator_dynprm[i, 5])
     low, high = (float(end) * per_si for end in model.jnt_range[joint])
     declared = float(model.jnt_user[joint, 0]) * per_si if model.nuser_jnt else 0.0
-    damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
     axis = Axis(
         name=name,
         unit=unit,
         travel=(low, high) if model.jnt_limited[joint] else (-math.inf, math.inf),
         scale=scale,
         inertia=math.nan,
-        viscous=damping / (gear * per_si),
         declared_speed=declared if declared > 0 else math.inf,
         resolution=_resolution(model, name, i, scale),
         efficiency=_efficiency(model, i),
         mode=MODES[int(fact(model, "drive_mode", i, 0.0)) % len(MODES)],
         phases=_phases(model, i),
-        **drive,
-        friction=Friction(drive["coulomb"], static, stribeck * scale, bristles / scale),
+        **_strengths(model, i, name, unit, scale),
     )
     current = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1) if axis.lag > 0 else -1
     where = (
@@ -250,6 +243,24 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
         load_of(model, joint),
     )
     return axis, AxisAddress(*map(int, where))
+
+
+def perturbed_axes(model: mujoco.MjModel, axes: Sequence[Axis]) -> tuple[Axis, ...]:
+    """Return axes that a perturbation of their model has left where they are, without inertia and motion."""
+    return tuple(replace(a, **_strengths(model, i, a.name, a.unit, a.scale)) for i, a in enumerate(axes))
+
+
+def _strengths(model: mujoco.MjModel, i: int, name: str, unit: str, scale: float) -> dict[str, Any]:
+    """Return the attributes of `Axis` that a perturbation changes: drive and friction."""
+    drive, gear = _drive(model, i, name), float(model.actuator_gear[i, 0])
+    static, stribeck = (float(value) for value in model.actuator_biasprm[i, 4:6])
+    dof = model.jnt_dofadr[model.actuator_trnid[i, 0]]
+    damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
+    return {
+        **drive,
+        "viscous": damping / (gear * PER_SI[unit]),
+        "friction": Friction(drive["coulomb"], static, stribeck * scale, float(model.actuator_dynprm[i, 5]) / scale),
+    }
 
 
 def load_of(model: mujoco.MjModel, joint: int) -> int:

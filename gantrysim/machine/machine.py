@@ -21,7 +21,16 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.display import table_html
 from gantrysim.errors import InputError, expanded, positive, unknown
-from gantrysim.machine.axis import PER_SI, element_index, fact, motion_of, read_axes, with_dynamics
+from gantrysim.machine.axis import (
+    PER_SI,
+    Axis,
+    element_index,
+    fact,
+    motion_of,
+    perturbed_axes,
+    read_axes,
+    with_dynamics,
+)
 from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.geometry import Geometry
@@ -80,7 +89,7 @@ class Machine:
         name: its file name without the suffix.
         spec: the MJCF before compilation.
         physics: the compiled model that is stepped, without visual-only elements.
-        axes: the axes in the order of the actuators.
+        plain_axes: the axes in the order of the actuators, without inertia and motion.
         addresses: their indices in MuJoCo's arrays.
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and of the body.
@@ -124,22 +133,22 @@ class Machine:
         moving = [*(axis.joint for axis in self.addresses), *self._followers]
         per_si = np.concatenate([self._per_si, np.ones(len(self._followers))])
         self._chain = Chain(physics, self.nozzle, self.work, moving, per_si)
+        self.plain_axes = axes
         self._use(physics)
+        _ = self.axes  # checks the motion
         if not self.turns_work:
             check_work_frame(self.kinematics, self.home, self.tip)
 
     def _stated_geometry(self) -> Geometry | None:
         """Return the errors of transmissions that custom numerics of the MJCF state, None where there are none."""
-        count = range(len(self.axes))
+        count = range(len(self.plain_axes))
         travel, periodic = (tuple(1e-3 * fact(self.physics, name, a, 0.0) for a in count) for name in OF_WAYS)
         return Geometry(travel_error=travel, periodic_error=periodic) if any((*travel, *periodic)) else None
 
     def _use(self, physics: mujoco.MjModel) -> None:
-        """Set the model that is stepped, and everything that depends on it."""
+        """Set the model that is stepped, and forget what is derived of it."""
         self.physics = physics
-        axes, self.addresses = read_axes(physics)
-        zero = np.zeros(len(axes))
-        self.axes = with_dynamics(physics, axes, self.addresses, self.to_qpos(zero), self._moved())
+        self._axes: tuple[Axis, ...] | None = None
         self._model: mujoco.MjModel | None = None
         self._stepping: dict[tuple[float, bool], mujoco.MjModel] = {}
 
@@ -162,9 +171,22 @@ class Machine:
         return table_html(f"machine {self.name}", heads, rows)
 
     @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The axes in the order of the actuators; their inertia and motion are derived when they are first asked for.
+
+        Raises:
+            InputError: accelerations about rest that are no finite numbers.
+        """
+        if self._axes is None:
+            at = self.to_qpos(np.zeros(len(self.plain_axes)))
+            with quiet():
+                self._axes = with_dynamics(self.physics, self.plain_axes, self.addresses, at, self._moved())
+        return self._axes
+
+    @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the axes in the order of the actuators."""
-        return tuple(axis.name for axis in self.axes)
+        return tuple(axis.name for axis in self.plain_axes)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -219,7 +241,7 @@ class Machine:
     @property
     def home(self) -> Floats:
         """The program's coordinates with all axes at zero, (coordinates,) [mm or deg]."""
-        return self.kinematics.forward(np.zeros((1, len(self.axes))))[0]
+        return self.kinematics.forward(np.zeros((1, len(self.plain_axes))))[0]
 
     @property
     def turns_work(self) -> bool:
@@ -241,6 +263,7 @@ class Machine:
         machine._perturbations = (*self._perturbations, perturbation)
         with quiet():
             machine._use(self._perturbed_model(self.physics, perturbation))
+        machine.plain_axes = perturbed_axes(machine.physics, self.plain_axes)
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 
@@ -350,8 +373,8 @@ class Machine:
             UnknownLoopError: an actuator has a delay in the MJCF.
             InputError: a position that is not one finite number per axis.
         """
-        at = np.zeros(len(self.axes)) if position is None else self._checked_position(position)
-        motion = motion_of(self.physics, self.axes, self.addresses, self.to_qpos(at))
+        at = np.zeros(len(self.plain_axes)) if position is None else self._checked_position(position)
+        motion = motion_of(self.physics, self.plain_axes, self.addresses, self.to_qpos(at))
         return replace(motion, B=motion.B * self.drive_gain)
 
     def _checked_position(self, position: ArrayLike) -> Floats:
@@ -360,10 +383,10 @@ class Machine:
             at = np.asarray(position, float)
         except (TypeError, ValueError):
             at = np.array(np.nan)
-        if at.shape != (len(self.axes),) or not np.isfinite(at).all():
-            units = ", ".join(f"{axis.name} [{axis.unit}]" for axis in self.axes)
+        if at.shape != (len(self.plain_axes),) or not np.isfinite(at).all():
+            units = ", ".join(f"{axis.name} [{axis.unit}]" for axis in self.plain_axes)
             text = " ".join(str(position).split())  # an array's text has line breaks
-            raise InputError(f"position = {text}: must be {len(self.axes)} finite numbers, one per axis: {units}")
+            raise InputError(f"position = {text}: must be {len(self.plain_axes)} finite numbers, one per axis: {units}")
         return at
 
     def tip(self, position: ArrayLike) -> Floats:
@@ -380,7 +403,7 @@ class Machine:
 
     def _perturbed_model(self, model: mujoco.MjModel, perturbation: Perturbation) -> mujoco.MjModel:
         return perturbed_model(
-            model, perturbation, axes=self.axes, joints=self._joints, nozzle=self.nozzle, work=self.work
+            model, perturbation, axes=self.plain_axes, joints=self._joints, nozzle=self.nozzle, work=self.work
         )
 
 

@@ -7,6 +7,7 @@ between simulations.
 from __future__ import annotations
 
 import copy
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
 
 PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
+_thread = threading.local()  # .data: a state of .model, slow to make
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 
@@ -142,7 +144,7 @@ def perturbed_model(
 
     if perturbation.payload:
         _add_payload(changed, perturbation.payload, nozzle, work)
-        mujoco.mj_setConst(changed, mujoco.MjData(changed))
+        mujoco.mj_setConst(changed, _scratch(model))
     # a joint's displacement is qpos - qpos0, its encoder reads qpos
     offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
     changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
@@ -153,6 +155,14 @@ def perturbed_model(
                 changed.tendon_lengthspring[tendon] -= pulled
                 changed.tendon_length0[tendon] -= pulled
     return changed
+
+
+def _scratch(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return a state of this thread that fits a model and its copies, to be overwritten."""
+    if getattr(_thread, "model", None) is not model:
+        _thread.model, _thread.data = model, mujoco.MjData(model)
+    mujoco.mj_resetData(model, _thread.data)
+    return _thread.data
 
 
 def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:

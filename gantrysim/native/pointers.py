@@ -35,6 +35,12 @@ def whole(context: Any, address: Any) -> Any:
 
 
 @intrinsic
+def octets(context: Any, address: Any) -> Any:
+    """Return the pointer to bytes at an address."""
+    return _typed_pointer(types.uint8)
+
+
+@intrinsic
 def floats(context: Any, address: Any) -> Any:
     """Return the pointer to doubles at an address."""
     return _typed_pointer(types.float64)
@@ -106,6 +112,15 @@ def vector(struct, offset):
 def row_at(address):
     """Return the row at an address, a view."""
     return numba.carray(_rows(address), (1,))[0]
+
+
+@inner_jit
+def logs_at(address, axis_address, ticks, axes):
+    """Return the log at two addresses, views: of the machine, (ticks,), and of the axes, (ticks, axes)."""
+    return (
+        numba.carray(_tick_entries(address), (ticks,)),
+        numba.carray(_axis_entries(axis_address), (ticks, axes)),
+    )
 
 
 @inner_jit

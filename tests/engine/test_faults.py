@@ -188,8 +188,8 @@ def test_a_warning_of_mujoco_is_a_fault_at_the_next_tick(rigid, tmp_path, monkey
     machine.physics.jnt_limited[:] = 0
     object.__setattr__(
         machine,
-        "axes",
-        tuple(dataclasses.replace(a, travel=(-math.inf, math.inf)) for a in machine.axes),
+        "plain_axes",
+        tuple(dataclasses.replace(a, travel=(-math.inf, math.inf)) for a in machine.plain_axes),
     )
     machine.physics.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
     run = simulate(machine, servo, ramp(50.0))

@@ -5,7 +5,7 @@ import pytest
 
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.env.interval import PER_AXIS, SHARED, measure
+from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
 from gantrysim.env.observation import IntervalValues
 from gantrysim.native.row import Log
 
@@ -23,17 +23,29 @@ def log_of(tips, encoder=None, demand=None):
     return log
 
 
+def span_of(path, tips, on, log, foot=-1):
+    """What is to be measured, with the addresses of arrays that are to be kept alive: these."""
+    s, points = path.table
+    arrays = np.ascontiguousarray(tips[:, :AXES]), np.ascontiguousarray(on, bool), np.ascontiguousarray(points)
+    span = np.zeros(1, SPAN)
+    span["log"], span["axis_log"] = log.tick.ctypes.data, log.axis.ctypes.data
+    span["setpoints"], span["dispense"], span["points"] = (array.ctypes.data for array in arrays)
+    span["count"], span["entries"], span["spacing"], span["foot"] = len(tips), len(points), s[1], foot
+    return span, arrays
+
+
 def measured(path, tips, dispense=None, foot=-1, log=None, cuts=()):
     """The rows of one interval after the other, and the last foot."""
     log = log_of(tips) if log is None else log
     on = np.ones(len(tips), bool) if dispense is None else dispense
-    s, points = path.table
+    span, _kept = span_of(path, tips, on, log, foot)
     rows = []
     for first, last in zip((0, *cuts), (*cuts, len(tips)), strict=True):
-        row = np.full(len(SHARED) + AXES * len(PER_AXIS), 7.0)  # nothing of what was there before may stay
-        foot = measure(log, first, last, np.ascontiguousarray(tips[:, :AXES]), on, points, s[1], foot, row)
-        rows.append(row)
-    return np.array(rows), foot
+        row = np.full((1, len(SHARED) + AXES * len(PER_AXIS)), 7.0)  # nothing of what was there before may stay
+        span["first"], span["last"] = first, last
+        measure(span, np.array([0]), row)
+        rows.append(row[0])
+    return np.array(rows), int(span["foot"][0])
 
 
 def value(rows, name):
@@ -127,3 +139,21 @@ def test_before_the_first_interval_nothing_is_measured():
     seen = IntervalValues.of(rows[:1], 1e-3, np.ones(AXES))
     assert all(np.all(np.asarray(v) == 0) for v in (seen.contour_rms, seen.tracking_rms, seen.ripple, seen.speed))
     assert seen.curvature == pytest.approx([0.1], rel=1e-3)  # but where the path begins is known
+
+
+def test_only_the_places_that_are_asked_for_are_measured():
+    line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
+    kept, spans = [], np.zeros(3, SPAN)
+    for place, off in enumerate((0.1, 0.2, 0.3)):
+        tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, off, 0.0])
+        log = log_of(tips)
+        span, arrays = span_of(line, tips, np.ones(101), log)
+        spans[place] = span[0]
+        kept.append((log, arrays))
+    spans["first"], spans["last"] = 0, 101
+    rows = np.full((3, len(SHARED) + AXES * len(PER_AXIS)), 7.0)
+    measure(spans, np.array([2, 0]), rows)
+    assert np.all(rows[1] == 7.0)
+    assert spans["foot"][1] == -1
+    assert value(rows, "contour_max")[[0, 2]] == pytest.approx([0.1, 0.3])
+    assert spans["foot"][[0, 2]].tolist() == [len(line.table[0]) - 1] * 2

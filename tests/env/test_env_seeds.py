@@ -1,5 +1,7 @@
 """Seeds: scalar and vector environments return the same values to the last bit."""
 
+import threading
+
 import gymnasium
 import numpy as np
 import pytest
@@ -97,3 +99,30 @@ def test_an_episode_does_not_depend_on_its_neighbours():
         actions = actions_of(among, random)
         own, others = alone.step(actions[3:]), among.step(actions)
         assert all(np.array_equal(one[0], other[3]) for one, other in zip(own[:4], others[:4], strict=True))
+
+
+def test_many_places_on_any_number_of_threads_equal_one_another():
+    together, alone = (gymnasium.make_vec(TUNING, num_envs=18, threads=threads, **SHORT) for threads in (3, 1))
+    assert same(together.reset(seed=5), alone.reset(seed=5))
+    random = np.random.default_rng(0)
+    for _ in range(12):
+        actions = actions_of(alone, random)
+        assert same(together.step(actions), alone.step(actions))
+    together.close()
+    assert same(together.step(actions), alone.step(actions))  # after its threads have ended
+
+
+def test_the_next_episodes_are_drawn_while_others_run():
+    envs = gymnasium.make_vec(TUNING, num_envs=2, threads=1, **SHORT)
+    batch, drawn = envs.unwrapped._episodes, []
+    draw = batch.source.draw
+    batch.source.draw = lambda *given: drawn.append(threading.current_thread().name) or draw(*given)
+    envs.reset(seed=1)
+    batch._ahead._thread.submit(int).result()  # after all that is asked of the thread
+    assert len(drawn) == 2
+    envs.step(np.zeros(envs.action_space.shape, np.float32))
+    batch._ahead._thread.submit(int).result()
+    assert len(drawn) == 4
+    envs.reset()
+    assert len(drawn) == 4
+    assert threading.current_thread().name not in drawn

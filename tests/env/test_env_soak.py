@@ -79,7 +79,9 @@ def soak(env, count, early):
     def look(done):
         if done in (early, count):
             if isinstance(env, gymnasium.vector.VectorEnv):
-                wait([drawn for _, drawn in env.unwrapped._episodes._ahead._next.values()])
+                ahead = env.unwrapped._episodes._ahead
+                ahead.start()  # else it begins at the next step
+                wait([drawn for _, drawn in ahead._next.values()])
             held[done] = Holdings()
 
     ends = (soak_vector if isinstance(env, gymnasium.vector.VectorEnv) else soak_alone)(env, count, look)

@@ -1,6 +1,8 @@
 """Perturbed machines: every deviation has its effect, and no other."""
 
+import copy
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -8,7 +10,9 @@ import pytest
 
 from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import InputError
+from gantrysim.machine.axis import read_axes
 from gantrysim.machine.perturbation import FACTORS, Perturbation
 
 from support.runs import ideal_motors, plain, ramp
@@ -80,6 +84,44 @@ def test_perturbations_add_up(xy):
     assert twice.axes[1].coulomb == xy.axes[1].coulomb
     assert twice.drive_gain == pytest.approx([1.21, 1.21], rel=EXACT)
     assert xy.drive_gain.tolist() == [1, 1]
+
+
+MANY = Perturbation(payload=0.3, friction=1.3, viscous=0.8, stiffness=0.9, motor_constant=1.1, home_offset=0.02)
+
+
+@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "delta", "stage"])
+def test_axes_of_a_perturbed_machine_are_those_that_its_model_states(name):
+    machine = Machine(name).perturbed(MANY)
+    axes, addresses = read_axes(machine.physics)
+    assert machine.addresses == addresses
+    assert repr(machine.plain_axes) == repr(axes)  # of dataclasses with nan
+    assert [axis.friction for axis in machine.plain_axes] == [axis.friction for axis in axes]
+    assert [axis.name for axis in machine.axes] == [axis.name for axis in axes]
+
+
+def test_a_simulation_of_a_perturbed_machine_does_not_need_its_inertia_and_motion(xy, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("slow")
+
+    servo, setpoints = Servo.derive(xy.axes), MoveSpiral(60, 1, 10, 100).setpoints(0.001)
+    inertias = [axis.inertia for axis in xy.perturbed(MANY).axes]
+    with monkeypatch.context() as patch:
+        patch.setattr("gantrysim.machine.machine.with_dynamics", refuse)
+        machine = xy.perturbed(MANY)
+        simulation = Simulation.of(machine, servo, setpoints)
+    assert [axis.inertia for axis in simulation.machine.axes] == inertias
+    assert all(a.inertia > b.inertia for a, b in zip(simulation.machine.axes, xy.axes, strict=True))
+
+
+def test_machines_perturbed_in_turns_and_on_threads_have_their_own_constants(xy, xyz):
+    def perturbed(k):
+        machine = (xy, xyz)[k % 2].perturbed(Perturbation(payload=0.1 * (k + 1)))
+        fresh = copy.copy(machine.physics)
+        mujoco.mj_setConst(fresh, mujoco.MjData(fresh))
+        return not fields_that_differ(machine.physics, fresh)
+
+    with ThreadPoolExecutor(4) as threads:
+        assert all(threads.map(perturbed, range(16)))
 
 
 @pytest.mark.parametrize(("name", "feels"), [("xy", "xy"), ("xyz", "xyz"), ("xyzr", "xyz")])

@@ -80,6 +80,15 @@ def _swept_angles(r, b, c, s, most):
     return found
 
 
+@jit
+def swept_along(r, b, c, s, most):
+    """Return what `swept_angle` does for arc lengths of one curve, (n,)."""
+    found = np.empty(s.size)
+    for k in range(s.size):
+        found[k] = _angle(r, b, c, s[k], most)
+    return found
+
+
 @inner_jit
 def _angle(r, b, c, s, most):
     rate = np.hypot(r, c)

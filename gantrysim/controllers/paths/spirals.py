@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats, LastCall
-from gantrysim.controllers.paths.lengths import arc_length, swept_angle
+from gantrysim.controllers.paths.lengths import arc_length, swept_along
 from gantrysim.controllers.paths.path import Path
 from gantrysim.errors import InputError, finite, point, positive
+from gantrysim.jit import jit
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Involute(Path):
     def _turn(self) -> float:
         return -1.0 if self.clockwise else 1.0
 
-    @property
+    @cached_property
     def length(self) -> float:
         return float(arc_length(self.radius, -self.a, abs(self._rise), self.angle)[0])
 
@@ -101,7 +102,8 @@ class Involute(Path):
         return LastCall(self._swept)
 
     def _swept(self, s: Floats) -> Floats:
-        angles = swept_angle(self.radius, -self.a, abs(self._rise), s, self.angle)
+        numbers = float(self.radius), -self.a, abs(self._rise)
+        angles: Floats = swept_along(*numbers, s.ravel(), self.angle).reshape(s.shape)  # type: ignore[no-untyped-call]
         angles.flags.writeable = False
         return angles
 
@@ -112,11 +114,9 @@ class Involute(Path):
         return np.stack([self.start[0] + along * c - left * s, self.start[1] + along * s + left * c, up], axis=-1)
 
     def position(self, s: ArrayLike) -> Floats:
-        phi = self.phi(s)
-        rho = self.radius - self.a * phi
-        along = self.a - self.a * np.cos(phi) + rho * np.sin(phi)
-        inward = self.radius - self.a * np.sin(phi) - rho * np.cos(phi)
-        return self._place(along, inward, self._rise * phi)
+        phi, c, d = self.phi(s), np.cos(self.heading_start), np.sin(self.heading_start)
+        turned = np.cos(phi), np.sin(phi)  # not compiled, for other rounding would be another path
+        return _points(phi, *turned, float(self.radius), self.a, self._rise, self.start, float(c), float(d), self._turn)
 
     def heading(self, s: ArrayLike) -> Floats:
         return self.heading_start + self._turn * self.phi(s)
@@ -128,3 +128,28 @@ class Involute(Path):
     def climb(self, s: ArrayLike) -> Floats:
         rho = self.radius - self.a * self.phi(s)
         return self._rise / np.maximum(np.hypot(rho, self._rise), 1e-9)
+
+
+@jit
+def _points(
+    phi: Floats,
+    cosine: Floats,
+    sine: Floats,
+    radius: float,
+    a: float,
+    rise: float,
+    start: tuple[float, float],
+    c: float,
+    d: float,
+    turn: float,
+) -> Floats:
+    """Return the points of an involute whose first tangent has the direction (c, d), (n, 3) [mm]."""
+    points = np.empty((phi.size, 3))
+    for k in range(phi.size):
+        rho = radius - a * phi[k]
+        along = a - a * cosine[k] + rho * sine[k]
+        left = turn * (radius - a * sine[k] - rho * cosine[k])
+        points[k, 0] = start[0] + along * c - left * d
+        points[k, 1] = start[1] + along * d + left * c
+        points[k, 2] = rise * phi[k]
+    return points

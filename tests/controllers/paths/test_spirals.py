@@ -363,3 +363,17 @@ def test_height_is_part_of_the_parameters_and_must_be_finite():
     for height in (math.nan, math.inf):
         with pytest.raises(InputError, match=rf"^height = {height} mm: must be finite$"):
             Involute(60, 10, 4, height=height)
+
+
+@given(spirals())
+def test_points_of_an_involute_are_rounded_as_its_equations_are_by_numpy(arguments):
+    path = Involute(*arguments)
+    s = np.linspace(0, path.length, 101)
+    phi, a = path.phi(s), path.pitch / (2 * np.pi)
+    rho = path.radius - a * phi
+    u = a - a * np.cos(phi) + rho * np.sin(phi)
+    w = path.radius - a * np.sin(phi) - rho * np.cos(phi)
+    c, d, left = np.cos(path.heading_start), np.sin(path.heading_start), -w if path.clockwise else w
+    x, y = path.start[0] + u * c - left * d, path.start[1] + u * d + left * c
+    assert np.array_equal(path.position(s), np.stack([x, y, np.zeros(101)], axis=1))
+    assert np.array_equal(phi, swept_angle(path.radius, np.full(101, -a), 0.0, s, path.angle))
