@@ -29,12 +29,12 @@ FIGURES = {
 CONSTANTS = {
     "BeadWidth": ("override", np.geomspace(0.6, 2.0, 25)),
     "SpeedOverride": ("override", np.geomspace(0.1, 2.0, 14)),
-    "ServoTorque": ("friction", np.geomspace(0.6, 1.8, 9)),
+    "ServoTorque": ("friction", np.linspace(0.8, 1.2, 5)),
 }
 GAINS = {
     "BeadWidth": np.geomspace(0.02, 0.3, 9),
     "SpeedOverride": np.geomspace(3.0, 12.0, 7),
-    "ServoTorque": np.linspace(0.7, 1.2, 6),
+    "ServoTorque": np.linspace(0.9, 1.1, 5),
 }
 COLUMNS = ("task", "policy", "seed", "decisions", "return", "figure", "cost", "faults")
 TRAINING, UNSEEN = range(40), range(10_000, 10_100)  # seeds of episodes

@@ -73,6 +73,7 @@ class SpeedOverrideSource(ChangingFriction):
     """Source of episodes whose setpoints are still to be written, and whose friction changes at some moment."""
 
     settings: SpeedOverrideSettings
+
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         """Return a simulation that rests at the start of the path, with room for the setpoints of an episode."""
         asked = plan.setpoints

@@ -17,9 +17,9 @@ from gantrysim.env.baselines import CLASSICAL
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead
 from gantrysim.metrics.analysis import Analysis
 
-from support.episodes import BEAD, SHORT, SPEED, actions_of, same
+from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, same
 
-TASKS = [BEAD, SPEED]
+TASKS = [BEAD, SPEED, TORQUE]
 STEADY = {"warming": 1.0, "clog": 1.0, "dip": 0.0, "lag": 0.05}
 SPACING = 0.03  # of the points along a path, between which a reversal lies [mm]
 SAVED = 0.2  # least share of the loss that adapting saves
@@ -195,7 +195,7 @@ def test_random_actions_do_not_end_in_a_fault(name):
     random = np.random.default_rng(0)
     env = gymnasium.make(name)
     for seed in range(3):
-        _, info = episode(env, seed, lambda _: random.uniform(-1, 1, 1).astype(np.float32))
+        _, info = episode(env, seed, lambda _: random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
         assert info["fault"] is None
         assert np.isfinite([value for value in info.values() if isinstance(value, float)]).all()
 
@@ -218,7 +218,7 @@ def test_the_vector_environment_equals_the_scalar_one(name):
 def test_a_task_goes_on_from_a_saved_state(name):
     env, other = gymnasium.make(name, **SHORT).unwrapped, gymnasium.make(name, **SHORT).unwrapped
     env.reset(seed=3)
-    actions = np.random.default_rng(0).uniform(-1, 1, (10, 1)).astype(np.float32)
+    actions = np.random.default_rng(0).uniform(-1, 1, (10, *env.action_space.shape)).astype(np.float32)
     for action in actions[:5]:
         env.step(action)
     state = env.save()
@@ -253,6 +253,6 @@ def test_the_longest_episode_is_bounded(name):
     env.reset(seed=1, options={"spiral": {"diameter": 60.0, "turns": 2, "thickness": 6.0, "speed": 80.0}})
     count, over = 0, False
     while not over:
-        *_, over, _ = env.step(-np.ones(1, np.float32))
+        *_, over, _ = env.step(-np.ones(env.action_space.shape, np.float32))
         count += 1
     assert count <= env.spec.max_episode_steps
