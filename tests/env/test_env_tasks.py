@@ -22,6 +22,7 @@ from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, same
 TASKS = [BEAD, SPEED, TORQUE]
 STEADY = {"warming": 1.0, "clog": 1.0, "dip": 0.0, "lag": 0.05}
 SPACING = 0.03  # of the points along a path, between which a reversal lies [mm]
+BRIEF = {"diameter": 36.0, "turns": 1, "thickness": 9.0, "speed": (80.0, 100.0)}  # of many short decisions
 SAVED = 0.2  # least share of the loss that adapting saves
 
 
@@ -193,7 +194,7 @@ def test_adapting_beats_constants(name, parameter, constants):
 @pytest.mark.parametrize("name", TASKS)
 def test_random_actions_do_not_end_in_a_fault(name):
     random = np.random.default_rng(0)
-    env = gymnasium.make(name)
+    env = gymnasium.make(name, **(BRIEF if name == TORQUE else {}))
     for seed in range(3):
         _, info = episode(env, seed, lambda _: random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
         assert info["fault"] is None
@@ -249,7 +250,8 @@ def test_settings_out_of_bounds_are_rejected(kind, given, text):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_the_longest_episode_is_bounded(name):
-    env = gymnasium.make(name, **SHORT, **({"slowest": 0.3} if name == SPEED else {}))
+    own = {SPEED: {"slowest": 0.3}, TORQUE: {"decision_interval": 0.02}}
+    env = gymnasium.make(name, **SHORT, **own.get(name, {}))
     env.reset(seed=1, options={"spiral": {"diameter": 60.0, "turns": 2, "thickness": 6.0, "speed": 80.0}})
     count, over = 0, False
     while not over:
