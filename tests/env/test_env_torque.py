@@ -134,7 +134,7 @@ def test_values_of_an_episode_are_those_of_its_decisions():
 
 
 def test_a_fault_costs_twice_what_it_prevents():
-    env = ServoTorqueEnv(**BRIEF, reach=1.0, decision_interval=0.01)
+    env = ServoTorqueEnv(**BRIEF, reach=1.0, decision_interval=0.01, servo={"following_error_limit": 0.1})
     _, info = episode(env, 2, lambda _: np.ones(2, np.float32))
     assert info["fault"] is not None
     sent, setpoints = int(env._episodes._sent[0]), int(env._episodes._setpoints[0])
