@@ -45,9 +45,9 @@ class ServoTorqueSettings(PathSettings):
     thickness: Bounds = (6.0, 9.0)
     speed: Bounds = (40.0, 100.0)
     acceleration: float = 2000.0
-    decision_interval: float = 0.002
+    decision_interval: float = 0.004
     tolerance: float = 0.005
-    reach: float = 0.06
+    reach: float = 0.05
     memory: float = 0.1
 
     def model_post_init(self, context: object) -> None:

@@ -42,7 +42,7 @@ def test_the_demand_is_the_servos_law_and_the_torque_added():
     for _ in range(60):
         action = random.uniform(-1, 1, 2).astype(np.float32)
         env.step(action)
-        added += [0.05 * action.astype(float) * [axis.peak_torque for axis in env._episodes.source.machine.axes]] * 2
+        added += [0.05 * action.astype(float) * [axis.peak_torque for axis in env._episodes.source.machine.axes]] * 4
     run, own = env.run, env._episodes.source.servo
     error = run.commanded - run.encoder
     changes = [np.diff(x, axis=0, prepend=x[:1]) / PERIOD for x in (error, run.commanded)]
@@ -96,13 +96,13 @@ def test_the_level_seen_is_the_friction_of_the_machine_before_and_after_it_chang
     policy = friction_compensation(env, 1.0)
     observation, _ = env.reset(seed=1, options={"machine": {**factors, **still}, "task": task})
     levels = []
-    for _ in range(1000):
+    for _ in range(500):
         observation, *_ = env.step(policy(observation))
         one = seen(env, observation)
         levels.append((one["level_x"], one["level_y"]))
     expected = np.array([1.4 / 0.95, 0.8 / 1.05])  # the servo demands what a weaker motor needs more
-    assert np.median(levels[200:500], axis=0) == pytest.approx(expected, rel=0.05)
-    assert np.median(levels[650:], axis=0) == pytest.approx(1.5 * expected, rel=0.05)
+    assert np.median(levels[100:250], axis=0) == pytest.approx(expected, rel=0.05)
+    assert np.median(levels[325:], axis=0) == pytest.approx(1.5 * expected, rel=0.05)
 
 
 def test_adapting_beats_every_fixed_compensation():
@@ -160,11 +160,11 @@ def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_en
 def test_an_episode_goes_on_from_a_state_saved_late():
     env, other = ServoTorqueEnv(**BRIEF), ServoTorqueEnv(**BRIEF)
     env.reset(seed=3)
-    actions = np.random.default_rng(0).uniform(-0.3, 0.3, (330, 2)).astype(np.float32)
-    for action in actions[:240]:
+    actions = np.random.default_rng(0).uniform(-0.3, 0.3, (165, 2)).astype(np.float32)
+    for action in actions[:120]:
         env.step(action)
     assert other.restore(env.save()).tobytes() == env._episodes.observations()[0].tobytes()
-    for action in actions[240:]:
+    for action in actions[120:]:
         one, two = env.step(action), other.step(action)
         assert one[0].tobytes() == two[0].tobytes()
         assert str(one[1:]) == str(two[1:])
