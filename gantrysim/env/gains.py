@@ -27,7 +27,7 @@ class GainBatch(EpisodeBatch):
     def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
         self._centre = {name: np.array(getattr(self.source.servo, name)) for name in SCALED}
-        self._table = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
+        self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
 
     def _entries(self) -> list[Entry]:
         return entries(self.source.machine.axis_names, self.settings.per_axis)
@@ -59,7 +59,7 @@ class GainBatch(EpisodeBatch):
         }
         cost = np.zeros(len(self.episodes))
         for place in np.flatnonzero(advanced).tolist():
-            cost[place] = self._table.cost(self._action[place].reshape(len(TUNED_GAINS), -1))
+            cost[place] = self.sensitivity.cost(self._action[place].reshape(len(TUNED_GAINS), -1))
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty | ended if alone else faulty,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,4 +79,5 @@ class SensitivityTable:
 
 def scaled(servo: Servo, factors: Mapping[str, Floats]) -> Servo:
     """Return a servo whose gains of `SCALED` are multiplied, each by one factor per axis."""
-    return replace(servo, **{name: tuple((factors[name] * getattr(servo, name)).tolist()) for name in SCALED})
+    gains: dict[str, Any] = {name: tuple((factors[name] * getattr(servo, name)).tolist()) for name in SCALED}
+    return replace(servo, **gains)
