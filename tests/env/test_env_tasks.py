@@ -165,6 +165,44 @@ def test_the_commanded_speed_keeps_the_acceleration_and_the_override(actions):
     assert (speed <= 100.0 * np.maximum.accumulate(np.repeat(overrides, 20))[1 : len(speed) + 1] + 1e-6).all()
 
 
+@pytest.mark.parametrize("progress", [0.0, 6.0])
+def test_progress_pays_the_same_for_a_whole_path_however_it_is_followed(progress):
+    env = SpeedOverrideEnv(diameter=40.0, turns=1, thickness=8.0, speed=100.0, slowest=0.2, progress=progress)
+    random = np.random.default_rng(0)
+    for policy in (still, lambda _: random.uniform(-1, 1, 1).astype(np.float32)):
+        env.reset(seed=1)
+        names, infos, rewards, over = ("reward_progress", "reward_time", "reward_contour"), [], [], False
+        while not over:
+            _, reward, terminated, over, info = env.step(policy(None))
+            assert not terminated
+            infos.append(info)
+            rewards.append(reward)
+        paid, time, contour = (np.array([one[name] for one in infos]) for name in names)
+        assert rewards == pytest.approx(paid + time + contour)
+        assert paid.sum() == pytest.approx(progress)
+        assert time.sum() == pytest.approx(-info["episode_time_ratio"])
+        assert (paid >= 0).all()
+        assert (contour[[one["cost"] == 0 for one in infos]] == 0).all()
+
+
+@pytest.mark.parametrize(("progress", "crawling_pays"), [(0.0, True), (6.0, False)])
+def test_crawling_pays_for_an_agent_that_discounts_only_without_progress(progress, crawling_pays):
+    env = SpeedOverrideEnv(progress=progress)
+    returns = []
+    for policy in (lambda _: -np.ones(1, np.float32), CLASSICAL["SpeedOverride"](env, 6.0)):
+        total = 0.0
+        for seed in (500, 501):
+            observation, _ = env.reset(seed=seed)
+            for k in range(150):
+                observation, reward, _, truncated, _ = env.step(policy(observation))
+                total += 0.99**k * reward
+                if truncated:
+                    break
+        returns.append(total)
+    crawling, classical = returns
+    assert (crawling > classical) is crawling_pays
+
+
 def test_friction_changes_when_it_is_said_to():
     options = {"machine": {"friction_x": 1.0, "friction_y": 1.0}}
     runs = []
