@@ -46,6 +46,16 @@ def test_the_width_learnt_with_the_librarys_defaults_beats_the_derived_override(
         assert int(row["decisions"]) < 52_000  # 50 000, in whole rollouts
 
 
+def test_the_speed_learnt_with_the_librarys_defaults_beats_the_best_constant(rows):
+    own = [row for row in rows if row["task"] == "SpeedOverride"]
+    fixed = [float(row["return"]) for row in own if row["policy"].startswith(("constant", "derived"))]
+    learnt = [row for row in own if row["policy"] == "PPO"]
+    assert len(learnt) == 3
+    for row in learnt:
+        assert float(row["return"]) > max(fixed)
+        assert int(row["decisions"]) < 52_000
+
+
 def test_no_choice_in_hindsight_is_worse_than_a_narrower_one(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["gains_bound.py", "--sets", "4", "--episodes", "2"])
     runpy.run_path(str(ROOT / "scripts/gains_bound.py"))
