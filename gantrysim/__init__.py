@@ -12,7 +12,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 @wrapt.when_imported("gymnasium")
 def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
     """Register the environments by name, in whichever order the two packages are imported."""
-    for name, version in (("SpiralTuning", 0), ("GainBandit", 0), ("BeadWidth", 1), ("SpeedOverride", 1)):
+    own = {"SpiralTuning": 0, "GainBandit": 0, "BeadWidth": 1, "SpeedOverride": 1, "ServoTorque": 1}
+    for name, version in own.items():
         gymnasium.register(
             f"gantrysim/{name}-v{version}",
             entry_point=f"gantrysim.env:{name}Env",

@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 
 import gantrysim  # noqa: F401  registers the environments
-from gantrysim.env.baselines import CLASSICAL
+from gantrysim.env.baselines import CLASSICAL, friction_compensation
 
 DOCS = Path(__file__).parents[1] / "docs"
 ROWS, PAGE = DOCS / "learning.csv", DOCS / "learning.md"
@@ -24,15 +24,24 @@ BEGIN, END = "<!-- table of scripts/adapting.py -->\n", "<!-- end of the table -
 FIGURES = {
     "BeadWidth": ("episode_width_rms", 100, "width error, rms [%]"),
     "SpeedOverride": ("episode_time_ratio", 100, "time [% of nominal]"),
+    "ServoTorque": ("episode_contour_rms", 1000, "contour error, rms [µm]"),
 }
-CONSTANTS = {"BeadWidth": np.geomspace(0.6, 2.0, 25), "SpeedOverride": np.geomspace(0.1, 2.0, 14)}
-GAINS = {"BeadWidth": np.geomspace(0.02, 0.3, 9), "SpeedOverride": np.geomspace(3.0, 12.0, 7)}
+CONSTANTS = {
+    "BeadWidth": ("override", np.geomspace(0.6, 2.0, 25)),
+    "SpeedOverride": ("override", np.geomspace(0.1, 2.0, 14)),
+    "ServoTorque": ("friction", np.linspace(0.8, 1.2, 5)),
+}
+GAINS = {
+    "BeadWidth": np.geomspace(0.02, 0.3, 9),
+    "SpeedOverride": np.geomspace(3.0, 12.0, 7),
+    "ServoTorque": np.linspace(0.9, 1.1, 5),
+}
 COLUMNS = ("task", "policy", "seed", "decisions", "return", "figure", "cost", "faults")
 TRAINING, UNSEEN = range(40), range(10_000, 10_100)  # seeds of episodes
 
 
 def evaluated(task, policy, seeds, **settings):
-    """Return the means over episodes of return, figure, cost and faults."""
+    """Return the means over episodes of return, without what progress pays, figure, cost and faults."""
     env = gymnasium.make(f"gantrysim/{task}-v1", **settings)
     results = []
     for seed in seeds:
@@ -40,7 +49,7 @@ def evaluated(task, policy, seeds, **settings):
         total, over = 0.0, False
         while not over:
             observation, reward, terminated, truncated, info = env.step(policy(observation))
-            total, over = total + reward, terminated or truncated
+            total, over = total + reward - info.get("reward_progress", 0.0), terminated or truncated
         figure, unit, _ = FIGURES[task]
         results.append((total, unit * info[figure], info["episode_cost"], info["fault"] is not None))
     env.close()
@@ -56,14 +65,25 @@ def write(task, policy, seed, decisions, values):
         writer.writerow([task, policy, seed, decisions, *(f"{value:.5g}" for value in values)])
 
 
-def still(_observation):
-    return np.zeros(1, np.float32)
+def fixed(task, value=None):
+    """Return a policy that does not adapt, and settings: the derived one, or one with a constant value."""
+    env = gymnasium.make(f"gantrysim/{task}-v1").unwrapped
+    if task == "ServoTorque" and value is not None:
+        return friction_compensation(env, value, adaptive=False), {}
+    still = np.zeros(env.action_space.shape, np.float32)
+    return lambda _: still, {} if value is None else {"override": float(value)}
+
+
+def measured(task, seeds, value=None):
+    policy, settings = fixed(task, value)
+    return evaluated(task, policy, seeds, **settings)
 
 
 def constant(task):
-    best = max(CONSTANTS[task], key=lambda override: evaluated(task, still, TRAINING, override=float(override))[0])
-    write(task, "derived", "", 0, evaluated(task, still, UNSEEN))
-    write(task, f"constant, override {best:.3g}", "", 0, evaluated(task, still, UNSEEN, override=float(best)))
+    name, values = CONSTANTS[task]
+    best = max(values, key=lambda value: measured(task, TRAINING, value)[0])
+    write(task, "derived", "", 0, measured(task, UNSEEN))
+    write(task, f"constant, {name} {best:.3g}", "", 0, measured(task, UNSEEN, best))
 
 
 def classical(task):

@@ -149,7 +149,8 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
 
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
-_OWN = ("magic", "setpoints", "log", "axis_log", "gates", "injected", "drives", *OFFSETS)
+_OWN = ("magic", "setpoints", "log", "axis_log", "gates", "injected", "drives", "laws", *OFFSETS)
+_OWN_OF_LAWS = ("user", "state_at", "feed")  # of the laws' entries, likewise
 
 
 class Moment(NamedTuple):
@@ -159,11 +160,15 @@ class Moment(NamedTuple):
         physics: state of MuJoCo and of the servo.
         log: entries so far.
         drives: state of the drives; None where all are plain ones.
+        laws: state of the laws; None where PID does alone.
+        own: state of a user's own law; None without one.
     """
 
     physics: Floats
     log: Log
     drives: NDArray[np.void] | None
+    laws: NDArray[np.void] | None
+    own: Floats | None
 
 
 class Batch:
@@ -219,9 +224,10 @@ class Batch:
         run = self.runs[place]
         if run.simulation.book.first or len(run.simulation.log.tick) < run.ticks:
             raise GantryError("a run whose log is in a file cannot be copied")
-        drives = None if run.drives is None else run.drives.copy()
+        drives, laws = (None if entries is None else entries.copy() for entries in (run.drives, run.laws))
+        own = None if run.own is None else run.own.state.copy()
         log = run.simulation.log.until(run.ticks)
-        return Moment(self._batch.state[place].copy(), Log(log.tick.copy(), log.axis.copy()), drives)
+        return Moment(self._batch.state[place].copy(), Log(log.tick.copy(), log.axis.copy()), drives, laws, own)
 
     def resume(self, place: int, simulation: Simulation, moment: Moment) -> None:
         """Put a simulation into a place at a moment of another simulation of the same."""
@@ -233,6 +239,11 @@ class Batch:
             run.row[name] = value
         if run.drives is not None:
             run.drives[:] = moment.drives
+        if run.laws is not None and moment.laws is not None:
+            for name in set(moment.laws.dtype.names or ()).difference(_OWN_OF_LAWS):
+                run.laws[name] = moment.laws[name]
+        if run.own is not None:
+            run.own.state[:] = moment.own
         ticks = len(moment.log.tick)
         simulation.book.make_room(run.row, 0)
         simulation.log.tick[:ticks], simulation.log.axis[:ticks] = moment.log

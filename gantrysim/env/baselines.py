@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.env.bead_width import BeadWidthEnv
+from gantrysim.env.servo_torque import ServoTorqueEnv
 from gantrysim.env.speed_override import SpeedOverrideEnv
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -62,8 +63,32 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
     return policy
 
 
+def friction_compensation(env: ServoTorqueEnv, share: float, *, adaptive: bool = True) -> Policy:
+    """Return the torque of the nominal friction, times its level as it is fitted while the nozzle moves.
+
+    Args:
+        env: its environment.
+        share: factor on that torque.
+        adaptive: whether the level is that observed, or 1.
+    """
+    frictions, levels = (
+        [k for k, name in enumerate(env.observation_names) if name.startswith(prefix)]
+        for prefix in ("friction_", "level_")
+    )
+
+    def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        level = observation[levels] if adaptive else 1.0
+        return np.clip(share * level * observation[frictions], -1.0, 1.0).astype(np.float32)
+
+    return policy
+
+
 _BEFORE, _AFTER = 0.3, 1.0  # where it moves slowly, ahead of a reversal and behind it [mm]
 _BRAKING = 0.7  # share of the acceleration
 _TOP = 1.5  # override between reversals
 
-CLASSICAL: dict[str, Callable[[Any, float], Policy]] = {"BeadWidth": width_feedback, "SpeedOverride": slow_at_reversals}
+CLASSICAL: dict[str, Callable[[Any, float], Policy]] = {
+    "BeadWidth": width_feedback,
+    "SpeedOverride": slow_at_reversals,
+    "ServoTorque": friction_compensation,
+}

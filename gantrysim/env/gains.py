@@ -12,6 +12,7 @@ from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.env.episode_batch import EpisodeBatch, Outcome
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Source, gain_factors
 from gantrysim.env.observation import Entry, entries, observe
+from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Settings
 
 # Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
@@ -26,6 +27,7 @@ class GainBatch(EpisodeBatch):
     def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
         self._centre = {name: np.array(getattr(self.source.servo, name)) for name in SCALED}
+        self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
 
     def _entries(self) -> list[Entry]:
         return entries(self.source.machine.axis_names, self.settings.per_axis)
@@ -55,12 +57,16 @@ class GainBatch(EpisodeBatch):
             "reward_ripple": -np.clip(np.log(np.maximum(ripple / settings.ripple_limit, 1.0)), 0.0, _RIPPLE),
             "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
         }
+        cost = np.zeros(len(self.episodes))
+        for place in np.flatnonzero(advanced).tolist():
+            cost[place] = self.sensitivity.cost(self._action[place].reshape(len(TUNED_GAINS), -1))
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty | ended if alone else faulty,
             truncated=np.zeros_like(ended) if alone else ended,
             info={
                 **terms,
+                "cost": np.where(faulty, 1.0, cost),
                 "contour_rms": measured.contour_rms,
                 "contour_max": measured.contour_max,
                 "ripple": ripple,

@@ -210,7 +210,9 @@ class SpiralTuningEnv(PathEnv):
     ==============  =========================================================================================
 
     An interval without a fault costs at most 10, so a fault never pays. Stability affects the reward only through the
-    ripple: check learnt gains with `gantrysim.stability.margins`.
+    ripple; `info["cost"]` tells how far the gains are beyond the tuner's limit |S| = 2 on the nominal machine: 0 up to
+    2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
+    (`gantrysim.env.sensitivity.SensitivityTable`).
 
     `info` also holds contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, the torque ripple
     while dispensing as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, a text or

@@ -22,7 +22,6 @@ from gantrysim.env.timeline import SpeedOverrideSettings, SpeedOverrideSource, m
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.run import Run
 
-_PERCENT = 100.0
 _SPEEDS = {"speed": "commanded path speed", "program_speed": "path speed of the program"}
 _NEAR = 1.0  # range of the distances to reversals that are observed a second time [mm]
 _ERRORS = 10.0  # range of errors [tolerances]
@@ -158,12 +157,12 @@ class SpeedOverrideBatch(EpisodeBatch):
         beyond = np.clip(measured.contour_max / settings.tolerance - 1, 0.0, settings.worst)
         share = self._way / self._length
         rest = 1 - self._along[:, 0] / self._length
+        worst = 1 / settings.slowest + settings.weight * settings.worst  # largest loss of the whole path
         terms = {
-            "reward_time": -_PERCENT * time / reference,
-            "reward_contour": -_PERCENT * settings.weight * beyond * share,
-            "reward_fault": np.where(
-                faulty, -_PERCENT * (rest + share) * (1 / settings.slowest + settings.weight * settings.worst), 0.0
-            ),
+            "reward_progress": settings.progress * share,
+            "reward_time": -time / reference,
+            "reward_contour": -settings.weight * beyond * share,
+            "reward_fault": np.where(faulty, -(rest + share) * worst, 0.0),
         }
         outside = np.where(beyond > 0, share, 0.0)
         self._losses[advanced] += np.stack([time, beyond * share, outside], 1)[advanced]
@@ -201,16 +200,20 @@ class SpeedOverrideEnv(PathEnv):
     `gantrysim.env.speed_override.SpeedOverrideBatch`: errors of the last interval, override, commanded speed, the
     program's speed, curvature here and ahead, distances to the next and since the last reversal of an axis, progress.
 
-    Reward: the sum of three terms, in percent of the nominal duration length / program speed, which `info` holds too.
+    Reward: the sum of four terms, in nominal durations length / program speed, which `info` holds too.
 
-    ==============  ===============================================================================================
-    term            value
-    ==============  ===============================================================================================
-    reward_time     -100 time / nominal duration
-    reward_contour  -100 weight e share, where e is by how many tolerances the largest contour error since the last
-                    decision is beyond the tolerance, at most `worst`, and share is that of the path commanded
-    reward_fault    for a fault the largest loss of the rest of the path: -100 rest (1 / slowest + weight worst)
-    ==============  ===============================================================================================
+    ===============  ==============================================================================================
+    term             value
+    ===============  ==============================================================================================
+    reward_progress  progress share, where share is that of the path commanded since the last decision
+    reward_time      -time / nominal duration
+    reward_contour   -weight e share, where e is by how many tolerances the largest contour error since the last
+                     decision is beyond the tolerance, at most `worst`
+    reward_fault     for a fault the largest loss of the rest of the path: -rest (1 / slowest + weight worst)
+    ===============  ==============================================================================================
+
+    Whoever reaches the end has been paid `progress` in all, so this term ranks no two such policies. An agent that
+    discounts needs it: it loses the same time by every decision, and by going slower fewer tolerances.
 
     `info` also holds cost, 1 where this error is beyond the tolerance and 0 elsewhere; contour_rms and contour_max
     [mm]; override; fault, a text or None; and at the end of an episode episode_time [s], episode_time_ratio, over the

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from gantrysim.arrays import Floats
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulation import Simulation
-from gantrysim.env.episodes import SPIRAL, Episode, Plan, Source
+from gantrysim.env.episodes import SPIRAL, Plan
+from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.settings import Bounds, PathSettings
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, at_least, positive
 from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.perturbation import Perturbation
 
 _BEAD = 2.0  # cross-section of the bead [mm²]
 
@@ -36,6 +36,7 @@ class SpeedOverrideSettings(PathSettings):
         fastest: largest override.
         weight: loss of a bead that is one tolerance beyond the tolerance all along, in nominal durations.
         worst: largest error beyond the tolerance that counts [tolerances].
+        progress: reward of the whole path, paid for each share of it as it is commanded, in nominal durations.
 
     Raises:
         InputError: a value out of bounds.
@@ -54,6 +55,7 @@ class SpeedOverrideSettings(PathSettings):
     fastest: float = 2.0
     weight: float = 10.0
     worst: float = 5.0
+    progress: float = 6.0
 
     def model_post_init(self, context: Any) -> None:
         """Raise InputError for values out of bounds."""
@@ -62,25 +64,15 @@ class SpeedOverrideSettings(PathSettings):
             raise InputError("decision_interval = inf s: must be finite, for the speed changes within an episode")
         for name in ("override", "step", "slowest", "fastest", "weight", "worst"):
             positive(name, getattr(self, name))
+        at_least("progress", self.progress, 0)
         if not self.slowest <= self.override <= self.fastest:
             raise InputError(f"override = {self.override:g}: must be from {self.slowest:g} to {self.fastest:g}")
 
 
-class SpeedOverrideSource(Source):
+class SpeedOverrideSource(ChangingFriction):
     """Source of episodes whose setpoints are still to be written, and whose friction changes at some moment."""
 
     settings: SpeedOverrideSettings
-    task: ClassVar = {"friction_change": (0.6, 1.6), "friction_time": (0.5, 4.0)}
-
-    def episode(self, drawn: Mapping[str, float]) -> Episode:
-        episode = super().episode(drawn)
-        simulation, machine = episode.simulation, episode.simulation.machine
-        changed = machine.perturbed(Perturbation(friction=drawn["friction_change"]))
-        voltage = any(self.servo.current_bandwidth)
-        model = changed.stepping(simulation.model.opt.timestep, voltage)
-        interval = simulation.substeps * (self.ticks or 1)
-        begin = max(round(drawn["friction_time"] / self.settings.decision_interval), 1) * interval
-        return replace(episode, simulation=replace(simulation, later=((begin, model),)))
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         """Return a simulation that rests at the start of the path, with room for the setpoints of an episode."""

@@ -34,6 +34,7 @@ class CalledLaw:
     Attributes:
         address: of a C function (userdata, state).
         raised: what the law has raised, in plain Python.
+        state: the law's own.
 
     Raises:
         InputError: a law for numba that does not compile.
@@ -41,7 +42,7 @@ class CalledLaw:
 
     def __init__(self, law: UserLaw, state: Floats) -> None:
         self.raised: list[BaseException] = []
-        self._law, self._state = law, state
+        self._law, self.state = law, state
         self._kept: Any = _compiled(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
@@ -58,7 +59,7 @@ class CalledLaw:
             row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(userdata)))[0]
             n, period = int(row["axes"]), float(row["period"])
             given = [row[name][:n] for name in _GIVEN]
-            self._law(UserTick(n, float(row["tick"]) * period, period, *given), self._state, row["torque"][:n])
+            self._law(UserTick(n, float(row["tick"]) * period, period, *given), self.state, row["torque"][:n])
         except BaseException as error:  # must not unwind through C frames
             self.raised.append(error)  # the torque remains no number, which ends the run
 

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import gantrysim.env
 
-from support.episodes import BANDIT, BEAD, BOLD, MEEK, SHORT, SPEED, TUNING, episode
+from support.episodes import BANDIT, BEAD, BOLD, MEEK, SHORT, SPEED, TORQUE, TUNING, episode
 
 IDS = [TUNING, BANDIT]
 
@@ -32,6 +32,8 @@ def logger_speaks():
         (BEAD, {"job": "softmc-arc"}),
         (SPEED, SHORT),
         (SPEED, {"job": "an225", "slowest": 0.2}),
+        (TORQUE, SHORT),
+        (TORQUE, {"job": "softmc-arc"}),
         (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
     ],
 )
@@ -44,7 +46,7 @@ def test_the_checkers_pass(name, settings):
     env.close()
 
 
-@pytest.mark.parametrize("name", [*IDS, BEAD, SPEED])
+@pytest.mark.parametrize("name", [*IDS, BEAD, SPEED, TORQUE])
 def test_gymnasiums_checker_passes_with_pictures(name):
     env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
     check_env(env.unwrapped)

@@ -1,14 +1,16 @@
 """The table of docs/learning.md is what its rows give, and a task is registered only if adapting pays."""
 
 import csv
+import re
 import runpy
+import sys
 from pathlib import Path
 
 import gymnasium
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TASKS = ("BeadWidth", "SpeedOverride")
+TASKS = ("BeadWidth", "SpeedOverride", "ServoTorque")
 
 
 @pytest.fixture(scope="module")
@@ -42,3 +44,22 @@ def test_the_width_learnt_with_the_librarys_defaults_beats_the_derived_override(
     for row in learnt:
         assert float(row["return"]) > derived
         assert int(row["decisions"]) < 52_000  # 50 000, in whole rollouts
+
+
+def test_the_speed_learnt_with_the_librarys_defaults_beats_the_best_constant(rows):
+    own = [row for row in rows if row["task"] == "SpeedOverride"]
+    fixed = [float(row["return"]) for row in own if row["policy"].startswith(("constant", "derived"))]
+    learnt = [row for row in own if row["policy"] == "PPO"]
+    assert len(learnt) == 3
+    for row in learnt:
+        assert float(row["return"]) > max(fixed)
+        assert int(row["decisions"]) < 52_000
+
+
+def test_no_choice_in_hindsight_is_worse_than_a_narrower_one(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["gains_bound.py", "--sets", "4", "--episodes", "2"])
+    runpy.run_path(str(ROOT / "scripts/gains_bound.py"))
+    losses = [float(found) for found in re.findall(r"loss ([\d.]+)", capsys.readouterr().out)]
+    assert len(losses) == 4
+    assert losses == sorted(losses, reverse=True)
+    assert losses[-1] > 0

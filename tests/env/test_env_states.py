@@ -17,6 +17,16 @@ from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of
 COPIES = [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
 
+def integral(tick, state, torque):
+    """A law that keeps a state."""
+    state[: tick.axes] += tick.error * tick.period
+    torque[:] = tick.gains[:, 0] * tick.error - tick.gains[:, 2] * tick.measured_velocity + state[: tick.axes]
+
+
+OWN = {**SHORT, "servo": {"law": f"{__name__}:integral"}}
+LAWS = {**SHORT, "servo": {"law": ["p-pi", "friction", "observer"], "integral_time": 0.03}}  # laws with a state
+
+
 def steps(env, random, count=6):
     """Everything that some steps of random actions return."""
     return [env.step((MEEK * random.uniform(-1, 1, env.action_space.shape)).astype(np.float32)) for _ in range(count)]
@@ -29,7 +39,9 @@ def assert_same(one, other):
         assert str(rest) == str(others)  # infos of a vector environment hold arrays
 
 
-@pytest.mark.parametrize("settings", [SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}])
+@pytest.mark.parametrize(
+    "settings", [SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}, LAWS, OWN]
+)
 def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
     env = SpiralTuningEnv(**settings)
     env.reset(seed=3)

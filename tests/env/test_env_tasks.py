@@ -17,11 +17,12 @@ from gantrysim.env.baselines import CLASSICAL
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead
 from gantrysim.metrics.analysis import Analysis
 
-from support.episodes import BEAD, SHORT, SPEED, actions_of, same
+from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, same
 
-TASKS = [BEAD, SPEED]
+TASKS = [BEAD, SPEED, TORQUE]
 STEADY = {"warming": 1.0, "clog": 1.0, "dip": 0.0, "lag": 0.05}
 SPACING = 0.03  # of the points along a path, between which a reversal lies [mm]
+BRIEF = {"diameter": 36.0, "turns": 1, "thickness": 9.0, "speed": (80.0, 100.0)}  # of many short decisions
 SAVED = 0.2  # least share of the loss that adapting saves
 
 
@@ -30,13 +31,13 @@ def still(_observation):
 
 
 def episode(env, seed, policy, options=None):
-    """Return of an episode, and its last info."""
+    """Return of an episode, without what progress pays, and its last info."""
     observation, _ = env.reset(seed=seed, options=options)
     total, over = 0.0, False
     while not over:
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         assert env.observation_space.contains(observation)
-        total, over = total + reward, terminated or truncated
+        total, over = total + reward - info.get("reward_progress", 0.0), terminated or truncated
     return total, info
 
 
@@ -164,6 +165,44 @@ def test_the_commanded_speed_keeps_the_acceleration_and_the_override(actions):
     assert (speed <= 100.0 * np.maximum.accumulate(np.repeat(overrides, 20))[1 : len(speed) + 1] + 1e-6).all()
 
 
+@pytest.mark.parametrize("progress", [0.0, 6.0])
+def test_progress_pays_the_same_for_a_whole_path_however_it_is_followed(progress):
+    env = SpeedOverrideEnv(diameter=40.0, turns=1, thickness=8.0, speed=100.0, slowest=0.2, progress=progress)
+    random = np.random.default_rng(0)
+    for policy in (still, lambda _: random.uniform(-1, 1, 1).astype(np.float32)):
+        env.reset(seed=1)
+        names, infos, rewards, over = ("reward_progress", "reward_time", "reward_contour"), [], [], False
+        while not over:
+            _, reward, terminated, over, info = env.step(policy(None))
+            assert not terminated
+            infos.append(info)
+            rewards.append(reward)
+        paid, time, contour = (np.array([one[name] for one in infos]) for name in names)
+        assert rewards == pytest.approx(paid + time + contour)
+        assert paid.sum() == pytest.approx(progress)
+        assert time.sum() == pytest.approx(-info["episode_time_ratio"])
+        assert (paid >= 0).all()
+        assert (contour[[one["cost"] == 0 for one in infos]] == 0).all()
+
+
+@pytest.mark.parametrize(("progress", "crawling_pays"), [(0.0, True), (6.0, False)])
+def test_crawling_pays_for_an_agent_that_discounts_only_without_progress(progress, crawling_pays):
+    env = SpeedOverrideEnv(progress=progress)
+    returns = []
+    for policy in (lambda _: -np.ones(1, np.float32), CLASSICAL["SpeedOverride"](env, 6.0)):
+        total = 0.0
+        for seed in (500, 501):
+            observation, _ = env.reset(seed=seed)
+            for k in range(150):
+                observation, reward, _, truncated, _ = env.step(policy(observation))
+                total += 0.99**k * reward
+                if truncated:
+                    break
+        returns.append(total)
+    crawling, classical = returns
+    assert (crawling > classical) is crawling_pays
+
+
 def test_friction_changes_when_it_is_said_to():
     options = {"machine": {"friction_x": 1.0, "friction_y": 1.0}}
     runs = []
@@ -193,9 +232,9 @@ def test_adapting_beats_constants(name, parameter, constants):
 @pytest.mark.parametrize("name", TASKS)
 def test_random_actions_do_not_end_in_a_fault(name):
     random = np.random.default_rng(0)
-    env = gymnasium.make(name)
+    env = gymnasium.make(name, **(BRIEF if name == TORQUE else {}))
     for seed in range(3):
-        _, info = episode(env, seed, lambda _: random.uniform(-1, 1, 1).astype(np.float32))
+        _, info = episode(env, seed, lambda _: random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
         assert info["fault"] is None
         assert np.isfinite([value for value in info.values() if isinstance(value, float)]).all()
 
@@ -218,7 +257,7 @@ def test_the_vector_environment_equals_the_scalar_one(name):
 def test_a_task_goes_on_from_a_saved_state(name):
     env, other = gymnasium.make(name, **SHORT).unwrapped, gymnasium.make(name, **SHORT).unwrapped
     env.reset(seed=3)
-    actions = np.random.default_rng(0).uniform(-1, 1, (10, 1)).astype(np.float32)
+    actions = np.random.default_rng(0).uniform(-1, 1, (10, *env.action_space.shape)).astype(np.float32)
     for action in actions[:5]:
         env.step(action)
     state = env.save()
@@ -249,10 +288,11 @@ def test_settings_out_of_bounds_are_rejected(kind, given, text):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_the_longest_episode_is_bounded(name):
-    env = gymnasium.make(name, **SHORT, **({"slowest": 0.3} if name == SPEED else {}))
+    own = {SPEED: {"slowest": 0.3}, TORQUE: {"decision_interval": 0.02}}
+    env = gymnasium.make(name, **SHORT, **own.get(name, {}))
     env.reset(seed=1, options={"spiral": {"diameter": 60.0, "turns": 2, "thickness": 6.0, "speed": 80.0}})
     count, over = 0, False
     while not over:
-        *_, over, _ = env.step(-np.ones(1, np.float32))
+        *_, over, _ = env.step(-np.ones(env.action_space.shape, np.float32))
         count += 1
     assert count <= env.spec.max_episode_steps

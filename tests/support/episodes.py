@@ -4,6 +4,7 @@ import numpy as np
 
 TUNING, BANDIT = "gantrysim/SpiralTuning-v0", "gantrysim/GainBandit-v0"
 BEAD, SPEED = "gantrysim/BeadWidth-v1", "gantrysim/SpeedOverride-v1"
+TORQUE = "gantrysim/ServoTorque-v1"
 
 SHORT = {"diameter": (40.0, 60.0), "turns": (1, 2), "thickness": (6.0, 8.0), "speed": (80.0, 150.0)}
 MOST = 1000  # decisions of an episode

@@ -1,0 +1,87 @@
+"""Friction that changes during an episode, its torque by a model, and the level at which the servo meets it."""
+
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.laws.friction import friction_torque
+from gantrysim.env.episodes import Episode, Source
+from gantrysim.jit import inner_jit, jit
+from gantrysim.machine.axis import Axis
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.native.row import Log
+
+_friction_torque = inner_jit(friction_torque)
+
+
+class ChangingFriction(Source):
+    """Source of episodes whose friction changes by a factor at some moment."""
+
+    task: ClassVar[Mapping[str, tuple[float, float]]] = {"friction_change": (0.6, 1.6), "friction_time": (0.5, 4.0)}
+
+    def episode(self, drawn: Mapping[str, float]) -> Episode:
+        episode = super().episode(drawn)
+        simulation, machine = episode.simulation, episode.simulation.machine
+        changed = machine.perturbed(Perturbation(friction=drawn["friction_change"]))
+        voltage = any(self.servo.current_bandwidth)
+        model = changed.stepping(simulation.model.opt.timestep, voltage)
+        interval = simulation.substeps * (self.ticks or 1)
+        begin = max(round(drawn["friction_time"] / self.settings.decision_interval), 1) * interval
+        return replace(episode, simulation=replace(simulation, later=((begin, model),)))
+
+
+def model_torques(axes: tuple[Axis, ...], position: Floats, period: float) -> tuple[Floats, Floats]:
+    """Return the torques of friction and of inertia with viscous friction by the nominal model, (n, axes) each [N·m].
+
+    Args:
+        axes: of the nominal machine.
+        position: setpoints, (n, axes) [mm or deg].
+        period: servo period [s].
+    """
+    velocity = np.diff(position, axis=0, prepend=position[:1]) / period
+    acceleration = np.diff(velocity, axis=0, prepend=velocity[:1]) / period
+    inertia, viscous = np.array([(axis.inertia, axis.viscous) for axis in axes]).T
+    sliding = np.zeros(position.shape)
+    for a, axis in enumerate(axes):
+        _fill(velocity[:, a].copy(), period, *axis.friction, sliding[:, a])
+    return sliding, inertia * acceleration + viscous * velocity
+
+
+@jit
+def _fill(
+    velocity: Floats, period: float, coulomb: float, static: float, speed: float, stiffness: float, torque: Floats
+) -> None:
+    last = 0.0
+    for k in range(velocity.size):
+        last = _friction_torque(last, velocity[k], velocity[k] * period, (coulomb, static, speed, stiffness))
+        torque[k] = last
+
+
+@jit
+def fit(log: Log, first: int, last: int, sliding: Floats, moving: Floats, forget: float, sums: Floats) -> None:
+    """Fit the level h of the friction at which the servo meets it, by least squares that forget exponentially.
+
+        demand - moving = h sliding,    h = N / D,    N <- N exp(-T/tau) + sliding (demand - moving), D likewise
+
+    Args:
+        log: the servo's, see `gantrysim.native.row.Log`.
+        first: the first tick.
+        last: the tick after the last.
+        sliding: torque of the nominal friction, one row per setpoint, (n, axes) [N·m].
+        moving: torque of inertia and viscous friction, (n, axes) [N·m].
+        forget: exp(-T/tau).
+        sums: N and D, (axes, 2), to be updated.
+    """
+    for k in range(first, last):
+        at = log.tick[k].setpoint
+        for a in range(len(sums)):
+            regressor = sliding[at, a]
+            sums[a, 0] = forget * sums[a, 0] + regressor * (log.axis[k, a].demand - moving[at, a])
+            sums[a, 1] = forget * sums[a, 1] + regressor * regressor

@@ -1,0 +1,83 @@
+"""How far gains that an agent sets are from instability: the peak of |S| of the nominal machine, from a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers.derivation import LARGEST_PEAK
+from gantrysim.controllers.servo import Servo
+from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors
+from gantrysim.machine.machine import Machine
+from gantrysim.stability.margins import Plant
+from gantrysim.stability.motion import UnknownLoopError
+
+_STEPS = 16  # of the table per unit of the action
+_LOOP = [TUNED_GAINS.index(name) for name in ("kp", "kd")]  # the feed-forward is outside of the loop
+
+
+class SensitivityTable:
+    """Peaks of |S| by action, each computed when it is first asked for.
+
+    Actions are rounded to 1/16, that is gains to `gain_range`^(1/32), 7 % for a range of 10.
+
+    Args:
+        machine: the nominal machine.
+        servo: servo with the gains of the action 0.
+        gain_range: largest factor by which an action raises or lowers a gain.
+    """
+
+    def __init__(self, machine: Machine, servo: Servo, gain_range: float) -> None:
+        self._machine, self._servo, self._range = machine, servo, gain_range
+        self._peaks: dict[tuple[int, ...], Floats] = {}
+
+    @cached_property
+    def _plant(self) -> Plant | None:
+        servo = self._servo
+        try:
+            servo.compensators()
+            return Plant.of(self._machine, servo.period, servo.delay, drives=servo.drives)
+        except UnknownLoopError:
+            return None
+
+    def cost(self, action: ArrayLike) -> float:
+        """Return how far the worst axis is beyond a peak of 2: 0 up to 2, 1 from 4 on and where it is unstable.
+
+            cost = min(max(max |S| / 2 - 1, 0), 1)
+
+        It is 0 of a loop that cannot be linearised: a user's own law that is not linear, or a delay in the MJCF.
+
+        Args:
+            action: (gains of `TUNED_GAINS`, 1 or axes), from -1 to 1.
+        """
+        plant = self._plant
+        if plant is None:
+            return 0.0
+        steps = np.rint(np.asarray(action, float)[_LOOP] * _STEPS).astype(int)
+        steps = np.broadcast_to(steps, (len(_LOOP), plant.axes))
+        if all(len(group) == 1 for group in plant.groups):  # an axis depends on its own gains alone
+            worst = max(self._peak(plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes))
+        else:
+            worst = self._peak(plant, steps).max()
+        return min(max(float(worst) / LARGEST_PEAK - 1.0, 0.0), 1.0) if math.isfinite(worst) else 1.0
+
+    def _peak(self, plant: Plant, steps: NDArray[np.int_]) -> Floats:
+        key = tuple(steps.ravel().tolist())
+        if key not in self._peaks:
+            action = np.zeros((len(TUNED_GAINS), plant.axes))
+            action[_LOOP] = steps / _STEPS
+            self._peaks[key] = plant.sensitivity(scaled(self._servo, gain_factors(action, self._range)))
+        return self._peaks[key]
+
+
+def scaled(servo: Servo, factors: Mapping[str, Floats]) -> Servo:
+    """Return a servo whose gains of `SCALED` are multiplied, each by one factor per axis."""
+    gains: dict[str, Any] = {name: tuple((factors[name] * getattr(servo, name)).tolist()) for name in SCALED}
+    return replace(servo, **gains)

@@ -1,0 +1,239 @@
+"""ServoTorque-v1: torques added to those of the servo, against friction that differs and changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.engine.laws import law_entries
+from gantrysim.engine.simulation import Simulation
+from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episodes import Episode, Plan
+from gantrysim.env.friction import ChangingFriction, fit, model_torques
+from gantrysim.env.observation import Entry
+from gantrysim.env.scalar import PathEnv
+from gantrysim.env.settings import Bounds, PathSettings
+from gantrysim.env.vector import PathVectorEnv
+from gantrysim.errors import InputError, positive
+from gantrysim.machine.machine import Machine
+
+_WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
+_FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
+_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range
+_LEVELS = 5.0  # range of the level of friction
+_PRIOR = 0.05  # share of the memory for which the level 1 is remembered at the start
+
+
+class ServoTorqueSettings(PathSettings):
+    """Settings of `ServoTorqueEnv`: those of `PathSettings`, and of action and observation.
+
+    Attributes:
+        reach: largest torque that the agent adds, as a share of the drive's peak torque.
+        memory: time constant with which the fit of the level of friction forgets [s].
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    diameter: Bounds = (36.0, 60.0)
+    turns: Bounds = (1, 2)
+    thickness: Bounds = (6.0, 9.0)
+    speed: Bounds = (40.0, 100.0)
+    acceleration: float = 2000.0
+    decision_interval: float = 0.004
+    tolerance: float = 0.005
+    reach: float = 0.05
+    memory: float = 0.1
+
+    def model_post_init(self, context: object) -> None:
+        """Raise InputError for values out of bounds."""
+        super().model_post_init(context)
+        if self.decision_interval == math.inf:
+            raise InputError("decision_interval = inf s: must be finite, for the torque changes within an episode")
+        if positive("reach", self.reach) > 1:
+            raise InputError(f"reach = {self.reach:g}: must be at most 1, the drive's peak torque")
+        positive("memory", self.memory, "s")
+
+
+class ServoTorqueSource(ChangingFriction):
+    """Source of episodes with torques sent with the setpoints, which are still to be written."""
+
+    def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
+        simulation = super()._simulation(machine, plan)
+        torque = np.zeros(simulation.position.shape) if simulation.torque is None else simulation.torque.copy()
+        return replace(simulation, laws=law_entries(self.servo, torque), torque=torque)
+
+
+class ServoTorqueBatch(EpisodeBatch):
+    """Places in which episodes run whose servo's torque the agent adds to; arguments as of `EpisodeBatch`."""
+
+    settings: ServoTorqueSettings
+    source: ServoTorqueSource
+    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_sums", "_error", "_next", "_outside")
+
+    def __init__(self, settings: ServoTorqueSettings, places: int, threads: int | None, ahead: bool) -> None:
+        super().__init__(settings, places, threads, ahead, ServoTorqueSource(settings))
+        axes = self.source.machine.axes
+        period = self.source.servo.period
+        self._reach = settings.reach * self._peak
+        self._forget = math.exp(-period / settings.memory)
+        coulomb = np.array([axis.friction.coulomb for axis in axes])
+        self._prior = np.maximum(_PRIOR * settings.memory / period * coulomb**2, np.finfo(float).tiny)
+        self._sums = np.ones((places, len(axes), 2))  # of the fit
+        self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
+        self._outside = np.zeros((places, 2))  # ticks in all, and in intervals out of tolerance
+        self._sliding, self._moving = [np.zeros((1, len(axes)))] * places, [np.zeros((1, len(axes)))] * places
+        self._given = [np.zeros((1, len(axes)))] * places  # torques sent with the setpoints without an agent
+        self._next = np.zeros((places, 2, len(axes)))  # velocity and friction until the next decision, as observed
+
+    def _entries(self) -> list[Entry]:
+        entries = []
+        for axis in self.source.machine.axis_names:
+            entries += [
+                Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
+                Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
+                Entry(f"velocity_{axis}", -_SPEEDS, _SPEEDS, "100 mm/s", f"demanded velocity of {axis} until the next"),
+                Entry(f"friction_{axis}", -1.0, 1.0, "reach", f"friction torque of {axis} until then, nominal model"),
+                Entry(f"level_{axis}", 0.0, _LEVELS, "1", f"friction of {axis} over the nominal one, as fitted"),
+                Entry(f"action_{axis}", -1.0, 1.0, "1", f"last action of {axis}"),
+            ]
+        return [
+            *entries,
+            Entry("contour_mean", -_WORST, _WORST, "tolerances", "mean contour error, positive to the left"),
+            Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
+        ]
+
+    def _action_size(self) -> int:
+        return self._axes
+
+    def _start(self, place: int, episode: Episode) -> None:
+        super()._start(place, episode)
+        simulation = episode.simulation
+        axes, period = self.source.machine.axes, self.source.servo.period
+        self._sliding[place], self._moving[place] = model_torques(axes, simulation.position, period)
+        self._sums[place] = self._prior[:, None]
+        self._error[place], self._outside[place] = 0.0, 0.0
+        assert simulation.torque is not None
+        self._given[place] = simulation.torque.copy()
+
+    def _apply(self, places: Sequence[int]) -> None:
+        interval = self.source.ticks or 1
+        for place in places:
+            torque, sent = self._episode(place).simulation.torque, int(self._sent[place])
+            assert torque is not None
+            until = slice(sent, sent + interval)
+            torque[until] = self._given[place][until] + self._action[place] * self._reach
+
+    def _measure(self, place: int, last: int) -> None:
+        first = int(self._measured[place])
+        super()._measure(place, last)
+        log = self._episode(place).simulation.log
+        fit(log, first, last, self._sliding[place], self._moving[place], self._forget, self._sums[place])
+        position, period = self._episode(place).simulation.position, self.source.servo.period
+        after = np.arange(int(self._sent[place]), int(self._sent[place]) + (self.source.ticks or 1))
+        after = np.clip(after, 1, len(position) - 1)
+        velocity = (position[after] - position[after - 1]).mean(axis=0) / period / _SPEED
+        friction = self._sliding[place][after].mean(axis=0) / self._reach
+        self._next[place] = np.clip(velocity, -_SPEEDS, _SPEEDS), np.clip(friction, -1.0, 1.0)
+
+    def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
+        self._error[mask] = self.measured.tracking_mean[mask]
+        return super().advance(actions, mask)
+
+    def observations(self) -> NDArray[np.float32]:
+        measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
+        change = measured.tracking_mean - self._error
+        level = np.clip(self._sums[:, :, 0] / self._sums[:, :, 1], 0.0, _LEVELS)
+        each = [
+            np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
+            np.clip(change / tolerance, -_WORST, _WORST),
+            self._next[:, 0],
+            self._next[:, 1],
+            level,
+            self._action,
+        ]
+        shared = [
+            np.clip(measured.lateral / tolerance, -_WORST, _WORST)[:, None],
+            np.minimum(self._sent / self._setpoints, 1.0)[:, None],
+        ]
+        return np.concatenate([np.stack(each, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        measured, tolerance = self.measured, self.settings.tolerance
+        left = self._setpoints - self._sent
+        faulty = advanced & (self._faults != 0)
+        undone = 1 + left // (self.source.ticks or 1)
+        outside = (measured.contour_max > tolerance).astype(float)
+        self._outside[advanced] += np.stack([np.ones_like(outside), outside], 1)[advanced]
+        terms = {
+            "reward_contour": -np.minimum(measured.contour_rms / tolerance, _WORST) / _WORST,
+            "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
+        }
+        return Outcome(
+            reward=sum(terms.values(), np.zeros(len(self.episodes))),
+            terminated=faulty,
+            truncated=advanced & (left <= 0) & ~faulty,
+            info={
+                **terms,
+                "cost": outside,
+                "contour_rms": measured.contour_rms,
+                "contour_max": measured.contour_max,
+                "fault": self._fault_texts(faulty),
+            },
+            final={
+                **self._contour_values(),
+                "episode_cost": self._outside[:, 1] / np.maximum(self._outside[:, 0], 1),
+            },
+        )
+
+
+class ServoTorqueEnv(PathEnv):
+    """Add torques to those of the servo, against friction that differs from machine to machine and changes.
+
+    An episode is a spiral, or the path of a job, on a machine drawn from tolerances whose friction changes at some
+    moment. Where an axis reverses, friction throws the nozzle off the path until the servo's integral has met it; a
+    torque that is added in time prevents that.
+
+    Action: a number from -1 to 1 for each axis: the torque added until the next decision, in units of `reach` peak
+    torques. The drive's limit holds for the sum.
+
+    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
+    for each axis the mean following error of the last interval and its change, until the next decision the velocity
+    demanded and the torque of the nominal friction (`gantrysim.controllers.laws.friction`), the level of the friction
+    over the nominal one, fitted to the servo's torque demands (`gantrysim.env.friction.fit`), and the last action;
+    the mean contour error; progress.
+
+    Reward: the sum of two terms, which `info` holds too.
+
+    ==============  ===========================================================================================
+    term            value
+    ==============  ===========================================================================================
+    reward_contour  -min(e / tolerance, 10) / 10 for the RMS contour error e since the last decision
+    reward_fault    -2 for the interval of a fault and for each interval that the fault prevents
+    ==============  ===========================================================================================
+
+    `info` also holds cost, 1 where the largest error since the last decision exceeds the tolerance and 0 elsewhere;
+    contour_rms and contour_max [mm]; fault, a text or None; and at the end of an episode episode_cost, the share of
+    such decisions, episode_contour_rms and episode_contour_max [mm]. The `info` of `reset` holds the values drawn; its
+    options "spiral", "machine" and "task" replace some of them.
+
+    A fault terminates the episode; the end of the setpoints truncates it.
+    """
+
+    settings_type = ServoTorqueSettings
+    settings: ServoTorqueSettings
+
+    @staticmethod
+    def batch(settings: ServoTorqueSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return ServoTorqueBatch(settings, places, threads, ahead)
+
+
+class ServoTorqueVectorEnv(PathVectorEnv):
+    """Several `ServoTorqueEnv` in one."""
+
+    single = ServoTorqueEnv

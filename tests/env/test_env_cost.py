@@ -1,0 +1,90 @@
+"""The cost of gains beyond the tuner's limit of |S|, against the loop's response on a dense grid, and its extremes."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gantrysim import Machine
+from gantrysim.controllers.servo import Servo
+from gantrysim.env.sensitivity import SensitivityTable
+from gantrysim.stability.margins import Plant
+
+from support.episodes import BANDIT, SHORT, TUNING
+
+RANGE = 4.0
+DENSE = np.linspace(1.0, 500.0, 20_000)  # Hz, up to half the servo's frequency
+
+
+def relay(tick, _state, torque):
+    """A law that is not linear."""
+    torque[:] = 0.02 * np.sign(tick.error)
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return Machine("xy")
+
+
+@pytest.fixture(scope="module")
+def servo(machine):
+    return Servo.derive(machine.axes, integral_time=0.03)
+
+
+@pytest.fixture(scope="module")
+def table(machine, servo):
+    return SensitivityTable(machine, servo, RANGE)
+
+
+def expected(machine, servo, kp, kd):
+    """The cost of a servo whose kp and ki, and whose kd, of both axes are multiplied, (axes,) each."""
+    gains = {"kp": kp, "ki": kp, "kd": kd}
+    servo = replace(servo, **{name: tuple(np.array(getattr(servo, name)) * own) for name, own in gains.items()})
+    plant = Plant.of(machine, servo.period, servo.delay)
+    if np.abs(plant.poles(servo)).max() >= 1:
+        return 1.0
+    peak = np.abs(1 / (1 + plant.loop(servo, DENSE))).max()
+    return min(max(peak / 2 - 1, 0.0), 1.0)
+
+
+@given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), off=st.floats(-0.03, 0.03), feed=st.floats(-1, 1))
+@settings(deadline=None, max_examples=25)
+def test_the_cost_is_that_of_the_loops_on_a_dense_grid(machine, servo, table, kp, kd, off, feed):
+    action = np.array([[kp / 16 + off], [kd / 16 - off], [feed], [-feed]])
+    assert table.cost(action) == pytest.approx(
+        expected(machine, servo, RANGE ** (kp / 16), RANGE ** (kd / 16)), abs=1e-3
+    )
+
+
+def test_each_axis_counts_with_its_own_gains(machine, servo, table):
+    action = np.zeros((4, 2))
+    assert table.cost(action) == pytest.approx(0.0, abs=1e-6)  # derived gains keep the limit
+    for axis in (0, 1):
+        own = action.copy()
+        own[0, axis] = 1.0
+        kp = np.where(np.arange(2) == axis, RANGE, 1.0)
+        assert table.cost(own) == pytest.approx(expected(machine, servo, kp, np.ones(2)), abs=1e-3)
+        assert table.cost(own) > 0.1
+
+
+@pytest.mark.parametrize("name", [TUNING, BANDIT])
+def test_an_environment_tells_the_cost_of_its_gains_also_where_it_faults(name):
+    env = gymnasium.make(name, **SHORT)
+    costs = []
+    for action in ([0, 0, 0, 0], [1, -1, 0, 0], [-1, -1, 1, 1]):
+        env.reset(seed=1)
+        *_, info = env.step(np.array(action, np.float32))
+        costs.append(info["cost"])
+        assert np.isfinite(info["cost"])
+        if info["fault"] is not None:
+            assert info["cost"] == 1.0
+    assert costs[:2] == [pytest.approx(0.0, abs=1e-6), 1.0]
+
+
+def test_a_loop_that_cannot_be_linearised_costs_nothing():
+    env = gymnasium.make(TUNING, **SHORT, servo={"law": f"{__name__}:relay"})
+    env.reset(seed=1)
+    assert env.step(np.zeros(4, np.float32))[4]["cost"] == 0.0
