@@ -5,7 +5,7 @@ python scripts/gains_bound.py [--sets 150] [--episodes 24]
 Random constant gains that keep |S| <= 2 run the same episodes: spirals on machines of random payload, friction,
 stiffness and motors, whose friction changes on the way. Four losses follow: with the derived gains, with the best of
 the constant gains, with the best of them in each episode, and with the best of them in each interval of 20 ms, as if
-a change of gains had no transient. The last two choose in hindsight; no agent that learns gains can count on more.
+a change of gains had no transient. The last two choose in hindsight, among these sets alone.
 """
 
 import argparse
