@@ -5,13 +5,15 @@ round of points is chosen one after the other as the least of
 
     metric - c deviation + penalty of (ripple + its deviation) above the limit
 
-with several c, each point then taken to have its predicted value. The region grows when a round finds a better point,
-and shrinks when it does not.
+with several c, each point then taken to have its predicted value. While the centre moves, the last point of a round
+repeats its last two moves at once: the least values lie along the floor of a narrow, sharp valley, where a smooth
+surrogate expects them near the centre. The region grows when a round finds a better point, and shrinks when it does
+not.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +32,7 @@ _CAUTION = (0.0, 1.0, 2.0, 1.0)  # c of the points of a round, in turn
 _PENALTY = 20.0
 _SAMPLES, _STARTS, _STEPS = 400, 3, 40  # to find the least: random points, descents from the best, steps of each
 _CHANGED = 10  # coordinates of a random point that differ from the centre, in the mean
+_MOVES = 2  # of the centre that are repeated at once
 _NUDGE = 1e-5  # of a difference quotient
 
 
@@ -62,6 +65,7 @@ class TrustRegion:
     radius: float = _RADIUS
     _metric: Surrogate | None = None
     _ripple: Surrogate | None = None
+    _centres: list[Floats] = field(default_factory=list)
 
     @property
     def converged(self) -> bool:
@@ -92,12 +96,22 @@ class TrustRegion:
             ripple = self._ripple = Surrogate.fitted(points[known], np.clip(slack[known], *_RIPPLES), self._ripple)
         half = self.radius * np.clip(metric.scales / np.exp(np.log(metric.scales).mean()), *_SIDES)
         low, high = np.maximum(centre - half, self.bounds[:, 0]), np.minimum(centre + half, self.bounds[:, 1])
+        repeated = self._repeated(centre) if count > 1 else []
         chosen = []
-        for k in range(count):
+        for k in range(count - len(repeated)):
             point = self._least(metric, ripple, centre, np.stack([low, high], axis=1), _CAUTION[k % len(_CAUTION)])
             chosen.append(point)
             metric = metric.extended(point, float(metric.predict(point[None])[0][0]))
-        return chosen
+        return chosen + repeated
+
+    def _repeated(self, centre: Floats) -> list[Floats]:
+        """Return the point that repeats the last moves, if the centre has just moved so often."""
+        if self._centres and np.array_equal(self._centres[-1], centre):
+            return []
+        self._centres.append(centre)
+        if len(self._centres) <= _MOVES:
+            return []
+        return [np.clip(2 * centre - self._centres[-1 - _MOVES], *self.bounds.T)]
 
     def _least(
         self, metric: Surrogate, ripple: Surrogate | None, centre: Floats, box: Floats, caution: float

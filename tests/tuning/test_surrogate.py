@@ -88,6 +88,16 @@ def test_the_minimum_of_rosenbrock_s_valley_is_found():
     assert found(rosenbrock, [-0.6, 0.4], bounds, 20) < least + NEAR
 
 
+def sharp_valley(x):
+    """Its floor is the line x = y/2, which falls by 0.4 along y to -0.4 at the bound of y; its walls are planes."""
+    return float(4 * abs(x[0] - 0.5 * x[1]) - 0.4 * x[1] + 0.02 * (x[2] - 0.3) ** 2)
+
+
+def test_the_region_follows_the_floor_of_a_sharp_valley():
+    """Without repeated moves the rounds end at 0.2."""
+    assert found(sharp_valley, [-0.45, -0.9, 0.0], [(-1, 1)] * 3, 12) < -0.1
+
+
 def bowl(x):
     return float(np.sum(np.array([1.0, 4.0, 0.5]) * (np.asarray(x) - [0.5, -0.3, 0.2]) ** 2) + x[0] * x[1])
 
@@ -129,3 +139,22 @@ def test_values_that_are_not_known_do_not_stop_the_region():
         asked = np.array(region.ask(Measured(points, np.array(metric), np.array([np.inf, -1.0, -0.1])), 0, 4))
         assert np.isfinite(asked).all()
         assert (np.abs(asked) <= 1).all()
+
+
+def test_the_last_point_of_a_round_repeats_the_last_two_moves_within_the_bounds():
+    bounds = np.array([[-1.0, 1.0], [-1.0, 0.5]])
+    region = TrustRegion(bounds, np.random.default_rng(1))
+    points, best = [np.array([-0.6, -0.5])], 0
+    moves = [None, (0.1, 0.2), (0.15, 0.1), None, (0.2, 0.3)]
+    repeated = {2: (-0.35 + 0.25, -0.2 + 0.3), 4: (-0.15 + 0.35, 0.5)}  # by arithmetic; the second ends at the bound
+    for k, move in enumerate(moves):
+        if move is not None:
+            points.append(points[best] + move)
+            best = len(points) - 1
+        values = np.array([float(np.sum(point**2)) for point in points])
+        measured = Measured(np.array(points), values, np.full(len(points), -9.0))
+        asked = region.ask(measured, best, 4)
+        assert len(asked) == 4
+        if k in repeated:
+            assert asked[-1] == pytest.approx(repeated[k])
+        assert len(region.ask(measured, best, 1)) == 1  # alone, a point is the surrogate's

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/tuning.md").read_text(encoding="utf-8")
 OWN, SEEDS, BUDGETS = "gantrysim tune", ("1",), ("100", "300")
-BEHIND = 1.06  # largest ratio of the metric of gantrysim's own search to the best other
+BEHIND = 1.02  # largest ratio of the metric of gantrysim's own search to the best other, as published
 
 
 @pytest.fixture(scope="module")
