@@ -114,15 +114,7 @@ class Simulation:
             position,
             substeps,
             model,
-            LogBook(
-                machine,
-                setpoints,
-                position,
-                dispenser,
-                checked,
-                drives,
-                False if drives is None else drives["load"] >= 0,
-            ),
+            _book(machine, setpoints, position, dispenser, checked, drives),
             checked,
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, model, servo.period, substeps),
@@ -133,10 +125,9 @@ class Simulation:
 
     def with_torque(self, torque: Floats) -> Simulation:
         """Return the simulation with other torques sent with the setpoints, (n, axes) [N·m]."""
-        leads = None if self.drives is None else self.drives["lead"]
         return replace(
             self,
-            book=LogBook(self.machine, self.setpoints, self.position, self.dispenser, self.faults, leads),
+            book=_book(self.machine, self.setpoints, self.position, self.dispenser, self.faults, self.drives),
             laws=law_entries(self.servo, torque),
             torque=torque,
         )
@@ -145,6 +136,18 @@ class Simulation:
     def log(self) -> Log:
         """The log in memory."""
         return self.book.log
+
+
+def _book(
+    machine: Machine,
+    setpoints: Setpoints,
+    position: Floats,
+    dispenser: Dispenser,
+    faults: tuple[InjectedFault, ...],
+    drives: NDArray[np.void] | None,
+) -> LogBook:
+    scales = False if drives is None else drives["load"] >= 0
+    return LogBook(machine, setpoints, position, dispenser, faults, drives, scales)
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:

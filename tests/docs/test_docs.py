@@ -1,5 +1,6 @@
 """README and docs: their code runs, their numbers are those of the program, their links lead to files."""
 
+import ast
 import json
 import math
 import re
@@ -70,6 +71,19 @@ def test_python_blocks_run_one_after_the_other(name, tmp_path, monkeypatch, caps
         assert re.sub(r"-?[\d.]+ *", "", shown).split() == re.sub(r"-?[\d.]+ *", "", printed).split()
         numbers = [[float(number) for number in re.findall(r"-?\d+\.\d+", text)] for text in (shown, printed)]
         assert numbers[0] == pytest.approx(numbers[1], rel=SHOWN, abs=SHOWN_LEAST)
+
+
+def test_python_blocks_take_from_the_package_only_what_it_has():
+    """A subpackage that some other module has imported is there, too, but not for whoever follows the page."""
+    taken = {
+        (name, node.attr)
+        for name, page in PAGES.items()
+        for block in blocks(page, "python")
+        for node in ast.walk(ast.parse(textwrap.dedent(block)))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("gs", "gantrysim")
+    }
+    assert len(taken) > 10
+    assert {(name, attribute) for name, attribute in taken if attribute not in gantrysim.__all__} == set()
 
 
 @pytest.mark.parametrize("page", [README, TUTORIAL], ids=["README.md", "tutorial.md"])

@@ -251,6 +251,17 @@ def test_learning_with_a_wrong_model_ends_no_worse_than_it_begins(frictionless):
     assert after < before
 
 
+@pytest.mark.parametrize("given", [{"feedback": "load"}, {"current_bandwidth": 1000.0}], ids=["load", "current loop"])
+def test_learning_knows_the_drives(xy, given):
+    setpoints = curve(0.2, size=0.4)
+    servo = Servo.derive(xy.axes, law="learning", integral_time=0.03, learning_repeats=3, **given)
+    run = simulate(xy, servo, setpoints)
+    plain = simulate(xy, dataclasses.replace(servo, law=("pid",), learning_bandwidth=()), setpoints)
+    before, after = (np.sqrt(np.mean((one.commanded - one.encoder) ** 2)) for one in (plain, run))
+    assert run.fault is None
+    assert after < 0.5 * before
+
+
 def test_a_fault_in_the_first_run_leaves_nothing_to_learn(xy):
     servo = Servo.derive(xy.axes, law="learning", following_error_limit=1e-3)
     run = simulate(xy, servo, curve())
