@@ -123,7 +123,7 @@ def test_mutated_programs_raise_nothing_but_input_errors(seed):
     chance = random.Random(seed)
     for _ in range(150):
         survives(mutated(chance))
-    assert any([survives(varied(chance), 20.0) for _ in range(4)])
+    assert any(survives(varied(chance), 20.0) for _ in range(8))
 
 
 @pytest.mark.soak
