@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.jit import jit
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.run import Run
 
@@ -51,10 +52,7 @@ class Telemetry:
     @cached_property
     def rms(self) -> Floats:
         """Root mean square of the contour error up to each tick; nan before the dispenser is on, (n,) [µm]."""
-        on = np.isfinite(self.error)
-        count = np.cumsum(on)
-        square = np.cumsum(np.where(on, self.error, 0.0) ** 2)
-        return np.sqrt(np.divide(square, count, out=np.full(len(on), np.nan), where=count > 0))
+        return _running_rms(self.error)
 
     @cached_property
     def max(self) -> Floats:
@@ -84,3 +82,16 @@ class Telemetry:
             return "–"
         digits = 1 if self.max[-1] < 100 else 0
         return f"{self.rms[tick]:.{digits}f} / {self.max[tick]:.{digits}f} µm"
+
+
+@jit
+def _running_rms(values: Floats) -> Floats:
+    """Return the root mean square of the finite values up to each, nan before the first, (n,); without other arrays."""
+    rms = np.empty(values.size)
+    count, square = 0, 0.0
+    for k in range(values.size):
+        if np.isfinite(values[k]):
+            count += 1
+            square += values[k] ** 2
+        rms[k] = np.sqrt(square / count) if count else np.nan
+    return rms
