@@ -20,7 +20,7 @@ import numpy as np
 DOCS = Path(__file__).parents[2] / "docs"
 LONGEST = 4096  # bytes of an input
 SLOWEST = 60  # seconds for one input
-LARGEST = 2000  # MB
+LARGEST = 4000  # MB
 SHORT = 5.0  # of machine time that is planned [s]
 
 
