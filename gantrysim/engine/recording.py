@@ -31,7 +31,6 @@ class LogBook:
         dispenser: its dispenser.
         faults: faults on purpose.
         drives: that are no plain ones, (axes,) of `DRIVE`.
-        scales: whether the servo has each axis' position from its load, (axes,) or one for all.
 
     Attributes:
         log: the entries in memory.
@@ -47,9 +46,9 @@ class LogBook:
         dispenser: Dispenser,
         faults: tuple[InjectedFault, ...] = (),
         drives: NDArray[np.void] | None = None,
-        scales: ArrayLike = False,
     ) -> None:
-        self._scales = scales
+        # whether the servo has each axis' position from its load
+        self._scales: ArrayLike = False if drives is None else drives["load"] >= 0
         self._machine, self._setpoints, self._position, self._dispenser = machine, setpoints, position, dispenser
         axes = position.shape[1]
         self._faults, self._drives = faults, np.zeros((axes, 2))

@@ -114,7 +114,7 @@ class Simulation:
             position,
             substeps,
             model,
-            _book(machine, setpoints, position, dispenser, checked, drives),
+            LogBook(machine, setpoints, position, dispenser, checked, drives),
             checked,
             injected_entries(checked, machine, servo),
             stuck_models(checked, machine, model, servo.period, substeps),
@@ -127,7 +127,7 @@ class Simulation:
         """Return the simulation with other torques sent with the setpoints, (n, axes) [N·m]."""
         return replace(
             self,
-            book=_book(self.machine, self.setpoints, self.position, self.dispenser, self.faults, self.drives),
+            book=LogBook(self.machine, self.setpoints, self.position, self.dispenser, self.faults, self.drives),
             laws=law_entries(self.servo, torque),
             torque=torque,
         )
@@ -136,18 +136,6 @@ class Simulation:
     def log(self) -> Log:
         """The log in memory."""
         return self.book.log
-
-
-def _book(
-    machine: Machine,
-    setpoints: Setpoints,
-    position: Floats,
-    dispenser: Dispenser,
-    faults: tuple[InjectedFault, ...],
-    drives: NDArray[np.void] | None,
-) -> LogBook:
-    scales = False if drives is None else drives["load"] >= 0
-    return LogBook(machine, setpoints, position, dispenser, faults, drives, scales)
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:

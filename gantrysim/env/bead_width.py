@@ -154,13 +154,7 @@ class BeadWidthBatch(EpisodeBatch):
         moved = self._override[places] + self.settings.step * self._action[places, 0]
         self._override[places] = np.clip(moved, -most, most)
 
-    def _measure(self, places: Sequence[int]) -> None:
-        before = self._measured.copy()
-        super()._measure(places)
-        for place in places:
-            self._lay(place, int(before[place]), int(self._measured[place]))
-
-    def _lay(self, place: int, first: int, last: int) -> None:
+    def _follow(self, place: int, first: int, last: int) -> None:
         """Lay the bead of some ticks, and see it."""
         settings, episode = self.settings, self._episode(place)
         speeds, drawn = self._speeds[place], episode.drawn

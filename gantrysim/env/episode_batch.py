@@ -279,6 +279,11 @@ class EpisodeBatch(ABC):
         self._measured[at], rows, total = self._ticks[at], self._rows[at], self._total
         total[at, :2] += rows[:, [_DISPENSING, _SQUARE]]
         total[at, 2] = np.maximum(total[at, 2], rows[:, _LARGEST])
+        for place in places:
+            self._follow(place, int(spans["first"][place]), int(spans["last"][place]))
+
+    def _follow(self, place: int, first: int, last: int) -> None:  # noqa: B027  most tasks have nothing of the kind
+        """Follow what a task has beside the machine at a place, from one tick to before another."""
 
     def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
         """Return the faults of the places that have one as texts, None elsewhere, (places,)."""

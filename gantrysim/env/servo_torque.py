@@ -129,13 +129,7 @@ class ServoTorqueBatch(EpisodeBatch):
             until = slice(sent, sent + interval)
             torque[until] = self._given[place][until] + self._action[place] * self._reach
 
-    def _measure(self, places: Sequence[int]) -> None:
-        before = self._measured.copy()
-        super()._measure(places)
-        for place in places:
-            self._look(place, int(before[place]), int(self._measured[place]))
-
-    def _look(self, place: int, first: int, last: int) -> None:
+    def _follow(self, place: int, first: int, last: int) -> None:
         """Fit the friction to some ticks, and look ahead to the next decision."""
         log = self._episode(place).simulation.log
         fit(log, first, last, self._sliding[place], self._moving[place], self._forget, self._sums[place])

@@ -88,7 +88,8 @@ class SpeedOverrideSource(ChangingFriction):
         setpoints = Setpoints(self.servo.period, asked.axes, position, np.ones(count, bool), asked.requested)
         simulation = Simulation.of(machine, self.servo, setpoints, dispenser=Dispenser(area=_BEAD))
         own = simulation.position.copy()  # to be written as the episode goes on
-        return replace(simulation, position=own, book=LogBook(machine, setpoints, own, simulation.dispenser))
+        book = LogBook(machine, setpoints, own, simulation.dispenser, drives=simulation.drives)
+        return replace(simulation, position=own, book=book)
 
     def _room(self, length: float, speed: float) -> int:
         """Return the number of setpoints of the slowest episode, a multiple of those of an interval."""
