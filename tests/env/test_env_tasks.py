@@ -296,3 +296,15 @@ def test_the_longest_episode_is_bounded(name):
         *_, over, _ = env.step(-np.ones(env.action_space.shape, np.float32))
         count += 1
     assert count <= env.spec.max_episode_steps
+
+
+def test_the_log_of_an_override_knows_the_drives():
+    """Voltages of a record follow from the lead of a current loop."""
+    env = SpeedOverrideEnv(servo={"current_bandwidth": 1000.0})
+    env.reset(seed=1)
+    for _ in range(10):
+        env.step(np.zeros(1, np.float32))
+    (batch,) = (own for own in vars(env).values() if hasattr(own, "episodes"))
+    simulation = batch.episodes[0].simulation
+    assert (simulation.drives["lead"] > 0).all()
+    np.testing.assert_array_equal(simulation.book._drives[:, 0], simulation.drives["lead"])
