@@ -8,8 +8,13 @@ import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
+from reprlib import Repr
 
 import numpy as np
+
+_shortened = Repr()
+_shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
+_shown = _shortened.repr
 
 
 class GantryError(Exception):
@@ -39,11 +44,15 @@ def text_of(error: Exception) -> str:
 
 
 def expanded(path: str | os.PathLike[str]) -> Path:
-    """Return a path with ~ as the home folder, or raise InputError where there is none."""
+    """Return a path with ~ as the home folder, or raise InputError where there is none, or no such path can be."""
     try:
-        return Path(path).expanduser()
+        found = Path(path).expanduser()
+        found.exists()  # fails for too long a name, or in a folder that may not be entered
     except RuntimeError:
         raise InputError(f"{os.fspath(path)}: there is no such home folder") from None
+    except OSError as error:
+        raise InputError(f"{_shown(os.fspath(path))}: {error.strerror}") from None
+    return found
 
 
 def finite(name: str, value: float, unit: str = "") -> float:
@@ -53,7 +62,7 @@ def finite(name: str, value: float, unit: str = "") -> float:
         if isinstance(value, bool):
             raise TypeError
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r}: must be a number") from None
+        raise InputError(f"{name} = {_shown(value)}: must be a number") from None
     except OverflowError:  # of an integer of more than 308 digits
         raise InputError(f"{name}: must be finite, at most {sys.float_info.max:.4g}") from None
     if not math.isfinite(number):
@@ -114,10 +123,10 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     """Return the error for a `name` that is none of the `known` ones, with the nearest first."""
     names = sorted(known)
     if not names:
-        return InputError(f"unknown {kind} {name!r}: there are none")
+        return InputError(f"unknown {kind} {_shown(name)}: there are none")
     near = get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? " if near else ""
-    return InputError(f"unknown {kind} {name!r}: {hint}known: {', '.join(names)}")
+    return InputError(f"unknown {kind} {_shown(name)}: {hint}known: {', '.join(names)}")
 
 
 def _at_most(name: str, number: float, most: float, unit: str) -> float:

@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Job, simulate
+from gantrysim import InputError, Job, Machine, simulate
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import override
 
@@ -151,6 +151,17 @@ def test_a_key_inside_a_value_that_is_not_a_table_is_refused(tmp_path):
     changes = ["program.controller=softmc.Program", "velocity=30"]
     with pytest.raises(InputError, match=r"^--set velocity=30: group is not a table in this job$"):
         Job.load(file, changes)
+
+
+@pytest.mark.parametrize("value", ["x" * 3000, f"x{' ' * 3000}"])
+def test_a_long_value_is_shortened_in_the_refusal(tmp_path, value):
+    job = tmp_path / "job.toml"
+    job.write_text(f'name = "j"\n[program]\ncontroller = "{value}"\n')
+    for refused in (lambda: Job.load(value), lambda: Job.load(job), lambda: Machine(value)):
+        with pytest.raises(InputError) as error:
+            refused()
+        assert "..." in str(error.value)
+        assert len(str(error.value).replace(str(job), "")) < 600
 
 
 def test_unknown_jobs_are_refused_with_the_alternatives():
