@@ -35,7 +35,7 @@ class Sweep:
 
     Args:
         run: the run.
-        settings: shape of the bead.
+        bead: settings of the bead, or the bead itself.
         like: a mesh with the same number of rings, at least as close to each other; by default both follow from length,
             turns and stretches of the bead.
 
@@ -47,8 +47,8 @@ class Sweep:
         TooFewRingsError: too few rings for the ends of all stretches.
     """
 
-    def __init__(self, run: Run, settings: BeadSettings | None = None, like: Sweep | None = None) -> None:
-        trace = self.bead_trace = BeadTrace(run, settings)
+    def __init__(self, run: Run, bead: BeadSettings | BeadTrace | None = None, like: Sweep | None = None) -> None:
+        trace = self.bead_trace = BeadTrace.of(run, bead)
         self._stretches = trace.wet_stretches
         steps = trace.ds / _DISTANCE + np.abs(np.diff(trace.heading)) / _TURN
         wet = np.zeros(steps.size, bool)

@@ -96,6 +96,11 @@ class BeadTrace:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
         self.place: Floats = np.linspace(0.0, total, whole("stations", stations, 2))
 
+    @staticmethod
+    def of(run: Run, bead: BeadSettings | BeadTrace | None) -> BeadTrace:
+        """Return the bead of a run, given as its settings, or as itself."""
+        return bead if isinstance(bead, BeadTrace) and bead.run is run else BeadTrace(run, _settings_of(bead))
+
     @cached_property
     def analysis(self) -> Analysis:
         """The run's traces projected onto its requested path."""
@@ -155,6 +160,11 @@ class BeadTrace:
         return volume
 
     @cached_property
+    def most_flow(self) -> float:
+        """Largest flow of the run [mm³/s]."""
+        return float(self.run.flow.max())
+
+    @cached_property
     def nominal(self) -> float:
         """Requested section, the median of flow demand over commanded speed [mm²].
 
@@ -202,9 +212,15 @@ class BeadTrace:
         run = self.run
         if not run.dispense.any():
             return run.nozzle[:, 2] - self.gap
-        on = self.analysis.ticks
-        requested = run.nozzle[on, 2] - self.analysis.nozzle.offset[:, 2]
-        return np.interp(np.arange(len(run.time)), on, requested) - self.gap
+        on, offset = self.analysis.ticks, self.analysis.nozzle.offset
+
+        def below(block: slice) -> Floats:
+            first, after = np.searchsorted(on, [block.start, block.stop])
+            near = slice(max(first - 1, 0), after + 1)  # with the neighbours of the block
+            requested = run.nozzle[on[near], 2] - offset[near, 2]
+            return np.interp(np.arange(block.start, block.stop), on[near], requested) - self.gap
+
+        return by_blocks(below, len(run.time))
 
     @cached_property
     def area(self) -> Floats:
@@ -296,6 +312,10 @@ class BeadTrace:
         """First station of every stretch of glue, and the first after it, (k, 2)."""
         least = _WET * (self.nominal if self.nominal > 0 else float(self.area.max()))
         return spans(self.area > least)
+
+
+def _settings_of(bead: BeadSettings | BeadTrace | None) -> BeadSettings | None:
+    return bead.settings if isinstance(bead, BeadTrace) else bead
 
 
 def cumulated(values: Floats) -> Floats:

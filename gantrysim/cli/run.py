@@ -175,7 +175,7 @@ def _evaluated(
     shown.append(lambda: say(headline(budget), wrap=True))
     if video:
         with optional("video"), share_bar("video", go_on) as advance:
-            save_video(machine, record, scratch / VIDEO, bead=job.bead, label=job.name, progress=advance)
+            save_video(machine, record, scratch / VIDEO, bead=bead, label=job.name, progress=advance)
     if with_report:
         with optional("report"), share_bar("report", go_on) as advance:
             write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses, budget)

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gantrysim import memory
 from gantrysim.controllers.cascade import gains
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.laws.parameters import PD
@@ -176,7 +177,7 @@ class Job(JobContent):
         notes = (*self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
         if self.dispenser.syringe is None:
             return notes
-        return notes + self.dispenser.notes(self.follow().flow, self.setpoints.period)
+        return notes + self.dispenser.notes(self.follow().flow, self.built_servo.period)
 
     @cached_property
     def built_machine(self) -> Machine:
@@ -239,7 +240,7 @@ class Job(JobContent):
         if not self.simulation.allow_unstable:
             check_stability(self.built_machine, self.margins)
         with self._located():
-            return simulate(
+            record = simulate(
                 self.built_machine if machine is None else machine,
                 self.built_servo,
                 self.setpoints,
@@ -248,6 +249,9 @@ class Job(JobContent):
                 faults=self.faults,
                 progress=progress,
             )
+        if len(record.time) > memory.LONG:
+            self.__dict__.pop("setpoints")  # which fill the memory; computed again if they are asked for
+        return record
 
     def without_faults(self) -> Job:
         """Return the job without its faults on purpose."""

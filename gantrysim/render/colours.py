@@ -67,7 +67,9 @@ class Scale:
         return f"≤ {low}" if self.below else low, middle, f"≥ {high}" if self.above else high
 
 
-def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | None] | None = None) -> Scale | None:
+def scale_for(
+    colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | BeadTrace | None] | None = None
+) -> Scale | None:
     """Return one colour scale for the beads of several runs, or None for plain beads.
 
     An error scale begins at 0 and ends at the 99.5th percentile. A width scale is centred on the first run's nominal
@@ -76,7 +78,7 @@ def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | N
     Args:
         colour: one of `COLOURS`.
         runs: the runs to be coloured.
-        beads: bead settings of each run.
+        beads: bead settings of each run, or the beads themselves.
 
     Raises:
         InputError: no such colour.
@@ -85,8 +87,8 @@ def scale_for(colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | N
         raise unknown("colour", colour, COLOURS)
     if colour == "plain":
         return None
-    settings = [None] * len(runs) if beads is None else beads
-    sweeps = [Sweep(run, bead) for run, bead in zip(runs, settings, strict=True)]
+    given = [None] * len(runs) if beads is None else beads
+    sweeps = [Sweep(run, bead) for run, bead in zip(runs, given, strict=True)]
     values = np.concatenate([_values(colour, sweep) for sweep in sweeps])
     if colour == "error":
         low, high = 0.0, _rounded_up(max(float(np.percentile(values, _ERROR_PERCENTILE)), _LEAST_ERROR))

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.bead import BeadSettings
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine.machine import Machine
 from gantrysim.render.colours import scale_for
@@ -39,13 +40,13 @@ class Take:
 
     Attributes:
         label: of the run; by default its machine's name.
-        bead: settings of the bead.
+        bead: settings of the bead, or the bead itself, which saves its being computed again.
     """
 
     machine: Machine
     run: Run
     label: str = ""
-    bead: BeadSettings | None = None
+    bead: BeadSettings | BeadTrace | None = None
 
 
 class Cell(NamedTuple):
@@ -96,9 +97,10 @@ class Film(Closing):
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
         self.size = width, height = checked_size("film", _SIZES[len(takes)] if size is None else size)
-        self._runs = [Telemetry(take.run) for take in takes]
+        beads = [BeadTrace.of(take.run, take.bead) for take in takes]
+        self._runs = [Telemetry(bead.run, bead) for bead in beads]
         self.end = max(float(take.run.time[-1]) for take in takes)
-        scale = scale_for(colour, [take.run for take in takes], [take.bead for take in takes])
+        scale = scale_for(colour, [take.run for take in takes], beads)
         labels = [take.label or take.machine.name for take in takes]
         self.panel = Panel(self._runs, self.size, labels[0], scale)
         panel = self.panel.size[1]
@@ -114,9 +116,9 @@ class Film(Closing):
         with ExitStack() as opened:
             self._renderers = [
                 opened.enter_context(
-                    Renderer(take.machine, take.run, camera, (cell.width, cell.height), take.bead, colour, scale)
+                    Renderer(take.machine, take.run, camera, (cell.width, cell.height), bead, colour, scale)
                 )
-                for take, cell in zip(takes, self.cells, strict=True)
+                for take, cell, bead in zip(takes, self.cells, beads, strict=True)
             ]
             self._opened = opened.pop_all()
 
@@ -233,7 +235,7 @@ def save_video(
     size: tuple[int, int] = (800, 600),
     fps: float = 25.0,
     speed: float | None = None,
-    bead: BeadSettings | None = None,
+    bead: BeadSettings | BeadTrace | None = None,
     colour: str = "plain",
     label: str = "",
     progress: Callable[[float], None] | None = None,

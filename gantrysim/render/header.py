@@ -52,7 +52,7 @@ class Header:
         end = f"at {run.time[-1]:.2f} s"
         error = ("error", MUTED, run.error_text(tick), "8888.8 µm")
         rms_max = ("rms / max", MUTED, run.rms_max_text(tick), "8888 / 8888 µm")
-        speed = ("speed", MUTED, f"{run.speed[tick]:.1f} mm/s", "888.8 mm/s")
+        speed = ("speed", MUTED, f"{run.speed(tick):.1f} mm/s", "888.8 mm/s")
         if run.faulted(time):
             values = [(f"fault {end}", COLOURS["fault"], "", ""), rms_max, error]
         elif run.ended(time):

@@ -159,7 +159,7 @@ class Panel:
         if len(self._runs) == 1:
             run = self._runs[0]
             tick = run.tick(time)
-            lines = [playing, now, f"{run.speed[tick]:.1f} mm/s", run.error_text(tick), run.rms_max_text(tick)]
+            lines = [playing, now, f"{run.speed(tick):.1f} mm/s", run.error_text(tick), run.rms_max_text(tick)]
         for row, text in enumerate(lines):
             self.font.write(draw, (self._right, self._row(row)), text, INK, "rm")
         return np.asarray(image)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.bead import BeadSettings
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError, whole
 from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.render.colours import Scale
@@ -58,7 +59,7 @@ class Renderer(Closing):
         run: Run,
         camera: str | None = None,
         size: tuple[int, int] = (640, 480),
-        bead: BeadSettings | None = None,
+        bead: BeadSettings | BeadTrace | None = None,
         colour: str = "plain",
         scale: Scale | None = None,
     ) -> None:

@@ -35,7 +35,7 @@ class Scene:
     Args:
         machine: the machine of the run.
         run: the record.
-        bead: settings of the bead.
+        bead: settings of the bead, or the bead itself.
         colour: quantity that colours the bead, one of `gantrysim.render.colours.COLOURS`.
         scale: of the colours; by default one that fits the run.
 
@@ -53,7 +53,7 @@ class Scene:
         self,
         machine: Machine,
         run: Run,
-        bead: BeadSettings | None = None,
+        bead: BeadSettings | BeadTrace | None = None,
         *,
         colour: str = "plain",
         scale: Scale | None = None,
@@ -152,7 +152,7 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
     if machine.needle is not None:
         _fit_needle(spec, run)
     level = float(machine.tip(np.zeros(len(machine.axes)))[2])
-    piece = workpiece(run, sweep.bead_trace.settings, level)
+    piece = workpiece(run, sweep.bead_trace, level)
     if piece is not None:
         mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         mesh.uservert = piece.vertices.ravel().astype(np.float32)
@@ -221,7 +221,7 @@ def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | 
     freely where the nozzle is high above it.
     """
     run = bead_trace.run
-    flow, most = float(run.flow[tick]), float(run.flow.max())
+    flow, most = float(run.flow[tick]), bead_trace.most_flow
     section = bead_trace.nominal if bead_trace.nominal > 0 else float(bead_trace.area.max())
     if flow <= 0 or section <= 0:
         return None

@@ -7,8 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from gantrysim.arrays import Floats
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.jit import jit
-from gantrysim.metrics.analysis import Analysis, path_speed
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
 
 _UM = 1e3
@@ -19,23 +20,27 @@ class Telemetry:
 
     Args:
         run: the record, also of a run that has only begun.
+        bead: the run's bead, if there is one already, which holds its analysis.
 
     Attributes:
         run: the record.
     """
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
+    def __init__(self, run: Run, bead: BeadTrace | None = None) -> None:
+        self.run, self._bead = run, bead
 
     @property
     def time(self) -> Floats:
         """Time of every tick, (n,) [s]."""
         return self.run.time
 
-    @cached_property
-    def speed(self) -> Floats:
-        """Path speed of the nozzle, (n,) [mm/s]."""
-        return path_speed(self.run)
+    def speed(self, tick: int) -> float:
+        """Return the path speed of the nozzle at a tick, `gantrysim.metrics.analysis.path_speed` [mm/s]."""
+        before = max(tick - 1, 0)
+        around = self.run.nozzle[before : tick + 2]
+        if len(around) < 2:
+            return 0.0
+        return float(np.linalg.norm(np.gradient(around, self.run.period, axis=0)[tick - before]))
 
     @cached_property
     def error(self) -> Floats:
@@ -45,8 +50,9 @@ class Telemetry:
         """
         error = np.full(len(self.run.time), np.nan)
         if self.run.dispense.any():
-            analysis = Analysis(self.run)
-            error[analysis.ticks] = _UM * analysis.nozzle.distance
+            analysis = Analysis(self.run) if self._bead is None else self._bead.analysis
+            error[analysis.ticks] = analysis.nozzle.distance
+            error *= _UM
         return error
 
     @cached_property

@@ -50,19 +50,19 @@ class WorkPiece(NamedTuple):
     faces: Triangles
 
 
-def workpiece(run: Run, bead: BeadSettings | None = None, level: float = 0.0) -> WorkPiece | None:
+def workpiece(run: Run, bead: BeadSettings | BeadTrace | None = None, level: float = 0.0) -> WorkPiece | None:
     """Return the body under the bead of a run, or None where its dispensed path does not climb.
 
     Args:
         run: the run.
-        bead: settings of the bead.
+        bead: settings of the bead, or the bead itself.
         level: z of the nozzle where it is the run's gap above the work [mm].
     """
     if not run.dispense.any() or run.requested.table[1][:, 2].max() < level + _FLAT:
         return None
-    bead_trace = BeadTrace(run, bead)
+    bead_trace = BeadTrace.of(run, bead)
     width = float(bead_trace.nominal_section.width[0]) if bead_trace.nominal > 0 else 0.0
-    track = _track(run, Analysis(run), bead_trace.gap)
+    track = _track(run, bead_trace.analysis, bead_trace.gap)
     if width <= 0 or track is None or track.point[:, 2].max() < level + _FLAT - bead_trace.gap:
         return None
     floor = level - run.gap

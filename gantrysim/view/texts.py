@@ -67,7 +67,7 @@ def moment_texts(
     values = [
         ("live" if source.live else "replay", plain(name)),
         ("time", f"{time:.2f} of {max(source.until, time):.2f} s"),
-        ("path speed", f"{telemetry.speed[tick]:.1f} mm/s"),
+        ("path speed", f"{telemetry.speed(tick):.1f} mm/s"),
         ("contour error", f"{error:.1f} um" if np.isfinite(error) else "dispenser off"),
         ("speed", f"{clock.speed:g} x" + (f", actual {pace:.2g} x" if behind else "")),
     ]

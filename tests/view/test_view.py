@@ -103,7 +103,7 @@ def test_keys_are_listed_where_they_do_something():
 def moment(name, time, until, speed, error, factor, *, live=False, ended=False, paused=False, fault=None, **options):
     """Texts of a source with one tick."""
     source = SimpleNamespace(tick=0, until=until, live=live, over=ended, fault=fault)
-    telemetry = SimpleNamespace(time=[time], speed=[speed], error=[error])
+    telemetry = SimpleNamespace(time=[time], speed=lambda _: speed, error=[error])
     options = {"pace": None, "push": 0.0, "keys": True} | options
     return moment_texts(name, source, telemetry, Clock(factor, since=None if paused else 0.0), **options)
 
