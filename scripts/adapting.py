@@ -34,7 +34,7 @@ CONSTANTS = {
 GAINS = {
     "BeadWidth": np.geomspace(0.02, 0.3, 9),
     "SpeedOverride": np.geomspace(3.0, 12.0, 7),
-    "ServoTorque": np.linspace(0.9, 1.1, 5),
+    "ServoTorque": np.geomspace(0.1, 1.0, 5),
 }
 COLUMNS = ("task", "policy", "seed", "decisions", "return", "figure", "cost", "faults")
 TRAINING, UNSEEN = range(40), range(10_000, 10_100)  # seeds of episodes

@@ -64,21 +64,16 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
 
 
 def friction_compensation(env: ServoTorqueEnv, share: float) -> Policy:
-    """Return the change of the level towards that of the friction, as it is fitted while the nozzle moves.
+    """Return the change of the level to that of the friction, as it is fitted while the nozzle moves.
 
     Args:
         env: its environment.
-        share: factor on the level that is fitted.
+        share: of the level that is missing, which is made up for at each decision.
     """
-    fitted, levels = (
-        [k for k, name in enumerate(env.observation_names) if name.startswith(prefix)]
-        for prefix in ("fitted_", "level_")
-    )
-    step = env.settings.step
+    missing = [k for k, name in enumerate(env.observation_names) if name.startswith("missing_")]
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        missing = share * observation[fitted] - observation[levels]
-        return np.clip(missing / step, -1.0, 1.0).astype(np.float32)
+        return np.clip(share * observation[missing], -1.0, 1.0)
 
     return policy
 

@@ -25,7 +25,8 @@ from gantrysim.machine.machine import Machine
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
 _SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range
-_LEVELS = 5.0  # range of the level that is fitted
+_LEVELS = 5.0  # range of friction, in that of the nominal machine
+_STEPS = 10.0  # range of the level that is missing
 _PRIOR = 0.05  # share of the memory for which the level 1 is remembered at the start
 
 
@@ -106,7 +107,7 @@ class ServoTorqueBatch(EpisodeBatch):
                 Entry(
                     f"friction_{axis}", -_LEVELS, _LEVELS, "Coulomb", f"nominal friction torque of {axis} until then"
                 ),
-                Entry(f"fitted_{axis}", 0.0, _LEVELS, "1", f"friction of {axis}, over the nominal one, as fitted"),
+                Entry(f"missing_{axis}", -_STEPS, _STEPS, "steps", f"friction of {axis} as fitted, less the level"),
                 Entry(f"level_{axis}", 0.0, self.settings.highest, "1", f"level of the torque of {axis}"),
                 Entry(f"action_{axis}", -1.0, 1.0, "1", f"last action of {axis}"),
             ]
@@ -158,13 +159,14 @@ class ServoTorqueBatch(EpisodeBatch):
     def observations(self) -> NDArray[np.float32]:
         measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
         change = measured.tracking_mean - self._error
-        fitted = np.clip(self._sums[:, :, 0] / self._sums[:, :, 1], 0.0, _LEVELS)
+        fitted = self._sums[:, :, 0] / self._sums[:, :, 1]
+        missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         each = [
             np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
             np.clip(change / tolerance, -_WORST, _WORST),
             self._next[:, 0],
             self._next[:, 1],
-            fitted,
+            missing,
             self._level,
             self._action,
         ]
@@ -220,8 +222,8 @@ class ServoTorqueEnv(PathEnv):
     Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
     for each axis the mean following error of the last interval and its change, until the next decision the velocity
     demanded and the torque of the nominal friction (`gantrysim.controllers.laws.friction`) over its Coulomb friction,
-    the friction over the nominal one, fitted to the servo's torque demands (`gantrysim.env.friction.fit`), the level,
-    and the last action; the mean contour error; progress.
+    the level that is missing, of the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`), the
+    level, and the last action; the mean contour error; progress.
 
     Reward: the sum of two terms, which `info` holds too.
 

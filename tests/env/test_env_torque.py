@@ -106,7 +106,7 @@ def test_the_level_fitted_is_the_friction_of_the_machine_before_and_after_it_cha
     for _ in range(200):
         observation, *_ = env.step(policy(observation))
         one = seen(env, observation)
-        levels.append((one["fitted_x"], one["fitted_y"]))
+        levels.append([one[f"level_{a}"] + env.settings.step * one[f"missing_{a}"] for a in "xy"])
     expected = np.array([1.4 / 0.95, 0.8 / 1.05])  # the servo demands what a weaker motor needs more
     assert np.median(levels[40:100], axis=0) == pytest.approx(expected, rel=0.05)
     assert np.median(levels[130:], axis=0) == pytest.approx(1.5 * expected, rel=0.05)
