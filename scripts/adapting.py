@@ -31,6 +31,7 @@ CONSTANTS = {
     "SpeedOverride": ("override", np.geomspace(0.1, 2.0, 14)),
     "ServoTorque": ("level", np.linspace(0.6, 1.4, 9)),
 }
+DERIVED = {"ServoTorque": {"level": 0.0}}  # of others as the environment starts
 GAINS = {
     "BeadWidth": np.geomspace(0.02, 0.3, 9),
     "SpeedOverride": np.geomspace(3.0, 12.0, 7),
@@ -69,7 +70,7 @@ def fixed(task, value=None):
     """Return a policy that does not adapt, and settings: the derived one, or one with a constant value."""
     env = gymnasium.make(f"gantrysim/{task}-v1").unwrapped
     still = np.zeros(env.action_space.shape, np.float32)
-    return lambda _: still, {} if value is None else {CONSTANTS[task][0]: float(value)}
+    return lambda _: still, DERIVED.get(task, {}) if value is None else {CONSTANTS[task][0]: float(value)}
 
 
 def measured(task, seeds, value=None):
