@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 
 import gantrysim  # noqa: F401  registers the environments
-from gantrysim.env.baselines import CLASSICAL, friction_compensation
+from gantrysim.env.baselines import CLASSICAL
 
 DOCS = Path(__file__).parents[1] / "docs"
 ROWS, PAGE = DOCS / "learning.csv", DOCS / "learning.md"
@@ -29,12 +29,13 @@ FIGURES = {
 CONSTANTS = {
     "BeadWidth": ("override", np.geomspace(0.6, 2.0, 25)),
     "SpeedOverride": ("override", np.geomspace(0.1, 2.0, 14)),
-    "ServoTorque": ("friction", np.linspace(0.8, 1.2, 5)),
+    "ServoTorque": ("level", np.linspace(0.6, 1.4, 9)),
 }
+DERIVED = {"ServoTorque": {"level": 0.0}}  # of others as the environment starts
 GAINS = {
     "BeadWidth": np.geomspace(0.02, 0.3, 9),
     "SpeedOverride": np.geomspace(3.0, 12.0, 7),
-    "ServoTorque": np.linspace(0.9, 1.1, 5),
+    "ServoTorque": np.geomspace(0.1, 1.0, 5),
 }
 COLUMNS = ("task", "policy", "seed", "decisions", "return", "figure", "cost", "faults")
 TRAINING, UNSEEN = range(40), range(10_000, 10_100)  # seeds of episodes
@@ -68,10 +69,8 @@ def write(task, policy, seed, decisions, values):
 def fixed(task, value=None):
     """Return a policy that does not adapt, and settings: the derived one, or one with a constant value."""
     env = gymnasium.make(f"gantrysim/{task}-v1").unwrapped
-    if task == "ServoTorque" and value is not None:
-        return friction_compensation(env, value, adaptive=False), {}
     still = np.zeros(env.action_space.shape, np.float32)
-    return lambda _: still, {} if value is None else {"override": float(value)}
+    return lambda _: still, DERIVED.get(task, {}) if value is None else {CONSTANTS[task][0]: float(value)}
 
 
 def measured(task, seeds, value=None):

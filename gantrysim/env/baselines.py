@@ -63,22 +63,17 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
     return policy
 
 
-def friction_compensation(env: ServoTorqueEnv, share: float, *, adaptive: bool = True) -> Policy:
-    """Return the torque of the nominal friction, times its level as it is fitted while the nozzle moves.
+def friction_compensation(env: ServoTorqueEnv, share: float) -> Policy:
+    """Return the change of the level to that of the friction, as it is fitted while the nozzle moves.
 
     Args:
         env: its environment.
-        share: factor on that torque.
-        adaptive: whether the level is that observed, or 1.
+        share: of the level that is missing, which is made up for at each decision.
     """
-    frictions, levels = (
-        [k for k, name in enumerate(env.observation_names) if name.startswith(prefix)]
-        for prefix in ("friction_", "level_")
-    )
+    missing = [k for k, name in enumerate(env.observation_names) if name.startswith("missing_")]
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        level = observation[levels] if adaptive else 1.0
-        return np.clip(share * level * observation[frictions], -1.0, 1.0).astype(np.float32)
+        return np.clip(share * observation[missing], -1.0, 1.0)
 
     return policy
 

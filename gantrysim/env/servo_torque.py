@@ -1,4 +1,4 @@
-"""ServoTorque-v1: torques added to those of the servo, against friction that differs and changes."""
+"""ServoTorque-v1: torque against friction, sent with every setpoint, while the friction differs and changes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from gantrysim.env.observation import Entry
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine.machine import Machine
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
 _SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range
-_LEVELS = 5.0  # range of the level of friction
+_LEVELS = 5.0  # range of friction, in that of the nominal machine
+_STEPS = 10.0  # range of the level that is missing
 _PRIOR = 0.05  # share of the memory for which the level 1 is remembered at the start
 
 
@@ -33,7 +34,9 @@ class ServoTorqueSettings(PathSettings):
     """Settings of `ServoTorqueEnv`: those of `PathSettings`, and of action and observation.
 
     Attributes:
-        reach: largest torque that the agent adds, as a share of the drive's peak torque.
+        level: of the torque at the start, 1 for the nominal friction.
+        highest: largest level.
+        step: largest change of the level at a decision.
         memory: time constant with which the fit of the level of friction forgets [s].
 
     Raises:
@@ -45,18 +48,21 @@ class ServoTorqueSettings(PathSettings):
     thickness: Bounds = (6.0, 9.0)
     speed: Bounds = (40.0, 100.0)
     acceleration: float = 2000.0
-    decision_interval: float = 0.004
+    decision_interval: float = 0.01
     tolerance: float = 0.005
-    reach: float = 0.05
+    level: float = 1.0
+    highest: float = 3.0
+    step: float = 0.1
     memory: float = 0.1
 
     def model_post_init(self, context: object) -> None:
         """Raise InputError for values out of bounds."""
         super().model_post_init(context)
         if self.decision_interval == math.inf:
-            raise InputError("decision_interval = inf s: must be finite, for the torque changes within an episode")
-        if positive("reach", self.reach) > 1:
-            raise InputError(f"reach = {self.reach:g}: must be at most 1, the drive's peak torque")
+            raise InputError("decision_interval = inf s: must be finite, for the level changes within an episode")
+        if not 0 <= finite("level", self.level) <= positive("highest", self.highest):
+            raise InputError(f"level = {self.level:g}: must be at least 0 and at most highest = {self.highest:g}")
+        positive("step", self.step)
         positive("memory", self.memory, "s")
 
 
@@ -70,20 +76,20 @@ class ServoTorqueSource(ChangingFriction):
 
 
 class ServoTorqueBatch(EpisodeBatch):
-    """Places in which episodes run whose servo's torque the agent adds to; arguments as of `EpisodeBatch`."""
+    """Places in which episodes run whose torque against friction the agent sets; arguments as of `EpisodeBatch`."""
 
     settings: ServoTorqueSettings
     source: ServoTorqueSource
-    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_sums", "_error", "_next", "_outside")
+    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_sums", "_error", "_next", "_outside", "_level")
 
     def __init__(self, settings: ServoTorqueSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, ServoTorqueSource(settings))
         axes = self.source.machine.axes
         period = self.source.servo.period
-        self._reach = settings.reach * self._peak
         self._forget = math.exp(-period / settings.memory)
-        coulomb = np.array([axis.friction.coulomb for axis in axes])
-        self._prior = np.maximum(_PRIOR * settings.memory / period * coulomb**2, np.finfo(float).tiny)
+        self._coulomb = np.maximum([axis.friction.coulomb for axis in axes], np.finfo(float).tiny)
+        self._prior = np.maximum(_PRIOR * settings.memory / period * self._coulomb**2, np.finfo(float).tiny)
+        self._level = np.zeros((places, len(axes)))
         self._sums = np.ones((places, len(axes), 2))  # of the fit
         self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
         self._outside = np.zeros((places, 2))  # ticks in all, and in intervals out of tolerance
@@ -98,8 +104,11 @@ class ServoTorqueBatch(EpisodeBatch):
                 Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
                 Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
                 Entry(f"velocity_{axis}", -_SPEEDS, _SPEEDS, "100 mm/s", f"demanded velocity of {axis} until the next"),
-                Entry(f"friction_{axis}", -1.0, 1.0, "reach", f"friction torque of {axis} until then, nominal model"),
-                Entry(f"level_{axis}", 0.0, _LEVELS, "1", f"friction of {axis} over the nominal one, as fitted"),
+                Entry(
+                    f"friction_{axis}", -_LEVELS, _LEVELS, "Coulomb", f"nominal friction torque of {axis} until then"
+                ),
+                Entry(f"missing_{axis}", -_STEPS, _STEPS, "steps", f"friction of {axis} as fitted, less the level"),
+                Entry(f"level_{axis}", 0.0, self.settings.highest, "1", f"level of the torque of {axis}"),
                 Entry(f"action_{axis}", -1.0, 1.0, "1", f"last action of {axis}"),
             ]
         return [
@@ -118,16 +127,19 @@ class ServoTorqueBatch(EpisodeBatch):
         self._sliding[place], self._moving[place] = model_torques(axes, simulation.position, period)
         self._sums[place] = self._prior[:, None]
         self._error[place], self._outside[place] = 0.0, 0.0
+        self._level[place] = self.settings.level
         assert simulation.torque is not None
         self._given[place] = simulation.torque.copy()
 
     def _apply(self, places: Sequence[int]) -> None:
-        interval = self.source.ticks or 1
+        settings, interval = self.settings, self.source.ticks or 1
+        moved = self._level[places] + settings.step * self._action[places]
+        self._level[places] = np.clip(moved, 0.0, settings.highest)
         for place in places:
             torque, sent = self._episode(place).simulation.torque, int(self._sent[place])
             assert torque is not None
             until = slice(sent, sent + interval)
-            torque[until] = self._given[place][until] + self._action[place] * self._reach
+            torque[until] = self._given[place][until] + self._level[place] * self._sliding[place][until]
 
     def _follow(self, place: int, first: int, last: int) -> None:
         """Fit the friction to some ticks, and look ahead to the next decision."""
@@ -137,8 +149,8 @@ class ServoTorqueBatch(EpisodeBatch):
         after = np.arange(int(self._sent[place]), int(self._sent[place]) + (self.source.ticks or 1))
         after = np.clip(after, 1, len(position) - 1)
         velocity = (position[after] - position[after - 1]).mean(axis=0) / period / _SPEED
-        friction = self._sliding[place][after].mean(axis=0) / self._reach
-        self._next[place] = np.clip(velocity, -_SPEEDS, _SPEEDS), np.clip(friction, -1.0, 1.0)
+        friction = self._sliding[place][after].mean(axis=0) / self._coulomb
+        self._next[place] = np.clip(velocity, -_SPEEDS, _SPEEDS), np.clip(friction, -_LEVELS, _LEVELS)
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.tracking_mean[mask]
@@ -147,13 +159,15 @@ class ServoTorqueBatch(EpisodeBatch):
     def observations(self) -> NDArray[np.float32]:
         measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
         change = measured.tracking_mean - self._error
-        level = np.clip(self._sums[:, :, 0] / self._sums[:, :, 1], 0.0, _LEVELS)
+        fitted = self._sums[:, :, 0] / self._sums[:, :, 1]
+        missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         each = [
             np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
             np.clip(change / tolerance, -_WORST, _WORST),
             self._next[:, 0],
             self._next[:, 1],
-            level,
+            missing,
+            self._level,
             self._action,
         ]
         shared = [
@@ -192,20 +206,24 @@ class ServoTorqueBatch(EpisodeBatch):
 
 
 class ServoTorqueEnv(PathEnv):
-    """Add torques to those of the servo, against friction that differs from machine to machine and changes.
+    """Set the torque sent against friction that differs from machine to machine and changes.
 
     An episode is a spiral, or the path of a job, on a machine drawn from tolerances whose friction changes at some
     moment. Where an axis reverses, friction throws the nozzle off the path until the servo's integral has met it; a
-    torque that is added in time prevents that.
+    torque that is sent with the setpoints prevents that. At every servo tick it is
 
-    Action: a number from -1 to 1 for each axis: the torque added until the next decision, in units of `reach` peak
-    torques. The drive's limit holds for the sum.
+        torque = level * friction torque of the nominal machine's model at the setpoints,
+
+    added to the servo's. The drive's limit holds for the sum.
+
+    Action: a number from -1 to 1 for each axis: change of its level, in units of `step`; the level stays within 0 and
+    `highest`.
 
     Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
     for each axis the mean following error of the last interval and its change, until the next decision the velocity
-    demanded and the torque of the nominal friction (`gantrysim.controllers.laws.friction`), the level of the friction
-    over the nominal one, fitted to the servo's torque demands (`gantrysim.env.friction.fit`), and the last action;
-    the mean contour error; progress.
+    demanded and the torque of the nominal friction (`gantrysim.controllers.laws.friction`) over its Coulomb friction,
+    the level that is missing, of the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`), the
+    level, and the last action; the mean contour error; progress.
 
     Reward: the sum of two terms, which `info` holds too.
 

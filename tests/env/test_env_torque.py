@@ -1,4 +1,4 @@
-"""ServoTorque-v1: the torque that acts, the level of friction that is fitted, and what adapting saves."""
+"""ServoTorque-v1: the torque that acts, the friction that is fitted, and what adapting saves."""
 
 import math
 
@@ -34,16 +34,23 @@ def seen(env, observation):
     return dict(zip(env.observation_names, observation.tolist(), strict=True))
 
 
-def test_the_demand_is_the_servos_law_and_the_torque_added():
+def test_the_demand_is_the_servos_law_and_the_level_times_the_friction():
     servo = {"frequency": 30.0, "integral_time": 0.03, "notch_frequency": 0.0}
-    env = ServoTorqueEnv(**BRIEF, servo=servo, reach=0.05)
+    env = ServoTorqueEnv(**BRIEF, servo=servo, step=0.5, highest=1.5)
     env.reset(seed=3)
-    random, added = np.random.default_rng(0), []
+    random, level, levels = np.random.default_rng(0), np.ones(2), []
     for _ in range(60):
         action = random.uniform(-1, 1, 2).astype(np.float32)
-        env.step(action)
-        added += [0.05 * action.astype(float) * [axis.peak_torque for axis in env._episodes.source.machine.axes]] * 4
+        observation = seen(env, env.step(action)[0])
+        level = np.clip(level + 0.5 * action, 0.0, 1.5)
+        assert [observation["level_x"], observation["level_y"]] == pytest.approx(level, rel=1e-6)
+        levels += [level] * 10
+    assert np.min(levels) == 0.0
+    assert np.max(levels) == 1.5
     run, own = env.run, env._episodes.source.servo
+    setpoints = env._episodes._episode(0).simulation.position
+    friction = model_torques(env._episodes.source.machine.axes, setpoints, PERIOD)[0]
+    added = levels * friction[: len(levels)]
     error = run.commanded - run.encoder
     changes = [np.diff(x, axis=0, prepend=x[:1]) / PERIOD for x in (error, run.commanded)]
     acceleration = np.diff(changes[1], axis=0, prepend=changes[1][:1]) / PERIOD
@@ -88,7 +95,7 @@ def test_the_level_is_that_of_weighted_least_squares(levels, tau, count):
         assert sums[a, 0] / sums[a, 1] == pytest.approx(level, rel=1e-6, abs=1e-9)
 
 
-def test_the_level_seen_is_the_friction_of_the_machine_before_and_after_it_changes():
+def test_the_level_fitted_is_the_friction_of_the_machine_before_and_after_it_changes():
     env = ServoTorqueEnv(**{**BRIEF, "diameter": 60.0, "thickness": 6.0, "turns": 2, "memory": 0.05})
     factors = {"friction_x": 1.4, "friction_y": 0.8, "motor_constant_x": 0.95, "motor_constant_y": 1.05}
     still = {"payload_kg": 0.0, "viscous_x": 1.0, "viscous_y": 1.0}
@@ -96,22 +103,21 @@ def test_the_level_seen_is_the_friction_of_the_machine_before_and_after_it_chang
     policy = friction_compensation(env, 1.0)
     observation, _ = env.reset(seed=1, options={"machine": {**factors, **still}, "task": task})
     levels = []
-    for _ in range(500):
+    for _ in range(200):
         observation, *_ = env.step(policy(observation))
         one = seen(env, observation)
-        levels.append((one["level_x"], one["level_y"]))
+        levels.append([one[f"level_{a}"] + env.settings.step * one[f"missing_{a}"] for a in "xy"])
     expected = np.array([1.4 / 0.95, 0.8 / 1.05])  # the servo demands what a weaker motor needs more
-    assert np.median(levels[100:250], axis=0) == pytest.approx(expected, rel=0.05)
-    assert np.median(levels[325:], axis=0) == pytest.approx(1.5 * expected, rel=0.05)
+    assert np.median(levels[40:100], axis=0) == pytest.approx(expected, rel=0.05)
+    assert np.median(levels[130:], axis=0) == pytest.approx(1.5 * expected, rel=0.05)
 
 
 def test_adapting_beats_every_fixed_compensation():
-    env = ServoTorqueEnv(**BRIEF)
     seeds = range(500, 503)
-    loss = {
-        level: -sum(episode(env, seed, friction_compensation(env, level, adaptive=False))[0] for seed in seeds)
-        for level in (0.0, 1.0)
-    }
+    loss = {}
+    for level in (0.0, 1.0):
+        env = ServoTorqueEnv(**BRIEF, level=level)
+        loss[level] = -sum(episode(env, seed, lambda _: np.zeros(2, np.float32))[0] for seed in seeds)
     adaptive = -sum(episode(env, seed, friction_compensation(env, 1.0))[0] for seed in seeds)
     assert loss[1.0] < 0.6 * loss[0.0]
     assert adaptive < 0.8 * min(loss.values())
@@ -134,7 +140,7 @@ def test_values_of_an_episode_are_those_of_its_decisions():
 
 
 def test_a_fault_costs_twice_what_it_prevents():
-    env = ServoTorqueEnv(**BRIEF, reach=1.0, decision_interval=0.01, servo={"following_error_limit": 0.1})
+    env = ServoTorqueEnv(**BRIEF, level=100.0, highest=100.0, servo={"following_error_limit": 0.1})
     _, info = episode(env, 2, lambda _: np.ones(2, np.float32))
     assert info["fault"] is not None
     sent, setpoints = int(env._episodes._sent[0]), int(env._episodes._setpoints[0])
@@ -150,7 +156,7 @@ def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_en
     assert same(info, infos)
     random, ended = np.random.default_rng(1), 0
     for _ in range(60):
-        actions = (0.3 * random.uniform(-1, 1, (3, 2))).astype(np.float32)
+        actions = random.uniform(-1, 1, (3, 2)).astype(np.float32)
         step = native.step(actions)
         assert same(step, scalar.step(actions))
         ended += step[3].sum()
@@ -160,11 +166,11 @@ def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_en
 def test_an_episode_goes_on_from_a_state_saved_late():
     env, other = ServoTorqueEnv(**BRIEF), ServoTorqueEnv(**BRIEF)
     env.reset(seed=3)
-    actions = np.random.default_rng(0).uniform(-0.3, 0.3, (165, 2)).astype(np.float32)
-    for action in actions[:120]:
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (64, 2)).astype(np.float32)
+    for action in actions[:48]:
         env.step(action)
     assert other.restore(env.save()).tobytes() == env._episodes.observations()[0].tobytes()
-    for action in actions[120:]:
+    for action in actions[48:]:
         one, two = env.step(action), other.step(action)
         assert one[0].tobytes() == two[0].tobytes()
         assert str(one[1:]) == str(two[1:])
@@ -174,7 +180,8 @@ def test_an_episode_goes_on_from_a_state_saved_late():
     ("given", "text"),
     [
         ({"decision_interval": math.inf}, "decision_interval = inf s: must be finite"),
-        ({"reach": 1.5}, "reach = 1.5: must be at most 1"),
+        ({"level": 3.5}, "level = 3.5: must be at least 0 and at most highest = 3"),
+        ({"step": 0.0}, "step = 0: must be greater than 0"),
         ({"memory": 0.0}, "memory = 0 s: must be greater than 0"),
         ({"decision_interval": 0.0005}, "decision_interval = 0.0005 s: must be a multiple"),
     ],
