@@ -12,6 +12,7 @@ from reprlib import Repr
 
 import numpy as np
 
+_WHOLE = 2.0**53  # up to which floats tell whole numbers apart
 _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
 _shown = _shortened.repr
@@ -113,7 +114,7 @@ def place(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, f
 
 def whole(name: str, value: float, bound: int) -> int:
     """Return `value` as an int, or raise InputError where it is no whole number or below `bound`."""
-    number = at_least(name, value, bound)
+    number = at_least(name, value, bound, most=_WHOLE)
     if number != int(number):
         raise InputError(f"{name} = {number:g}: must be a whole number")
     return int(number)

@@ -58,7 +58,7 @@ from gantrysim.controllers.servo_values import (
     whole_ratio,
 )
 from gantrysim.display import Shown
-from gantrysim.errors import InputError, at_least, between
+from gantrysim.errors import InputError, at_least, between, finite, positive
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import MODES, Drives
 
@@ -301,6 +301,7 @@ class Servo(LawParameters, Shown):
         zeta = between("damping", damping, *DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
         inner = drive_period or (DRIVE_PERIOD if whole_ratio(period / DRIVE_PERIOD) else period)
+        integral_time = integral_time if integral_time == math.inf else finite("integral_time", integral_time, "s")
         if not integral_time > 0:
             raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
         at_least("integral_time", min(integral_time, LONGEST_PERIOD), SHORTEST_PERIOD, "s")
@@ -318,7 +319,8 @@ class Servo(LawParameters, Shown):
             integral_time, share = math.inf, 0.0
         lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths, modes, inner))
         if velocity_bandwidth is not None and "velocity" not in modes:
-            raise InputError(f"velocity_bandwidth = {velocity_bandwidth:g} Hz: no drive is in mode 'velocity'")
+            width = positive("velocity_bandwidth", velocity_bandwidth, "Hz")
+            raise InputError(f"velocity_bandwidth = {width:g} Hz: no drive is in mode 'velocity'")
         if names != (PID,):
             check_modes(f"servo law = {words(names)}", modes)
         found, _ = gains_of(axes, period, frequency, zeta, integral_time, lags, velocity_bandwidth, names)

@@ -113,6 +113,8 @@ BAD = {
     "damping": ({"damping": -1.0}, "damping = -1: must be 0.001 to 1000"),
     "frequency": ({"frequency": math.nan}, "frequency = nan Hz: must be finite"),
     "integral": ({"integral_time": 0.0}, "integral_time = 0 s: must be greater than 0 s; inf"),
+    "integral of a large whole number": ({"integral_time": 10**400}, "integral_time: must be finite"),
+    "width without a loop": ({"velocity_bandwidth": "wide"}, "velocity_bandwidth = 'wide': must be a number"),
     "delay": ({"delay": 2e-3}, "servo delay = 0.002 s: must be at most the period, 0.001 s"),
     "per axis": ({"kp": [1.0, 2.0, 3.0]}, "kp has 3 values: must be one or 1, one per axis"),
     "gain": ({"kd": math.inf}, "kd = inf: must be finite"),
