@@ -138,7 +138,7 @@ class Bead(BeadTrace, Shown):
                 raise InputError("the fault came before the path speed was steady: the requested section is unknown")
             raise InputError("the run requests no glue while the nozzle moves: its bead has no values")
         on, parts = self.dispensing, self._parts
-        clearance, weight = self.clearance, self._turn_lengths
+        clearance, weight = self.clearance(), self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
         stopped = self.stretches[:, 1] < len(run.time)
@@ -196,9 +196,8 @@ class Bead(BeadTrace, Shown):
         s = self.analysis.spacing.s
         return np.gradient(s) if s.size > 1 else np.zeros(s.size)
 
-    @cached_property
     def clearance(self) -> Floats:
-        """Distance of neighbouring turns less their mean width, at the points of the analysis' spacing, (m,) [mm]."""
+        """Return the distance of neighbouring turns less their mean width, at the analysis' spacing, (m,) [mm]."""
         spacing, ticks = self.analysis.spacing, self.analysis.ticks
         s = self.analysis.nozzle.s
         ahead = forward(s)

@@ -41,6 +41,7 @@ class Sweep:
 
     Attributes:
         bead_trace: the bead.
+        surface: height of the surface below the nozzle at each tick, (n,) [mm].
         rings: number of rings.
 
     Raises:
@@ -61,7 +62,8 @@ class Sweep:
         if self.rings <= ends:
             raise TooFewRingsError(f"rings of the mesh = {self.rings}: must be more than {ends}, for the bead's ends")
         self._step: float = max(needed / (self.rings - ends), 0.0 if like is None else like._step)
-        self._base = np.column_stack([trace.point[:, :2], trace.along(trace.surface)])  # surface below the stations
+        self.surface = trace.surface()
+        self._base = np.column_stack([trace.point[:, :2], trace.along(self.surface)])  # surface below the stations
         # edges of the stations' shares of the trace, glue up to these and to the stations, and glue of an end there
         self._edges = np.clip((np.arange(trace.place.size + 1) - 0.5) * trace.ds, 0.0, trace.place[-1])
         self._held = np.concatenate([[0.0], np.cumsum(trace.area * np.diff(self._edges))])

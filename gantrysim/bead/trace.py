@@ -203,9 +203,8 @@ class BeadTrace:
             return np.full(self.place.size, self.gap)
         return np.maximum(self.along(self.gap + self._vertical_error), _LEAST_GAP * self.gap)
 
-    @cached_property
     def surface(self) -> Floats:
-        """Height of the surface below the nozzle at each tick, in the work frame, (n,) [mm].
+        """Return the height of the surface below the nozzle at each tick, in the work frame, (n,) [mm].
 
         It is the gap below the requested path, and before and after dispensing that at the end.
         """

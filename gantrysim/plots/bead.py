@@ -44,7 +44,7 @@ def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
 
 def draw_bead_along(figure: Figure | SubFigure, bead: Bead) -> tuple[Axes, ...]:
     """Draw the bead's width along the trace, and the clearance between neighbouring turns; return the axes."""
-    turns = bead.clearance.size > 0
+    turns = bead.analysis.spacing.distance.size > 0
     upper, *lower = figure.subplots(2 if turns else 1, sharex=True, squeeze=False)[:, 0]
     upper.plot(*thinned(bead.place, bead.width), color=_GLUE, lw=1.2, label="width")
     nominal = float(bead.nominal_section.width[0])
@@ -56,7 +56,7 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead) -> tuple[Axes, ...]:
     for axes in lower:
         analysis = bead.analysis
         on = bead.length[analysis.ticks]
-        s, clearance = thinned(analysis.spacing.s, bead.clearance)
+        s, clearance = thinned(analysis.spacing.s, bead.clearance())
         at = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
         axes.fill_between(at, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
         axes.fill_between(at, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")

@@ -94,7 +94,7 @@ class Scene:
             coordinates = _mesh_part(self.model, self.mesh, "texcoord")
             places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
             coordinates[:, 0] = places.repeat(len(coordinates) // len(values))
-        self._drop = _drop_at(self.sweep.bead_trace, tick)
+        self._drop = _drop_at(self.sweep, tick)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add the drop at the nozzle, which is not part of the model, to a scene that holds the model's geoms."""
@@ -209,7 +209,7 @@ def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float3
     return getattr(model, f"mesh_{part}")[start : start + count]
 
 
-def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | None:
+def _drop_at(sweep: Sweep, tick: int) -> tuple[Floats, float, float] | None:
     """Return the glue between the needle's tip and the bead at a tick, an ellipsoid, or None while none flows.
 
     It is centre in the work frame, (3,) [m], radius and half height [m]. The radius is that of the free thread of glue,
@@ -220,6 +220,7 @@ def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | 
     with the flow Q and the largest flow of the run, Q0. It wets the needle and reaches down to the surface, or hangs
     freely where the nozzle is high above it.
     """
+    bead_trace = sweep.bead_trace
     run = bead_trace.run
     flow, most = float(run.flow[tick]), bead_trace.most_flow
     section = bead_trace.nominal if bead_trace.nominal > 0 else float(bead_trace.area.max())
@@ -227,7 +228,7 @@ def _drop_at(bead_trace: BeadTrace, tick: int) -> tuple[Floats, float, float] | 
         return None
     radius = max(float(np.sqrt(section / np.pi)), 0.5 * run.face) * float(np.sqrt(flow / most))
     tip = run.nozzle[tick]
-    height = float(tip[2] - bead_trace.surface[tick])
+    height = float(tip[2] - sweep.surface[tick])
     top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)
     centre = tip + np.array([0.0, 0.0, 0.5 * (top - bottom)])
     return 1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom)

@@ -145,7 +145,7 @@ def bead_section(bead: Bead) -> Section:
         facts=_bead_facts(values),
         figure=[
             drawn(draw_height_map, bead, _PLAN, 0.9 * height),
-            drawn(draw_bead_along, bead, _WIDE, 5.4 if bead.clearance.size else 3.0),
+            drawn(draw_bead_along, bead, _WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )

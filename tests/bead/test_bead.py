@@ -349,7 +349,7 @@ def test_turns_keep_the_pitch_less_their_width_between_them():
         bead = laid(XY, spiral(pitch))
         inner = (bead.analysis.spacing.s > 10) & (bead.analysis.spacing.next_s < bead.place[-1] - 10)
         width = float(bead.nominal_section.width[0])
-        assert bead.clearance[inner] == pytest.approx(np.full(inner.sum(), pitch - width), abs=CONSTANT * width)
+        assert bead.clearance()[inner] == pytest.approx(np.full(inner.sum(), pitch - width), abs=CONSTANT * width)
         apart = pitch > width
         assert bead.values.gap_share == pytest.approx(float(apart), abs=0.02)
         assert bead.values.overlap_share == pytest.approx(float(not apart), abs=0.02)

@@ -275,7 +275,7 @@ def test_width_and_clearance_are_drawn_along_the_trace(bead, analysis):
     nominal = float(bead.nominal_section.width[0])
     assert drawn[f"nominal: {nominal:.3f} mm"][0, 1] == nominal
     at, clearance = figure.axes[1].get_lines()[0].get_xydata().T
-    np.testing.assert_allclose(clearance, bead.clearance)
+    np.testing.assert_allclose(clearance, bead.clearance())
     np.testing.assert_allclose(at, analysis.spacing.s, atol=1.5)  # the loop's spiral is a little shorter
     assert {"gap", "overlap"} == {text.get_text() for text in figure.axes[1].get_legend().get_texts()}
     off = [patch.get_x() for patch in figure.axes[0].patches]
@@ -283,9 +283,9 @@ def test_width_and_clearance_are_drawn_along_the_trace(bead, analysis):
 
 
 def test_gaps_are_drawn_above_zero_and_overlaps_below_it(bead, analysis):
-    clearance = 0.5 * np.sin(0.02 * np.arange(bead.clearance.size))
+    clearance = 0.5 * np.sin(0.02 * np.arange(bead.clearance().size))
     other = copy.copy(bead)
-    vars(other)["clearance"] = clearance
+    vars(other)["clearance"] = lambda: clearance
     figure = Figure()
     plots.draw_bead_along(figure, other)
     drawn = {area.get_label(): area for area in figure.axes[1].collections}
