@@ -2,11 +2,13 @@
 
 python tests/support/guided.py TARGET|all [RUNS] [FOLDER]
 
-Only InputError may come out of a reader, in one line; anything else ends the search with exit status 77 and leaves the
-input in FOLDER, by default the working folder. The last line says how many inputs were tried.
+Only InputError may come out of a reader, in one line, and no input may take much memory; anything else ends the search
+with exit status 77 and leaves the input in FOLDER, by default the working folder. The last line says how many inputs
+were tried.
 """
 
 import re
+import resource
 import sys
 import tempfile
 import warnings
@@ -20,7 +22,8 @@ import numpy as np
 DOCS = Path(__file__).parents[2] / "docs"
 LONGEST = 4096  # bytes of an input
 SLOWEST = 60  # seconds for one input
-LARGEST = 4000  # MB
+LARGEST = 4000  # of the whole search, which compiles what a reader calls [MB]
+MOST = 500  # for one input [MB]
 SHORT = 5.0  # of machine time that is planned [s]
 
 
@@ -197,12 +200,15 @@ def search(name: str, runs: int, folder: Path) -> None:
     warnings.simplefilter("ignore")
 
     def one(content: bytes) -> None:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         try:
             target.read(content)
         except InputError as error:
             text = str(error)
             if "\n" in text or len(text) > 600:
                 raise AssertionError(text) from error
+        taken = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e3
+        assert taken < MOST, f"{taken:.0f} MB for one input"
 
     with tempfile.TemporaryDirectory() as corpus:
         for k, seed in enumerate(seeds):
