@@ -201,8 +201,9 @@ class Bead(BeadTrace, Shown):
         spacing, ticks = self.analysis.spacing, self.analysis.ticks
         s = self.analysis.nozzle.s
         ahead = forward(s)
-        s = s[ahead]
-        width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)[ahead]
+        if not ahead.all():
+            s, ticks = s[ahead], ticks[ahead]
+        width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)
 
         def clearance(block: slice) -> Floats:
             here, there = (np.interp(at[block], s, width) for at in (spacing.s, spacing.next_s))

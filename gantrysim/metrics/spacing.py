@@ -126,9 +126,14 @@ def _none() -> Spacing:
     return Spacing(nothing, nothing, nothing, nothing, np.zeros((0, 2, 3)))
 
 
+@jit
 def forward(s: Floats) -> NDArray[np.bool_]:
     """Whether each arc length exceeds all before it, (n,)."""
-    return np.concatenate([[True], s[1:] > np.maximum.accumulate(s)[:-1]])
+    ahead, furthest = np.empty(s.size, np.bool_), -np.inf
+    for k in range(s.size):
+        ahead[k] = s[k] > furthest
+        furthest = max(furthest, s[k])
+    return ahead
 
 
 def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:

@@ -55,8 +55,8 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead) -> tuple[Axes, ...]:
     upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in lower:
         analysis = bead.analysis
-        on = bead.length[analysis.ticks]
         s, clearance = thinned(analysis.spacing.s, bead.clearance())
+        on = bead.length[analysis.ticks]
         at = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
         axes.fill_between(at, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
         axes.fill_between(at, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")
