@@ -38,7 +38,7 @@ GAINS = {
     "BeadWidth": np.geomspace(0.02, 0.3, 9),
     "SpeedOverride": np.geomspace(3.0, 12.0, 7),
     "ServoTorque": np.linspace(0.9, 1.1, 5),
-    "SpiralTuning": np.linspace(-0.2, 0.6, 5),
+    "SpiralTuning": np.linspace(-0.2, 0.4, 7),
 }
 COLUMNS = ("task", "policy", "seed", "decisions", "return", "figure", "cost", "faults")
 TRAINING, UNSEEN = range(40), range(10_000, 10_100)  # seeds of episodes
@@ -85,7 +85,7 @@ def measured(task, seeds, value=None):
     return evaluated(task, policy, seeds, **settings)
 
 
-def best_gains(task, sets=100, runs=100):
+def best_gains(task, sets=100, runs=200):
     """Return the factors on the four gains that lose least: random sets on some episodes, then Nelder-Mead on all."""
     settings = gymnasium.make(f"gantrysim/{task}-v1").unwrapped.settings
     most, random = settings.gain_range, np.random.default_rng(0)

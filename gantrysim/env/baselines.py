@@ -99,10 +99,10 @@ def gain_schedule(env: GainScheduleEnv, caution: float) -> Policy:
         env: its environment.
         caution: payload added to the fitted one for kp and kd [kg].
     """
-    batch, names = env._episodes, env.observation_names
+    source, names = env._episodes.source, env.observation_names
     fitted, present = names.index("inertia"), slice(names.index("gain_kp"), names.index("gain_kp") + len(TUNED_GAINS))
     reach = math.log(env.settings.gain_range)
-    machine = batch.source.machine
+    machine = source.machine
     loaded = machine.perturbed(Perturbation(payload=1.0))
     square, product = (
         sum(one.inertia * axis.inertia for one, axis in zip(other.axes, machine.axes, strict=True))
@@ -110,7 +110,7 @@ def gain_schedule(env: GainScheduleEnv, caution: float) -> Policy:
     )
     per_kg = product / square - 1  # what 1 kg adds to the ratio fitted to all axes
     payloads = np.arange(0.0, MOST + 1.0, 0.5)
-    gains = _stiffest(batch.sensitivity, payloads)
+    gains = _stiffest(SensitivityTable(machine, source.servo, env.settings.gain_range), payloads)
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
         ratio = max(float(observation[fitted]), 1.0 / env.settings.gain_range)
@@ -133,14 +133,14 @@ def _stiffest(sensitivity: SensitivityTable, payloads: NDArray[np.float64]) -> N
     kp, kd = next(pairs)
     for payload in payloads:
         while sensitivity.cost([[kp], [kd], [0.0], [0.0]], payload) > 0:
-            kp, kd = next(pairs, (-1.0, -1.0))
-            if kp == kd == -1.0:
+            kp, kd = next(pairs, (kp, kd))
+            if kp == -1.0 and kd == 1.0:  # none does
                 break
         found.append((kp, kd))
     return np.array(found)
 
 
-_STEPS = 8  # of gains tried, per range
+_STEPS = 16  # of gains tried, per range
 _BEFORE, _AFTER = 0.3, 1.0  # where it moves slowly, ahead of a reversal and behind it [mm]
 _BRAKING = 0.7  # share of the acceleration
 _TOP = 1.5  # override between reversals
