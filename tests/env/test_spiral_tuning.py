@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from gantrysim import InputError, Machine
 from gantrysim.controllers.servo import Servo
 from gantrysim.env import GainScheduleEnv, gain_schedule
+from gantrysim.env.baselines import _stiffest
 from gantrysim.env.inertia import fit, ratios
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.machine.perturbation import Perturbation
@@ -94,6 +95,14 @@ def test_the_gains_that_keep_the_limit_with_each_payload_exceed_it_little_within
         for off in (-0.06, 0.06):
             if payload + off >= 0:
                 assert expected_cost(machine, servo, RANGE**kp, kd, payload + off) < 0.15
+
+
+def test_the_heaviest_payload_asks_for_a_fifth_of_kp_and_more_feedforward(machine, table):
+    kp = RANGE ** _stiffest(table, np.array([0.0, 4.0]))[:, 0]
+    assert kp[1] / kp[0] == pytest.approx(0.2, abs=0.03)
+    loaded = machine.perturbed(Perturbation(payload=4.0))
+    more = [one.inertia / axis.inertia for one, axis in zip(loaded.axes, machine.axes, strict=True)]
+    assert more == pytest.approx([1.37, 1.27], abs=0.005)
 
 
 def test_the_demand_is_that_of_the_gains_that_the_actions_have_set():
