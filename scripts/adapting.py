@@ -85,7 +85,7 @@ def measured(task, seeds, value=None):
     return evaluated(task, policy, seeds, **settings)
 
 
-def best_gains(task, sets=100, runs=200):
+def best_gains(task, sets=100, runs=120):
     """Return the factors on the four gains that lose least: random sets on some episodes, then Nelder-Mead on all."""
     settings = gymnasium.make(f"gantrysim/{task}-v1").unwrapped.settings
     most, random = settings.gain_range, np.random.default_rng(0)

@@ -101,7 +101,7 @@ def gain_schedule(env: GainScheduleEnv, caution: float) -> Policy:
     """
     source, names = env._episodes.source, env.observation_names
     fitted, present = names.index("inertia"), slice(names.index("gain_kp"), names.index("gain_kp") + len(TUNED_GAINS))
-    reach = math.log(env.settings.gain_range)
+    reach, steps = math.log(env.settings.gain_range), np.array(env.settings.step)
     machine = source.machine
     loaded = machine.perturbed(Perturbation(payload=1.0))
     square, product = (
@@ -117,7 +117,7 @@ def gain_schedule(env: GainScheduleEnv, caution: float) -> Policy:
         payload = (ratio - 1) / per_kg + caution
         kp, kd = (np.interp(payload, payloads, gain) for gain in gains.T)
         wanted = np.array([kp, kd, 0.0, math.log(ratio) / reach])
-        change = (wanted - observation[present]) * reach / env.settings.step
+        change = (wanted - observation[present]) * reach / steps
         return np.clip(change, -1.0, 1.0).astype(np.float32)
 
     return policy

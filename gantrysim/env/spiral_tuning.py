@@ -42,7 +42,7 @@ class GainScheduleSettings(PathSettings):
     Attributes:
         start: factors on the nominal kp, kd, velocity_ff and acceleration_ff at the start of an episode.
         gain_range: largest factor by which the agent raises or lowers a nominal gain.
-        step: largest change of the logarithm of a gain at a decision.
+        step: largest changes of the logarithms of these gains at a decision.
         weight: loss of an interval whose max |S| is 4 or more.
         memory: time constant with which the fit of the inertia forgets [s].
 
@@ -60,8 +60,8 @@ class GainScheduleSettings(PathSettings):
     decision_interval: float = 0.02
     tolerance: float = 0.01
     start: FourGains = (0.5, 0.4, 1.0, 1.15)
-    gain_range: float = 4.0
-    step: float = 0.5
+    gain_range: float = 3.0
+    step: FourGains = (0.2, 0.2, 0.2, 0.05)
     weight: float = 1.0
     memory: float = 0.06
 
@@ -74,7 +74,8 @@ class GainScheduleSettings(PathSettings):
             raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
         for name, factor in zip(TUNED_GAINS, self.start, strict=True):
             between(f"start of {name}", factor, 1 / self.gain_range, self.gain_range)
-        positive("step", self.step)
+        for name, step in zip(TUNED_GAINS, self.step, strict=True):
+            positive(f"step of {name}", step)
         positive("weight", self.weight)
         positive("memory", self.memory, "s")
 
@@ -143,7 +144,7 @@ class GainScheduleBatch(EpisodeBatch):
 
     def _apply(self, places: Sequence[int]) -> None:
         settings = self.settings
-        step = settings.step / math.log(settings.gain_range) * self._action[places]
+        step = np.array(settings.step) / math.log(settings.gain_range) * self._action[places]
         self._log[places] = np.clip(self._log[places] + step, -1.0, 1.0)
         for name, factor in gain_factors(self._log[places].T[..., None], settings.gain_range).items():
             self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
