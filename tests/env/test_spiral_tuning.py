@@ -283,7 +283,9 @@ def test_an_episode_goes_on_from_a_saved_state_and_in_a_copy():
 
 
 @pytest.mark.parametrize(
-    "own", [BRIEF, {"job": "softmc-arc"}, {**BRIEF, "spread": None, "machine": "xyz"}], ids=["spirals", "job", "three axes"]
+    "own",
+    [BRIEF, {"job": "softmc-arc"}, {**BRIEF, "spread": None, "machine": "xyz"}],
+    ids=["spirals", "job", "three axes"],
 )
 def test_the_checkers_pass(own):
     from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
