@@ -12,10 +12,17 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 @wrapt.when_imported("gymnasium")
 def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
     """Register the environments by name, in whichever order the two packages are imported."""
-    own = {"SpiralTuning": 0, "GainBandit": 0, "BeadWidth": 1, "SpeedOverride": 1, "ServoTorque": 1}
-    for name, version in own.items():
+    own = {
+        "SpiralTuning-v0": "SpiralTuning",
+        "SpiralTuning-v1": "GainSchedule",
+        "GainBandit-v0": "GainBandit",
+        "BeadWidth-v1": "BeadWidth",
+        "SpeedOverride-v1": "SpeedOverride",
+        "ServoTorque-v1": "ServoTorque",
+    }
+    for identity, name in own.items():
         gymnasium.register(
-            f"gantrysim/{name}-v{version}",
+            f"gantrysim/{identity}",
             entry_point=f"gantrysim.env:{name}Env",
             vector_entry_point=f"gantrysim.env:{name}VectorEnv",
         )

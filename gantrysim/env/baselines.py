@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -10,8 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.env.bead_width import BeadWidthEnv
+from gantrysim.env.episodes import TUNED_GAINS
+from gantrysim.env.inertia import MOST
+from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.servo_torque import ServoTorqueEnv
 from gantrysim.env.speed_override import SpeedOverrideEnv
+from gantrysim.env.spiral_tuning import GainScheduleEnv
+from gantrysim.machine.perturbation import Perturbation
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -78,6 +84,58 @@ def friction_compensation(env: ServoTorqueEnv, share: float) -> Policy:
     return policy
 
 
+def gain_schedule(env: GainScheduleEnv, caution: float) -> Policy:
+    """Return the gains for the payload that the fitted inertia tells of.
+
+    kp, with ki, and kd are those of the largest kp that keeps |S| <= 2 on the nominal machine with this payload;
+    acceleration_ff is the nominal one times the fitted ratio of inertia.
+
+    Args:
+        env: its environment.
+        caution: payload added to the fitted one for kp and kd [kg].
+    """
+    source, names = env._episodes.source, env.observation_names
+    fitted, present = names.index("inertia"), slice(names.index("gain_kp"), names.index("gain_kp") + len(TUNED_GAINS))
+    reach, steps = math.log(env.settings.gain_range), np.array(env.settings.step)
+    machine = source.machine
+    loaded = machine.perturbed(Perturbation(payload=1.0))
+    square, product = (
+        sum(one.inertia * axis.inertia for one, axis in zip(other.axes, machine.axes, strict=True))
+        for other in (machine, loaded)
+    )
+    per_kg = product / square - 1  # what 1 kg adds to the ratio fitted to all axes
+    payloads = np.arange(0.0, MOST + 1.0, 0.5)
+    gains = _stiffest(SensitivityTable(machine, source.servo, env.settings.gain_range), payloads)
+
+    def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        ratio = max(float(observation[fitted]), 1.0 / env.settings.gain_range)
+        payload = (ratio - 1) / per_kg + caution
+        kp, kd = (np.interp(payload, payloads, gain) for gain in gains.T)
+        wanted = np.array([kp, kd, 0.0, math.log(ratio) / reach])
+        change = (wanted - observation[present]) * reach / steps
+        return np.clip(change, -1.0, 1.0).astype(np.float32)
+
+    return policy
+
+
+def _stiffest(sensitivity: SensitivityTable, payloads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the actions of kp and kd for ascending payloads, (payloads, 2).
+
+    Their kp is the largest that keeps the limit, but no larger than for a smaller payload; kd is the least with it.
+    """
+    steps = np.linspace(-1.0, 1.0, 2 * _STEPS + 1).tolist()
+    found, pairs = [], itertools.product(steps[::-1], steps)
+    kp, kd = next(pairs)
+    for payload in payloads:
+        while sensitivity.cost([[kp], [kd], [0.0], [0.0]], payload) > 0:
+            kp, kd = next(pairs, (kp, kd))
+            if kp == -1.0 and kd == 1.0:  # none does
+                break
+        found.append((kp, kd))
+    return np.array(found)
+
+
+_STEPS = 16  # of gains tried, per range
 _BEFORE, _AFTER = 0.3, 1.0  # where it moves slowly, ahead of a reversal and behind it [mm]
 _BRAKING = 0.7  # share of the acceleration
 _TOP = 1.5  # override between reversals
@@ -86,4 +144,5 @@ CLASSICAL: dict[str, Callable[[Any, float], Policy]] = {
     "BeadWidth": width_feedback,
     "SpeedOverride": slow_at_reversals,
     "ServoTorque": friction_compensation,
+    "SpiralTuning": gain_schedule,
 }

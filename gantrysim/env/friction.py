@@ -21,20 +21,34 @@ from gantrysim.native.row import Log
 _friction_torque = inner_jit(friction_torque)
 
 
-class ChangingFriction(Source):
-    """Source of episodes whose friction changes by a factor at some moment."""
+class Changing(Source):
+    """Source of episodes whose machine changes at some moment."""
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {"friction_change": (0.6, 1.6), "friction_time": (0.5, 4.0)}
+    moment: ClassVar[str]  # name of the time at which it does, among the values drawn [s]
+
+    def change(self, drawn: Mapping[str, float]) -> Perturbation:
+        """Return what is different from that moment on."""
+        raise NotImplementedError
 
     def episode(self, drawn: Mapping[str, float]) -> Episode:
         episode = super().episode(drawn)
         simulation, machine = episode.simulation, episode.simulation.machine
-        changed = machine.perturbed(Perturbation(friction=drawn["friction_change"]))
+        changed = machine.perturbed(self.change(drawn))
         voltage = any(self.servo.current_bandwidth)
         model = changed.stepping(simulation.model.opt.timestep, voltage)
         interval = simulation.substeps * (self.ticks or 1)
-        begin = max(round(drawn["friction_time"] / self.settings.decision_interval), 1) * interval
+        begin = max(round(drawn[self.moment] / self.settings.decision_interval), 1) * interval
         return replace(episode, simulation=replace(simulation, later=((begin, model),)))
+
+
+class ChangingFriction(Changing):
+    """Source of episodes whose friction changes by a factor at some moment."""
+
+    task: ClassVar[Mapping[str, tuple[float, float]]] = {"friction_change": (0.6, 1.6), "friction_time": (0.5, 4.0)}
+    moment: ClassVar[str] = "friction_time"
+
+    def change(self, drawn: Mapping[str, float]) -> Perturbation:
+        return Perturbation(friction=drawn["friction_change"])
 
 
 def model_torques(axes: tuple[Axis, ...], position: Floats, period: float) -> tuple[Floats, Floats]:

@@ -1,11 +1,10 @@
-"""How far gains that an agent sets are from instability: the peak of |S| of the nominal machine, from a table."""
+"""How far gains that an agent sets are from instability: peaks of |S|, of a machine and its payload, from a table."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,17 +15,19 @@ from gantrysim.controllers.derivation import LARGEST_PEAK
 from gantrysim.controllers.servo import Servo
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Plant
 from gantrysim.stability.motion import UnknownLoopError
 
 _STEPS = 16  # of the table per unit of the action
+_PAYLOADS = 8  # of the table per kilogram
 _LOOP = [TUNED_GAINS.index(name) for name in ("kp", "kd")]  # the feed-forward is outside of the loop
 
 
 class SensitivityTable:
     """Peaks of |S| by action, each computed when it is first asked for.
 
-    Actions are rounded to 1/16, that is gains to `gain_range`^(1/32), 7 % for a range of 10.
+    Actions are rounded to 1/16, that is gains to `gain_range`^(1/32), 7 % for a range of 10, and payloads to 1/8 kg.
 
     Args:
         machine: the nominal machine.
@@ -37,17 +38,22 @@ class SensitivityTable:
     def __init__(self, machine: Machine, servo: Servo, gain_range: float) -> None:
         self._machine, self._servo, self._range = machine, servo, gain_range
         self._peaks: dict[tuple[int, ...], Floats] = {}
+        self._plants: dict[int, Plant | None] = {}
 
-    @cached_property
-    def _plant(self) -> Plant | None:
-        servo = self._servo
-        try:
-            servo.compensators()
-            return Plant.of(self._machine, servo.period, servo.delay, drives=servo.drives)
-        except UnknownLoopError:
-            return None
+    def _plant(self, payload: int) -> Plant | None:
+        """Return the plant with a payload, in steps of the table."""
+        if payload not in self._plants:
+            servo, machine = self._servo, self._machine
+            if payload:
+                machine = machine.perturbed(Perturbation(payload=payload / _PAYLOADS))
+            try:
+                servo.compensators()
+                self._plants[payload] = Plant.of(machine, servo.period, servo.delay, drives=servo.drives)
+            except UnknownLoopError:
+                self._plants[payload] = None
+        return self._plants[payload]
 
-    def cost(self, action: ArrayLike) -> float:
+    def cost(self, action: ArrayLike, payload: float = 0.0) -> float:
         """Return how far the worst axis is beyond a peak of 2: 0 up to 2, 1 from 4 on and where it is unstable.
 
             cost = min(max(max |S| / 2 - 1, 0), 1)
@@ -56,20 +62,24 @@ class SensitivityTable:
 
         Args:
             action: (gains of `TUNED_GAINS`, 1 or axes), from -1 to 1.
+            payload: of the machine, beyond the nominal one's [kg].
         """
-        plant = self._plant
+        load = round(payload * _PAYLOADS)
+        plant = self._plant(load)
         if plant is None:
             return 0.0
         steps = np.rint(np.asarray(action, float)[_LOOP] * _STEPS).astype(int)
         steps = np.broadcast_to(steps, (len(_LOOP), plant.axes))
         if all(len(group) == 1 for group in plant.groups):  # an axis depends on its own gains alone
-            worst = max(self._peak(plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes))
+            worst = max(
+                self._peak(load, plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes)
+            )
         else:
-            worst = self._peak(plant, steps).max()
+            worst = self._peak(load, plant, steps).max()
         return min(max(float(worst) / LARGEST_PEAK - 1.0, 0.0), 1.0) if math.isfinite(worst) else 1.0
 
-    def _peak(self, plant: Plant, steps: NDArray[np.int_]) -> Floats:
-        key = tuple(steps.ravel().tolist())
+    def _peak(self, payload: int, plant: Plant, steps: NDArray[np.int_]) -> Floats:
+        key = (payload, *steps.ravel().tolist())
         if key not in self._peaks:
             action = np.zeros((len(TUNED_GAINS), plant.axes))
             action[_LOOP] = steps / _STEPS

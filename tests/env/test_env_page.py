@@ -10,7 +10,7 @@ import gymnasium
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TASKS = ("BeadWidth", "SpeedOverride", "ServoTorque")
+TASKS = ("BeadWidth", "SpeedOverride", "ServoTorque", "SpiralTuning")
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,94 @@
+"""Payload that changes during an episode, and the inertia that the servo's torque demands tell of."""
+
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.env.friction import Changing
+from gantrysim.jit import jit
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.native.row import Log
+
+MOST = 4.0  # payload after a change [kg]
+
+
+class ChangingPayload(Changing):
+    """Source of episodes whose payload is another one from some moment on."""
+
+    task: ClassVar[Mapping[str, tuple[float, float]]] = {"payload_later": (0.0, MOST), "payload_time": (0.2, 1.2)}
+    moment: ClassVar[str] = "payload_time"
+
+    def change(self, drawn: Mapping[str, float]) -> Perturbation:
+        return Perturbation(payload=drawn["payload_later"] - drawn.get("payload_kg", 0.0))
+
+
+# of the fit, by axis: sums of products of torques of inertia J, of friction F, and of the demand without viscous
+# friction D, and these three after the low pass
+SUMS = ("JJ", "JF", "FF", "JD", "FD", "J", "F", "D")
+
+
+@jit
+def fit(
+    log: Log,
+    first: int,
+    last: int,
+    motion: tuple[Floats, Floats],
+    axes: Floats,
+    smooth: float,
+    forget: float,
+    sums: Floats,
+) -> None:
+    """Add ticks to the least squares, which forget exponentially, of inertia and friction in the torque demand.
+
+        L(demand - viscous dDPOS/T) = r L(inertia ddMPOS/T²) + h L(sliding)
+
+    L is a low pass of first order, for the second difference of encoder counts is coarse. That is taken about one tick,
+    the demand at the tick before, which acts by then, friction at that tick. An axis at rest adds and forgets nothing.
+
+    Args:
+        log: the servo's, see `gantrysim.native.row.Log`.
+        first: the first tick.
+        last: the tick after the last.
+        motion: torque of the nominal friction [N·m] and dDPOS, one row per setpoint, (n, axes) each.
+        axes: inertia / T² and viscous / T of the nominal axes, (axes, 2) [N·m/mm].
+        smooth: exp(-T/tau) of the low pass.
+        forget: exp(-T/tau) of the sums.
+        sums: of `SUMS`, (axes, 8), to be updated.
+    """
+    sliding, moved = motion
+    for k in range(max(first, 2), last):
+        at = log.tick[k - 1].setpoint
+        for a in range(len(sums)):
+            if moved[at, a] == 0.0:
+                continue
+            own, (inertia, viscous) = sums[a], axes[a]
+            change = log.axis[k, a].encoder - 2 * log.axis[k - 1, a].encoder + log.axis[k - 2, a].encoder
+            own[5] += (1 - smooth) * (inertia * change - own[5])
+            own[6] += (1 - smooth) * (sliding[at, a] - own[6])
+            own[7] += (1 - smooth) * (log.axis[k - 2, a].demand - viscous * moved[at, a] - own[7])
+            j, f, d = own[5], own[6], own[7]
+            own[0] = forget * own[0] + j * j
+            own[1] = forget * own[1] + j * f
+            own[2] = forget * own[2] + f * f
+            own[3] = forget * own[3] + j * d
+            own[4] = forget * own[4] + f * d
+
+
+def ratios(sums: Floats) -> tuple[Floats, Floats]:
+    """Return r of each axis, and the r that all axes have in common, each axis with its own h.
+
+    Args:
+        sums: of `SUMS`, (..., axes, 8), with JJ FF > JF².
+
+    Returns:
+        Ratios of the inertia to the nominal one, (..., axes) and (...,).
+    """
+    jj, jf, ff, jd, fd = np.moveaxis(sums[..., :5], -1, 0)
+    above, below = jd - jf * fd / ff, jj - jf * jf / ff
+    return above / below, above.sum(axis=-1) / below.sum(axis=-1)

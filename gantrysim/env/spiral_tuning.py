@@ -1,0 +1,287 @@
+"""SpiralTuning-v1: gains for a payload that differs from episode to episode and changes within one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
+from gantrysim.env.friction import model_torques
+from gantrysim.env.inertia import MOST, SUMS, ChangingPayload, fit, ratios
+from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
+from gantrysim.env.observation import Entry
+from gantrysim.env.scalar import PathEnv
+from gantrysim.env.sensitivity import SensitivityTable
+from gantrysim.env.settings import Bounds, PathSettings
+from gantrysim.env.vector import PathVectorEnv
+from gantrysim.errors import InputError, between, finite, positive
+from gantrysim.job.settings import ServoSettings
+from gantrysim.machine.tolerances import Tolerances
+
+_WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
+_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range
+_ACCELERATION, _ACCELERATIONS = 1000.0, 30.0  # unit [mm/s² or deg/s²] and range
+_RATIOS = 5.0  # range of the ratio of inertia, to either side
+_PRIOR = 0.005  # share of the memory for which the nominal machine is remembered at the start
+_STEADY = 1000.0  # acceleration taken for that [mm/s² or deg/s²]
+_SMOOTH = 0.01  # time constant of the low pass before the fit [s]
+_SPEED_OF = {"speed": "path speed of the nozzle"}
+
+FourGains = tuple[float, float, float, float]
+
+
+class GainScheduleSettings(PathSettings):
+    """Settings of `GainScheduleEnv`: those of `PathSettings`, and of action and reward.
+
+    Attributes:
+        start: factors on the nominal kp, kd, velocity_ff and acceleration_ff at the start of an episode.
+        gain_range: largest factor by which the agent raises or lowers a nominal gain.
+        step: largest changes of the logarithms of these gains at a decision.
+        weight: loss of an interval whose max |S| is 4 or more.
+        memory: time constant with which the fit of the inertia forgets [s].
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    servo: ServoSettings = ServoSettings(integral_time=0.03, law=["pid", "friction"])
+    diameter: Bounds = (28.0, 36.0)
+    turns: Bounds = (4, 5)
+    thickness: Bounds = (1.5, 2.0)
+    speed: Bounds = (220.0, 300.0)
+    acceleration: float = 5000.0
+    spread: Tolerances | None = Tolerances(payload=MOST, motor_constant=0.03)
+    decision_interval: float = 0.02
+    tolerance: float = 0.01
+    start: FourGains = (0.5, 0.4, 1.0, 1.15)
+    gain_range: float = 3.0
+    step: FourGains = (0.2, 0.2, 0.2, 0.05)
+    weight: float = 1.0
+    memory: float = 0.06
+
+    def model_post_init(self, context: object) -> None:
+        """Raise InputError for values out of bounds."""
+        super().model_post_init(context)
+        if self.decision_interval == math.inf:
+            raise InputError("decision_interval = inf s: must be finite, for the gains change within an episode")
+        if finite("gain_range", self.gain_range) <= 1:
+            raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
+        for name, factor in zip(TUNED_GAINS, self.start, strict=True):
+            between(f"start of {name}", factor, 1 / self.gain_range, self.gain_range)
+        for name, step in zip(TUNED_GAINS, self.step, strict=True):
+            positive(f"step of {name}", step)
+        positive("weight", self.weight)
+        positive("memory", self.memory, "s")
+
+
+class GainScheduleBatch(EpisodeBatch):
+    """Places in which episodes run whose gains the agent changes; arguments as of `EpisodeBatch`."""
+
+    settings: GainScheduleSettings
+    source: ChangingPayload
+    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_log", "_sums", "_error", "_next", "_costs", "_payload")
+
+    def __init__(self, settings: GainScheduleSettings, places: int, threads: int | None, ahead: bool) -> None:
+        super().__init__(settings, places, threads, ahead, ChangingPayload(settings))
+        axes, servo = self.source.machine.axes, self.source.servo
+        self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
+        self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range)
+        self._start_log = np.log(settings.start) / math.log(settings.gain_range)
+        self._smooth, self._forget = (math.exp(-servo.period / tau) for tau in (_SMOOTH, settings.memory))
+        self._torques = np.array([(axis.inertia / servo.period**2, axis.viscous / servo.period) for axis in axes])
+        # r = 1 and h = 1 are remembered as if met with this weight
+        inertia, coulomb = np.array([(_STEADY * axis.inertia, axis.friction.coulomb) for axis in axes]).T
+        j, f = (np.maximum(torque**2, np.finfo(float).tiny ** 0.5) for torque in (inertia, coulomb))
+        self._prior = _PRIOR * settings.memory / servo.period * np.stack([j, 0 * j, f, j, f, *[0 * j] * 3], axis=1)
+        self._log = np.zeros((places, len(TUNED_GAINS)))  # of the gains, share of the range
+        self._sums = np.ones((places, len(axes), len(SUMS)))
+        self._sums[...] = self._prior
+        self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
+        self._next = np.zeros((places, 2, len(axes)))  # velocity and acceleration until the next decision, as observed
+        self._costs = np.zeros((places, 2))  # of the episode: decisions, and their costs
+        self._payload = np.zeros(places)  # of the last interval [kg]
+        self._motion = [(np.zeros((1, len(axes))),) * 2] * places  # of the setpoints, for the fit
+        self._look: list[LookAhead | None] = [None] * places
+
+    def _entries(self) -> list[Entry]:
+        entries = []
+        for axis in self.source.machine.axis_names:
+            entries += [
+                Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
+                Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
+                Entry(f"velocity_{axis}", -_SPEEDS, _SPEEDS, "100 mm/s", f"demanded velocity of {axis} until the next"),
+                Entry(f"acceleration_{axis}", -_ACCELERATIONS, _ACCELERATIONS, "1 m/s²", "demanded acceleration"),
+                Entry(f"inertia_{axis}", -_RATIOS, _RATIOS, "1", f"inertia of {axis} over the nominal one, as fitted"),
+            ]
+        return [
+            *entries,
+            Entry("inertia", -_RATIOS, _RATIOS, "1", "inertia over the nominal one, fitted to all axes together"),
+            *(Entry(f"gain_{name}", -1.0, 1.0, "log of range", f"present factor on {name}") for name in TUNED_GAINS),
+            *ahead_entries(_SPEED_OF),
+            Entry("contour_rms", 0.0, _WORST, "tolerances", "RMS contour error of the last interval"),
+            Entry("contour_mean", -_WORST, _WORST, "tolerances", "mean contour error, positive to the left"),
+            Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
+        ]
+
+    def _action_size(self) -> int:
+        return len(TUNED_GAINS)
+
+    def _start(self, place: int, episode: Episode) -> None:
+        super()._start(place, episode)
+        axes, position = self.source.machine.axes, episode.simulation.position
+        sliding, _ = model_torques(axes, position, self.source.servo.period)
+        self._motion[place] = sliding, np.diff(position, axis=0, prepend=position[:1])
+        self._look[place] = LookAhead(episode.points)
+        self._log[place], self._sums[place] = self._start_log, self._prior
+        self._error[place], self._costs[place] = 0.0, 0.0
+        self._payload[place] = episode.drawn.get("payload_kg", 0.0)
+
+    def _apply(self, places: Sequence[int]) -> None:
+        settings = self.settings
+        step = np.array(settings.step) / math.log(settings.gain_range) * self._action[places]
+        self._log[places] = np.clip(self._log[places] + step, -1.0, 1.0)
+        for name, factor in gain_factors(self._log[places].T[..., None], settings.gain_range).items():
+            self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
+
+    def _follow(self, place: int, first: int, last: int) -> None:
+        """Fit the inertia to some ticks, and look ahead to the next decision."""
+        episode = self._episode(place)
+        simulation = episode.simulation
+        fit(
+            simulation.log,
+            first,
+            last,
+            self._motion[place],
+            self._torques,
+            self._smooth,
+            self._forget,
+            self._sums[place],
+        )
+        if first * simulation.substeps >= simulation.later[0][0]:
+            self._payload[place] = episode.drawn["payload_later"]
+        position, period = simulation.position, self.source.servo.period
+        sent = int(self._sent[place])
+        ends = np.clip([sent - 1, sent + (self.source.ticks or 1) - 1], 1, len(position) - 1)
+        way, before = position[ends] - position[ends - 1], position[ends[0]]
+        time = max(int(ends[1] - ends[0]), 1) * period
+        velocity, acceleration = (position[ends[1]] - before) / time, (way[1] - way[0]) / period / time
+        self._next[place] = (
+            np.clip(velocity / _SPEED, -_SPEEDS, _SPEEDS),
+            np.clip(acceleration / _ACCELERATION, -_ACCELERATIONS, _ACCELERATIONS),
+        )
+
+    def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
+        self._error[mask] = self.measured.tracking_mean[mask]
+        return super().advance(actions, mask)
+
+    def observations(self) -> NDArray[np.float32]:
+        measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
+        each, common = ratios(self._sums)
+        axes = [
+            np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
+            np.clip((measured.tracking_mean - self._error) / tolerance, -_WORST, _WORST),
+            self._next[:, 0],
+            self._next[:, 1],
+            np.clip(each, -_RATIOS, _RATIOS),
+        ]
+        ahead = np.zeros((n, len(ahead_entries(_SPEED_OF))))
+        for place, look in enumerate(self._look):
+            if look is not None:
+                s = float(look.s[max(int(self._foot[place]), 0)])
+                ahead[place] = look_ahead(look, s, [float(measured.speed[place])])
+        shared = [
+            np.clip(common, -_RATIOS, _RATIOS)[:, None],
+            self._log,
+            ahead,
+            np.clip(measured.contour_rms / tolerance, 0.0, _WORST)[:, None],
+            np.clip(measured.lateral / tolerance, -_WORST, _WORST)[:, None],
+            np.minimum(self._sent / self._setpoints, 1.0)[:, None],
+        ]
+        return np.concatenate([np.stack(axes, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        measured, settings = self.measured, self.settings
+        left = self._setpoints - self._sent
+        faulty = advanced & (self._faults != 0)
+        undone = 1 + left // (self.source.ticks or 1)
+        cost = np.zeros(len(self.episodes))
+        for place in np.flatnonzero(advanced).tolist():
+            cost[place] = self.sensitivity.cost(self._log[place][:, None], float(self._payload[place]))
+        cost[faulty] = 1.0
+        self._costs[advanced] += np.stack([np.ones_like(cost), cost], 1)[advanced]
+        terms = {
+            "reward_contour": -np.minimum(measured.contour_rms / settings.tolerance, _WORST) / _WORST,
+            "reward_stability": -settings.weight * cost,
+            "reward_fault": np.where(faulty, -(1 + settings.weight) * undone, 0.0),
+        }
+        return Outcome(
+            reward=sum(terms.values(), np.zeros(len(self.episodes))),
+            terminated=faulty,
+            truncated=advanced & (left <= 0) & ~faulty,
+            info={
+                **terms,
+                "cost": cost,
+                "contour_rms": measured.contour_rms,
+                "contour_max": measured.contour_max,
+                "fault": self._fault_texts(faulty),
+            },
+            final={**self._contour_values(), "episode_cost": self._costs[:, 1] / np.maximum(self._costs[:, 0], 1)},
+        )
+
+
+class GainScheduleEnv(PathEnv):
+    """Tune the servo while the nozzle follows a path with a payload that differs and changes.
+
+    An episode is a fast and small spiral, or the path of a job, on a machine drawn from tolerances. It carries a tool,
+    a cartridge or a fixture, of any mass up to that of the tolerances, and at some moment another, of up to 4 kg, which
+    joins at the speed of the nozzle. The payload sits behind the compliance of the drive trains: with more of it their
+    mode is slower and the gains must be lower for the same |S|, but the acceleration feed-forward must be higher.
+
+    Action: kp, kd, velocity_ff and acceleration_ff, each from -1 to 1, which changes the logarithm of the gain by up to
+    `step`, for all axes alike. ki changes with kp. A gain stays between 1 / `gain_range` and `gain_range` times the
+    nominal one.
+
+    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.spiral_tuning.GainScheduleBatch`:
+    for each axis the mean following error of the last interval and its change, the velocity and the acceleration
+    demanded until the next decision, and the inertia over the nominal one, fitted to the servo's torque demands
+    (`gantrysim.env.inertia.fit`); that of all axes together; the present gains; path speed, curvature here and ahead,
+    distances to the next and since the last reversal; contour error; progress.
+
+    Reward: the sum of three terms, which `info` holds too.
+
+    ================  =======================================================================================
+    term              value
+    ================  =======================================================================================
+    reward_contour    -min(e / tolerance, 10) / 10 for the RMS contour error e since the last decision
+    reward_stability  -weight cost
+    reward_fault      -(1 + weight) for the interval of a fault and for each interval that the fault prevents
+    ================  =======================================================================================
+
+    `info` also holds cost, how far the gains are beyond |S| = 2 on the nominal machine with the payload of the moment:
+    0 up to 2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
+    (`gantrysim.env.sensitivity.SensitivityTable`); contour_rms and contour_max [mm]; fault, a text or None; and at the
+    end of an episode episode_cost, its mean, episode_contour_rms and episode_contour_max [mm]. The `info` of `reset`
+    holds the values drawn, among them payload_kg, payload_later and payload_time; its options "spiral", "machine" and
+    "task" replace some of them.
+
+    A fault terminates the episode; the end of the setpoints truncates it.
+    """
+
+    settings_type = GainScheduleSettings
+    settings: GainScheduleSettings
+
+    @staticmethod
+    def batch(settings: GainScheduleSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return GainScheduleBatch(settings, places, threads, ahead)
+
+
+class GainScheduleVectorEnv(PathVectorEnv):
+    """Several `GainScheduleEnv` in one."""
+
+    single = GainScheduleEnv
