@@ -138,7 +138,7 @@ class Film(Closing):
         )
 
     def close(self) -> None:
-        """Free the OpenGL contexts, and the memory that a renderer in software leaves, a few 100 MB."""
+        """Free the OpenGL contexts, and return the memory that a renderer in software leaves."""
         self._opened.close()
         memory.give_back()
 
