@@ -13,6 +13,8 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.controllers.laws.friction import friction_torque
 from gantrysim.env.episodes import Episode, Source
+from gantrysim.env.settings import PathSettings
+from gantrysim.errors import InputError
 from gantrysim.jit import inner_jit, jit
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
@@ -22,9 +24,20 @@ _friction_torque = inner_jit(friction_torque)
 
 
 class Changing(Source):
-    """Source of episodes whose machine changes at some moment."""
+    """Source of episodes whose machine changes at some moment.
+
+    Raises:
+        InputError: as by `Source`, or a job with a stuck axis, which changes the machine too.
+    """
 
     moment: ClassVar[str]  # name of the time at which it does, among the values drawn [s]
+
+    def __init__(self, settings: PathSettings, detune: float = 1.0) -> None:
+        super().__init__(settings, detune)
+        if self._fixed is not None and self._simulation(self.machine, self._fixed).later:
+            raise InputError(
+                "environment: the job has a stuck axis, but this task changes the machine itself: leave it out"
+            )
 
     def change(self, drawn: Mapping[str, float]) -> Perturbation:
         """Return what is different from that moment on."""

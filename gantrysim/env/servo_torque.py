@@ -159,7 +159,8 @@ class ServoTorqueBatch(EpisodeBatch):
     def observations(self) -> NDArray[np.float32]:
         measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
         change = measured.tracking_mean - self._error
-        fitted = self._sums[:, :, 0] / self._sums[:, :, 1]
+        total, squares = np.moveaxis(self._sums, 2, 0)
+        fitted = np.divide(total, squares, out=np.ones_like(total), where=squares > 0)  # all may be forgotten at rest
         missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         each = [
             np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),

@@ -9,8 +9,8 @@ from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim import InputError, Machine
-from gantrysim.env import ServoTorqueEnv, friction_compensation
+from gantrysim import InputError, Job, Machine
+from gantrysim.env import GainScheduleEnv, ServoTorqueEnv, friction_compensation
 from gantrysim.env.friction import fit, model_torques
 from gantrysim.native.row import Log
 
@@ -189,3 +189,18 @@ def test_an_episode_goes_on_from_a_state_saved_late():
 def test_settings_out_of_bounds_are_rejected(given, text):
     with pytest.raises(InputError, match=text):
         ServoTorqueEnv(**given)
+
+
+@pytest.mark.parametrize("kind", [ServoTorqueEnv, GainScheduleEnv])
+def test_a_job_with_a_stuck_axis_is_refused(kind):
+    job = Job.load("an225").changed({"faults": [{"kind": "stuck axis", "axis": "x", "time": 0.5, "friction": 5.0}]})
+    with pytest.raises(InputError, match="the job has a stuck axis"):
+        kind(job=job)
+
+
+def test_friction_that_is_forgotten_at_rest_is_taken_for_the_nominal_one():
+    env = ServoTorqueEnv(**BRIEF, level=0.7)
+    env.reset(seed=1)
+    env._episodes._sums[...] = 0.0
+    observation = seen(env, env._episodes.observations()[0])
+    assert [observation["missing_x"], observation["missing_y"]] == pytest.approx([3.0, 3.0])  # steps of 0.1
