@@ -250,7 +250,7 @@ class Job(JobContent):
                 progress=progress,
             )
         if len(record.time) > memory.LONG:
-            self.__dict__.pop("setpoints")  # which fill the memory; computed again if they are asked for
+            self.__dict__.pop("setpoints", None)  # which fill the memory; computed again if they are asked for
         return record
 
     def without_faults(self) -> Job:
