@@ -14,6 +14,7 @@ from gantrysim.design.library import largest_torque
 from gantrysim.design.modes import modes
 from gantrysim.machine.axis import PER_SI, Axis, fact
 from gantrysim.machine.machine import Machine
+from gantrysim.native.quiet import quiet
 from gantrysim.run import Run
 from gantrysim.stability.margins import margins_of
 
@@ -205,7 +206,8 @@ def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -
     """Return modes with the joint that holds the most of their kinetic energy."""
     mass = np.zeros((model.nv, model.nv))
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    with quiet():
+        mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
     found = []
     for frequency, shape in zip(frequencies.tolist(), shapes.T, strict=True):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from gantrysim.native.quiet import quiet
+
 _MM = 1e3
 
 
@@ -17,7 +19,8 @@ def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
         work: index of the body.
     """
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    with quiet():
+        mujoco.mj_forward(model, data)
     geom = np.full(1, -1, np.int32)
     up = data.xmat[work].reshape(3, 3)[:, 2]
     above = data.xpos[work] + up * (up @ (data.site_xpos[nozzle] - data.xpos[work]))

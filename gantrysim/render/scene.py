@@ -12,6 +12,7 @@ from gantrysim.bead.sweep import Sweep
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import unknown
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
+from gantrysim.native.quiet import quiet
 from gantrysim.render.colours import Scale, errors_along, scale_for
 from gantrysim.render.workpiece import workpiece
 from gantrysim.run import Run
@@ -85,7 +86,8 @@ class Scene:
     def pose(self, tick: int) -> None:
         """Pose the machine at a tick, with the bead laid until then."""
         self.data.qpos[:] = self.machine.to_qpos(self.run.encoder[tick])
-        mujoco.mj_forward(self.model, self.data)
+        with quiet():
+            mujoco.mj_forward(self.model, self.data)
         mesh = self.sweep.mesh(tick)
         self._vertices[:], self._normals[:] = mesh.vertices, mesh.normals
         if self.scale is not None:

@@ -105,6 +105,12 @@ def test_some_damage(folder):
     run()
 
 
+def test_what_mujoco_warns_of_at_every_step_reaches_no_file(folder):
+    text = text_of("delta").replace('solref="0.0005 1"', 'solref="-1"', 1)
+    assert text != text_of("delta")
+    attempt(folder, text)
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("name", builtin_models())
 def test_much_damage(folder, name, record_property):
