@@ -150,7 +150,8 @@ class Sizing:
             )
             for a, axis in enumerate(machine.axes)
         )
-        found = [_named(model, *modes(model, at, locked)) for locked in (held, ())]
+        with quiet():
+            found = [_named(model, *modes(model, at, locked)) for locked in (held, ())]
         return cls(axes, *found)
 
     @property
@@ -206,8 +207,7 @@ def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -
     """Return modes with the joint that holds the most of their kinetic energy."""
     mass = np.zeros((model.nv, model.nv))
     data = mujoco.MjData(model)
-    with quiet():
-        mujoco.mj_forward(model, data)
+    mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
     found = []
     for frequency, shape in zip(frequencies.tolist(), shapes.T, strict=True):

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 
 from gantrysim.arrays import Floats
-from gantrysim.native.quiet import quiet
 
 _STEP = 1e-7  # of a joint for the stiffness [m or rad]
 _SWINGS = 1.0  # squared frequency below which a mode is free motion [rad²/s²]
@@ -38,8 +37,7 @@ def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[in
     def force(step: Floats) -> Floats:
         data.qpos[:] = at
         mujoco.mj_integratePos(model, data.qpos, step, 1.0)
-        with quiet():
-            mujoco.mj_forward(model, data)
+        mujoco.mj_forward(model, data)
         return data.qfrc_spring.copy()
 
     for k, step in enumerate(_STEP * np.eye(nv)):
