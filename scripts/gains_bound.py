@@ -31,7 +31,7 @@ batch.source = ChangingFriction(SETTINGS)
 sets = [np.zeros(4)]  # the first is the derived one
 while len(sets) < arguments.sets:
     action = random.uniform(-1, 1, 4)
-    if batch.sensitivity.cost(action[:, None]) <= 0:
+    if batch.sensitivity.cost(action[None, :, None]) <= 0:
         sets.append(action)
 
 losses = []  # by set, episode and interval; 0 once an episode is over

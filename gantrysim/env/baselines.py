@@ -127,7 +127,7 @@ def _stiffest(sensitivity: SensitivityTable, payloads: NDArray[np.float64]) -> N
     found, pairs = [], itertools.product(steps[::-1], steps)
     kp, kd = next(pairs)
     for payload in payloads:
-        while sensitivity.cost([[kp], [kd], [0.0], [0.0]], payload) > 0:
+        while sensitivity.cost([[[kp], [kd], [0.0], [0.0]]], payload) > 0:
             kp, kd = next(pairs, (kp, kd))
             if kp == -1.0 and kd == 1.0:  # none does
                 break

@@ -57,9 +57,7 @@ class GainBatch(EpisodeBatch):
             "reward_ripple": -np.clip(np.log(np.maximum(ripple / settings.ripple_limit, 1.0)), 0.0, _RIPPLE),
             "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
         }
-        cost = np.zeros(len(self.episodes))
-        for place in np.flatnonzero(advanced).tolist():
-            cost[place] = self.sensitivity.cost(self._action[place].reshape(len(TUNED_GAINS), -1))
+        cost = self.sensitivity.cost(self._action.reshape(len(self.episodes), len(TUNED_GAINS), -1))
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty | ended if alone else faulty,

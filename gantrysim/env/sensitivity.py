@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from gantrysim.stability.motion import UnknownLoopError
 
 _STEPS = 16  # of the table per unit of the action
 _PAYLOADS = 8  # of the table per kilogram
+_KEPT = 2**16  # costs, of which there are more than memory where every axis has gains of its own
 _LOOP = [TUNED_GAINS.index(name) for name in ("kp", "kd")]  # the feed-forward is outside of the loop
 
 
@@ -38,6 +40,7 @@ class SensitivityTable:
     def __init__(self, machine: Machine, servo: Servo, gain_range: float) -> None:
         self._machine, self._servo, self._range = machine, servo, gain_range
         self._peaks: dict[tuple[int, ...], Floats] = {}
+        self._cost = lru_cache(_KEPT)(self._computed)
         self._plants: dict[int, Plant | None] = {}
 
     def _plant(self, payload: int) -> Plant | None:
@@ -53,29 +56,34 @@ class SensitivityTable:
                 self._plants[payload] = None
         return self._plants[payload]
 
-    def cost(self, action: ArrayLike, payload: float = 0.0) -> float:
-        """Return how far the worst axis is beyond a peak of 2: 0 up to 2, 1 from 4 on and where it is unstable.
+    def cost(self, actions: ArrayLike, payloads: ArrayLike = 0.0) -> Floats:
+        """Return how far the worst axis is beyond a peak of 2: 0 up to 2, 1 from 4 on and where it is unstable, (n,).
 
             cost = min(max(max |S| / 2 - 1, 0), 1)
 
         It is 0 of a loop that cannot be linearised: a user's own law that is not linear, or a delay in the MJCF.
 
         Args:
-            action: (gains of `TUNED_GAINS`, 1 or axes), from -1 to 1.
-            payload: of the machine, beyond the nominal one's [kg].
+            actions: (n, gains of `TUNED_GAINS`, 1 or axes), from -1 to 1.
+            payloads: of the machines, beyond the nominal one's, one or (n,) [kg].
         """
-        load = round(payload * _PAYLOADS)
-        plant = self._plant(load)
+        gains = np.rint(np.asarray(actions, float)[:, _LOOP] * _STEPS)
+        loads = np.broadcast_to(np.rint(np.multiply(payloads, _PAYLOADS)), len(gains))
+        keys = np.column_stack([loads, gains.reshape(len(gains), -1)]).astype(int).tolist()
+        return np.array([self._cost(*key) for key in keys])
+
+    def _computed(self, payload: int, *gains: int) -> float:
+        """Return the cost with a payload and with gains in steps of the table, the axes of kp, then those of kd."""
+        plant = self._plant(payload)
         if plant is None:
             return 0.0
-        steps = np.rint(np.asarray(action, float)[_LOOP] * _STEPS).astype(int)
-        steps = np.broadcast_to(steps, (len(_LOOP), plant.axes))
+        steps = np.broadcast_to(np.reshape(gains, (len(_LOOP), -1)), (len(_LOOP), plant.axes))
         if all(len(group) == 1 for group in plant.groups):  # an axis depends on its own gains alone
             worst = max(
-                self._peak(load, plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes)
+                self._peak(payload, plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes)
             )
         else:
-            worst = self._peak(load, plant, steps).max()
+            worst = self._peak(payload, plant, steps).max()
         return min(max(float(worst) / LARGEST_PEAK - 1.0, 0.0), 1.0) if math.isfinite(worst) else 1.0
 
     def _peak(self, payload: int, plant: Plant, steps: NDArray[np.int_]) -> Floats:

@@ -210,9 +210,7 @@ class GainScheduleBatch(EpisodeBatch):
         left = self._setpoints - self._sent
         faulty = advanced & (self._faults != 0)
         undone = 1 + left // (self.source.ticks or 1)
-        cost = np.zeros(len(self.episodes))
-        for place in np.flatnonzero(advanced).tolist():
-            cost[place] = self.sensitivity.cost(self._log[place][:, None], float(self._payload[place]))
+        cost = self.sensitivity.cost(self._log[:, :, None], self._payload)
         cost[faulty] = 1.0
         self._costs[advanced] += np.stack([np.ones_like(cost), cost], 1)[advanced]
         terms = {

@@ -1,7 +1,5 @@
 """The cost of gains beyond the tuner's limit of |S|, against the loop's response on a dense grid, and its extremes."""
 
-from dataclasses import replace
-
 import gymnasium
 import numpy as np
 import pytest
@@ -11,12 +9,11 @@ from hypothesis import strategies as st
 from gantrysim import Machine
 from gantrysim.controllers.servo import Servo
 from gantrysim.env.sensitivity import SensitivityTable
-from gantrysim.stability.margins import Plant
 
+from support.costs import expected_cost
 from support.episodes import BANDIT, SHORT, TUNING
 
 RANGE = 4.0
-DENSE = np.linspace(1.0, 500.0, 20_000)  # Hz, up to half the servo's frequency
 
 
 def relay(tick, _state, torque):
@@ -39,35 +36,23 @@ def table(machine, servo):
     return SensitivityTable(machine, servo, RANGE)
 
 
-def expected(machine, servo, kp, kd):
-    """The cost of a servo whose kp and ki, and whose kd, of both axes are multiplied, (axes,) each."""
-    gains = {"kp": kp, "ki": kp, "kd": kd}
-    servo = replace(servo, **{name: tuple(np.array(getattr(servo, name)) * own) for name, own in gains.items()})
-    plant = Plant.of(machine, servo.period, servo.delay)
-    if np.abs(plant.poles(servo)).max() >= 1:
-        return 1.0
-    peak = np.abs(1 / (1 + plant.loop(servo, DENSE))).max()
-    return min(max(peak / 2 - 1, 0.0), 1.0)
-
-
 @given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), off=st.floats(-0.03, 0.03), feed=st.floats(-1, 1))
 @settings(deadline=None, max_examples=25)
 def test_the_cost_is_that_of_the_loops_on_a_dense_grid(machine, servo, table, kp, kd, off, feed):
     action = np.array([[kp / 16 + off], [kd / 16 - off], [feed], [-feed]])
-    assert table.cost(action) == pytest.approx(
-        expected(machine, servo, RANGE ** (kp / 16), RANGE ** (kd / 16)), abs=1e-3
-    )
+    exact = expected_cost(machine, servo, RANGE ** (kp / 16), RANGE ** (kd / 16))
+    assert table.cost(action[None]) == pytest.approx(exact, abs=1e-3)
 
 
 def test_each_axis_counts_with_its_own_gains(machine, servo, table):
-    action = np.zeros((4, 2))
-    assert table.cost(action) == pytest.approx(0.0, abs=1e-6)  # derived gains keep the limit
+    actions = np.zeros((3, 4, 2))
+    actions[[1, 2], 0, [0, 1]] = 1.0  # kp of x, kp of y
+    cost = table.cost(actions)
+    assert cost[0] == pytest.approx(0.0, abs=1e-6)  # derived gains keep the limit
     for axis in (0, 1):
-        own = action.copy()
-        own[0, axis] = 1.0
         kp = np.where(np.arange(2) == axis, RANGE, 1.0)
-        assert table.cost(own) == pytest.approx(expected(machine, servo, kp, np.ones(2)), abs=1e-3)
-        assert table.cost(own) > 0.1
+        assert cost[1 + axis] == pytest.approx(expected_cost(machine, servo, kp, np.ones(2)), abs=1e-3)
+        assert cost[1 + axis] > 0.1
 
 
 @pytest.mark.parametrize("name", [TUNING, BANDIT])

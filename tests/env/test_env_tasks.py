@@ -17,7 +17,7 @@ from gantrysim.env.baselines import CLASSICAL
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead
 from gantrysim.metrics.analysis import Analysis
 
-from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, same
+from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, returned, same
 
 TASKS = [BEAD, SPEED, TORQUE]
 STEADY = {"warming": 1.0, "clog": 1.0, "dip": 0.0, "lag": 0.05}
@@ -28,17 +28,6 @@ SAVED = 0.2  # least share of the loss that adapting saves
 
 def still(_observation):
     return np.zeros(1, np.float32)
-
-
-def episode(env, seed, policy, options=None):
-    """Return of an episode, without what progress pays, and its last info."""
-    observation, _ = env.reset(seed=seed, options=options)
-    total, over = 0.0, False
-    while not over:
-        observation, reward, terminated, truncated, info = env.step(policy(observation))
-        assert env.observation_space.contains(observation)
-        total, over = total + reward - info.get("reward_progress", 0.0), terminated or truncated
-    return total, info
 
 
 def test_reversals_of_a_spiral_lie_where_its_tangent_is_along_an_axis():
@@ -135,7 +124,7 @@ def test_the_bead_of_an_episode_is_that_of_an_independent_integration():
 
 def test_an_episode_at_the_programs_speed_takes_the_time_of_its_profile_on_its_path():
     env = SpeedOverrideEnv(diameter=40.0, turns=1, thickness=8.0, speed=100.0)
-    _, info = episode(env, 2, still)
+    _, info = returned(env, 2, still)
     path = env._episodes.episodes[0].simulation.setpoints.requested
     expected = PointToPoint(path.length, 100.0, 2000.0).duration
     assert info["episode_time"] == pytest.approx(expected, abs=0.01)
@@ -209,7 +198,7 @@ def test_friction_changes_when_it_is_said_to():
     for change in (1.0, 1.6):
         env = SpeedOverrideEnv(spread=None)
         task = {"friction_change": change, "friction_time": 0.6}
-        episode(env, 1, still, {"task": task, **options})
+        returned(env, 1, still, {"task": task, **options})
         runs.append(env.run)
     before = np.arange(len(runs[0].time)) < 600
     assert np.array_equal(runs[0].nozzle[before], runs[1].nozzle[before])
@@ -223,10 +212,10 @@ def test_adapting_beats_constants(name, parameter, constants):
     seeds = range(500, 503)
     env = gymnasium.make(name).unwrapped
     policy = CLASSICAL[name.removeprefix("gantrysim/").removesuffix("-v1")](env, parameter)
-    adaptive = sum(episode(env, seed, policy)[0] for seed in seeds)
+    adaptive = sum(returned(env, seed, policy)[0] for seed in seeds)
     for override in constants:
         fixed = gymnasium.make(name, override=override).unwrapped
-        assert -adaptive < (1 - SAVED) * -sum(episode(fixed, seed, still)[0] for seed in seeds)
+        assert -adaptive < (1 - SAVED) * -sum(returned(fixed, seed, still)[0] for seed in seeds)
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -234,7 +223,7 @@ def test_random_actions_do_not_end_in_a_fault(name):
     random = np.random.default_rng(0)
     env = gymnasium.make(name, **(BRIEF if name == TORQUE else {}))
     for seed in range(3):
-        _, info = episode(env, seed, lambda _: random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        _, info = returned(env, seed, lambda _: random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
         assert info["fault"] is None
         assert np.isfinite([value for value in info.values() if isinstance(value, float)]).all()
 

@@ -14,24 +14,11 @@ from gantrysim.env import GainScheduleEnv, ServoTorqueEnv, friction_compensation
 from gantrysim.env.friction import fit, model_torques
 from gantrysim.native.row import Log
 
-from support.episodes import TORQUE, same
+from support.episodes import TORQUE, returned, same, seen
 
 BRIEF = {"diameter": 36.0, "turns": 1, "thickness": 9.0, "speed": 100.0}
 NOMINAL = {"spread": None, "task": {"friction_change": 1.0, "friction_time": 0.6}}
 PERIOD = 1e-3
-
-
-def episode(env, seed, policy, options=None):
-    observation, _ = env.reset(seed=seed, options=options)
-    total, over = 0.0, False
-    while not over:
-        observation, reward, terminated, truncated, info = env.step(policy(observation))
-        total, over = total + reward, terminated or truncated
-    return total, info
-
-
-def seen(env, observation):
-    return dict(zip(env.observation_names, observation.tolist(), strict=True))
 
 
 def test_the_demand_is_the_servos_law_and_the_level_times_the_friction():
@@ -117,8 +104,8 @@ def test_adapting_beats_every_fixed_compensation():
     loss = {}
     for level in (0.0, 1.0):
         env = ServoTorqueEnv(**BRIEF, level=level)
-        loss[level] = -sum(episode(env, seed, lambda _: np.zeros(2, np.float32))[0] for seed in seeds)
-    adaptive = -sum(episode(env, seed, friction_compensation(env, 1.0))[0] for seed in seeds)
+        loss[level] = -sum(returned(env, seed, lambda _: np.zeros(2, np.float32))[0] for seed in seeds)
+    adaptive = -sum(returned(env, seed, friction_compensation(env, 1.0))[0] for seed in seeds)
     assert loss[1.0] < 0.6 * loss[0.0]
     assert adaptive < 0.8 * min(loss.values())
 
@@ -141,7 +128,7 @@ def test_values_of_an_episode_are_those_of_its_decisions():
 
 def test_a_fault_costs_twice_what_it_prevents():
     env = ServoTorqueEnv(**BRIEF, level=100.0, highest=100.0, servo={"following_error_limit": 0.1})
-    _, info = episode(env, 2, lambda _: np.ones(2, np.float32))
+    _, info = returned(env, 2, lambda _: np.ones(2, np.float32))
     assert info["fault"] is not None
     sent, setpoints = int(env._episodes._sent[0]), int(env._episodes._setpoints[0])
     assert info["reward_fault"] == -2.0 * (1 + (setpoints - sent) // 10)

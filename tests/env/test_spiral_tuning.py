@@ -2,7 +2,6 @@
 
 import copy
 import math
-from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -21,29 +20,15 @@ from gantrysim.env.inertia import fit, ratios
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.native.row import Log
-from gantrysim.stability.margins import Plant
 
-from support.episodes import same
+from support.costs import expected_cost
+from support.episodes import returned, same, seen
 
 TASK = "gantrysim/SpiralTuning-v1"
 BRIEF = {"diameter": 28.0, "turns": 4, "thickness": 2.0, "speed": 300.0}
 ALIKE = {f"{name}_{axis}": 1.0 for name in ("friction", "viscous", "stiffness", "motor_constant") for axis in "xy"}
 PERIOD, RANGE = 1e-3, 3.0
 HOLD = np.zeros(4, np.float32)
-DENSE = np.linspace(1.0, 500.0, 20_000)  # Hz, up to half the servo's frequency
-
-
-def episode(env, seed, policy, **options):
-    observation, _ = env.reset(seed=seed, options=options)
-    total, over = 0.0, False
-    while not over:
-        observation, reward, terminated, truncated, info = env.step(policy(observation))
-        total, over = total + reward, terminated or truncated
-    return total, info
-
-
-def seen(env, observation):
-    return dict(zip(env.observation_names, observation.tolist(), strict=True))
 
 
 def hold(_observation):
@@ -65,25 +50,15 @@ def table(machine, servo):
     return SensitivityTable(machine, servo, RANGE)
 
 
-def expected_cost(machine, servo, kp, kd, payload):
-    """The cost of a servo whose kp and ki, and whose kd, are multiplied, on a machine with exactly this payload."""
-    gains = {"kp": kp, "ki": kp, "kd": kd}
-    servo = replace(servo, **{name: tuple(np.array(getattr(servo, name)) * own) for name, own in gains.items()})
-    plant = Plant.of(machine.perturbed(Perturbation(payload=payload)), servo.period, servo.delay)
-    if np.abs(plant.poles(servo)).max() >= 1:
-        return 1.0
-    peak = np.abs(1 / (1 + plant.loop(servo, DENSE))).max()
-    return min(max(peak / 2 - 1, 0.0), 1.0)
-
-
 @given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), eighths=st.integers(0, 32), off=st.floats(-0.06, 0.06))
 @settings(deadline=None, max_examples=20)
 def test_the_cost_is_that_of_the_loops_with_the_payload_in_eighths_of_a_kilogram(
     machine, servo, table, kp, kd, eighths, off
 ):
-    action = [[kp / 16], [kd / 16], [0.0], [0.0]]
-    exact = expected_cost(machine, servo, RANGE ** (kp / 16), RANGE ** (kd / 16), eighths / 8)
-    assert table.cost(action, max(eighths / 8 + off, 0.0)) == pytest.approx(exact, abs=1e-3)
+    actions = [[[kp / 16], [kd / 16], [0.0], [0.0]]] * 2
+    payloads = [max(eighths / 8 + off, 0.0), 0.0]
+    exact = [expected_cost(machine, servo, RANGE ** (kp / 16), RANGE ** (kd / 16), load) for load in (eighths / 8, 0.0)]
+    assert table.cost(actions, payloads) == pytest.approx(exact, abs=1e-3)
 
 
 def test_the_gains_that_keep_the_limit_with_each_payload_exceed_it_little_within_a_step_of_the_table(
@@ -237,7 +212,7 @@ def test_values_of_an_episode_are_those_of_its_decisions():
 
 def test_a_fault_costs_the_most_that_it_prevents():
     env = GainScheduleEnv(**BRIEF, servo={"following_error_limit": 0.02}, weight=0.5)
-    _, info = episode(env, 2, hold)
+    _, info = returned(env, 2, hold)
     assert info["fault"] is not None
     assert info["cost"] == 1.0
     sent, setpoints = int(env._episodes._sent[0]), int(env._episodes._setpoints[0])
@@ -247,10 +222,10 @@ def test_a_fault_costs_the_most_that_it_prevents():
 def test_a_schedule_beats_fixed_gains():
     env = GainScheduleEnv(**BRIEF)
     seeds, schedule = range(500, 505), gain_schedule(env, 0.2)
-    adaptive = -sum(episode(env, seed, schedule)[0] for seed in seeds)
+    adaptive = -sum(returned(env, seed, schedule)[0] for seed in seeds)
     for start in ((1.0, 1.0, 1.0, 1.0), (0.84, 0.5, 1.0, 1.15), (0.59, 0.42, 1.0, 1.15)):
         fixed = GainScheduleEnv(**BRIEF, start=start)
-        assert adaptive < 0.8 * -sum(episode(fixed, seed, hold)[0] for seed in seeds)
+        assert adaptive < 0.8 * -sum(returned(fixed, seed, hold)[0] for seed in seeds)
 
 
 def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_end():

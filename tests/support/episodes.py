@@ -22,6 +22,22 @@ def episode(env, seed, actions, scale=BOLD):
     return returns
 
 
+def returned(env, seed, policy, options=None):
+    """Return of an episode of a policy, without what progress pays, and its last info."""
+    observation, _ = env.reset(seed=seed, options=options)
+    total, over = 0.0, False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        assert env.observation_space.contains(observation)
+        total, over = total + reward - info.get("reward_progress", 0.0), terminated or truncated
+    return total, info
+
+
+def seen(env, observation):
+    """The entries of an observation by name."""
+    return dict(zip(env.observation_names, observation.tolist(), strict=True))
+
+
 def actions_of(envs, random):
     """Random actions, the first half of the environments bold."""
     scale = np.where(np.arange(envs.num_envs) < envs.num_envs / 2, BOLD, MEEK)[:, None]

@@ -87,6 +87,15 @@ def _minima(table, point, low, high, found, place, distance):
 
 
 @inner_jit
+def _range(values, count):
+    """Return the least and the largest of the first `count` values; quicker than the methods of a slice."""
+    least = largest = values[0]
+    for i in range(1, count):
+        least, largest = min(least, values[i]), max(largest, values[i])
+    return least, largest
+
+
+@inner_jit
 def _start(table, point, spacing, begin):
     """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
     last_entry = len(table) - 1
@@ -116,16 +125,18 @@ def _extend(table, trace, spacing, index, origin, kept, cost, at):
     last_entry = len(table) - 1
     extended, reached = np.zeros(_KEPT), np.zeros(_KEPT)
     candidate, place, distance = np.zeros(4 * _KEPT, np.int64), np.zeros(4 * _KEPT), np.zeros(4 * _KEPT)
+    count, lowest = 0, 0.0
     for k in range(1, len(trace)):
         step = np.sqrt(_square(trace[k], trace[k - 1]))
-        previous = index[k - 1, : kept[k - 1]]
-        low = max(previous.min() - int((_BACK + step) / spacing), 0)
+        before = kept[k - 1]
+        first, last = _range(index[k - 1], before)
+        low = max(first - int((_BACK + step) / spacing), 0)
         for ahead in (_BACK, _REACH):  # far ahead only where no foot nearby advances as the trace does
-            high = min(previous.max() + int((ahead + 4 * step) / spacing) + 1, last_entry)
+            high = min(last + int((ahead + 4 * step) / spacing) + 1, last_entry)
             count = 0
             for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
                 best, least = 0, np.inf
-                for j in range(len(previous)):
+                for j in range(before):
                     total = cost[j] + abs((place[c] - at[j]) * spacing - step)
                     if total < least:
                         best, least = j, total
@@ -137,12 +148,13 @@ def _extend(table, trace, spacing, index, origin, kept, cost, at):
                     continue
                 extended[slot], reached[slot] = least, place[c]
                 index[k, slot], origin[k, slot] = candidate[c], best
-            if extended[:count].min() <= 0.5 * step:
+            lowest = _range(extended, count)[0]
+            if lowest <= 0.5 * step:
                 break
-        least, alive = extended[:count].min(), 0
+        alive = 0
         for c in range(count):  # those far behind the best do not come back
-            if extended[c] <= least + 2 * _REACH:
-                cost[alive], at[alive] = extended[c] - least, reached[c]
+            if extended[c] <= lowest + 2 * _REACH:
+                cost[alive], at[alive] = extended[c] - lowest, reached[c]
                 index[k, alive], origin[k, alive] = index[k, c], origin[k, c]
                 alive += 1
         kept[k] = alive
