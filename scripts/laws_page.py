@@ -1,4 +1,4 @@
-"""Write the tables of docs/laws.md: the study of laws on two jobs."""
+"""Write the tables of docs/laws.md: the study of laws on four jobs."""
 
 import re
 import tempfile
@@ -11,7 +11,7 @@ from gantrysim.study.run import run_study
 
 PAGE = Path(__file__).parent.parent / "docs" / "laws.md"
 PLACE = re.compile(r"(<!-- written by scripts/laws_page.py -->\n).*?(<!-- end -->)", re.DOTALL)
-JOBS = ("softmc-arc", "an225")
+JOBS = ("softmc-arc", "an225", "trio-basic", "stage-outline")
 
 
 def markdown(table: Table) -> str:

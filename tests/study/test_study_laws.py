@@ -1,6 +1,7 @@
 """The study of laws, and laws of the ladder and of the user in studies, tuner and environment."""
 
 import dataclasses
+import math
 import re
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from gantrysim import InputError, Job
 from gantrysim.study import Case, run_study
-from gantrysim.study.laws import LAWS, LawsStudy, laws_row, reversals
+from gantrysim.study.laws import LADDER, LawsStudy, laws_row, reversals
 from gantrysim.tuning import TuningStudy
 from gantrysim.tuning.servo import servo_toml
 
@@ -69,9 +70,11 @@ def test_the_report_says_which_law_is_best_and_which_does_not_pay(studied):
     nominal = {row["law"]: row["following_rms_um"] for row in outcome.rows if row["variation"] == "nominal"}
     best = min(nominal, key=nominal.get)
     assert report.headline.startswith(f"Law {best} tracks best: ")
-    assert [row[0] for row in report.tables[0].rows] == ["+".join(law) for law in LAWS]
-    pairs = {"pid": "pd", "p-pi": "pid"} | {law: law.rpartition("+")[0] for law in nominal if "+" in law}
-    assert len(pairs) == len(LAWS) - 1
+    assert [row[0] for row in report.tables[0].rows] == [rung.name for rung in LADDER]
+    pairs = {"pid": "pd", "pid (Ti/3)": "pid", "p-pi": "pid"} | {
+        law: law.rpartition("+")[0] for law in nominal if "+" in law
+    }
+    assert len(pairs) == len(LADDER) - 1
     idle = [law for law, before in pairs.items() if not nominal[law] < 0.95 * nominal[before]]
     start = "The last addition gains less than 5 % in tracking: "
     said = next((note.removeprefix(start) for note in report.notes if note.startswith(start)), ".")
@@ -86,9 +89,11 @@ def test_the_page_s_table_is_the_program_s(law):
     page = (Path(__file__).parent.parent.parent / "docs" / "laws.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| {re.escape('+'.join(law))} \|(.*)\|$", page, flags=re.MULTILINE)[1].split("|")
     shown = [float(cell) for cell in cells]
+    lag = shown.pop(2)
     row = laws_row(Case.of(Job.load("softmc-arc"), {"servo.law": list(law)}))
     names = ("reversal_max_um", "contour_rms_um", "contour_max_um")
     assert [shown[0], *shown[2:5]] == pytest.approx([row["following_rms_um"], *(row[name] for name in names)], rel=0.02)
+    assert lag == pytest.approx(row["tracking_along_rms_um"], rel=0.02)
     assert shown[6:] == pytest.approx(
         [row[name] for name in ("gain_margin", "phase_margin_deg", "sensitivity")], rel=0.01
     )
@@ -100,6 +105,33 @@ def test_pd_leaves_out_what_the_job_gives_of_pid():
     assert not any((*servo.ki, *servo.velocity_ff))
     with pytest.raises(InputError, match="payload"):
         LawsStudy(job, payload=-1)
+
+
+@pytest.mark.parametrize("name", ["trio-basic", "stage-outline"])
+def test_feed_forward_with_a_third_of_the_integral_time_tracks_ten_times_better_than_pd(name):
+    study = LawsStudy(Job.load(name))
+    pd, stiff = (laws_row(Case.of(study.job, study.overrides(*rung))) for rung in (LADDER[0], LADDER[2]))
+    assert pd["following_rms_um"] > 10 * stiff["following_rms_um"]
+    assert stiff["sensitivity"] < 1.02 * pd["sensitivity"] < 2.0
+
+
+def test_feed_forward_alone_takes_the_lag_of_a_spiral_away():
+    study = LawsStudy(Job.load("an225"))
+    pd, fed = (laws_row(Case.of(study.job, study.overrides(*rung))) for rung in LADDER[:2])
+    assert pd["tracking_along_rms_um"] > 20 * fed["tracking_along_rms_um"]
+
+
+def test_a_third_of_the_integral_time_is_three_times_the_integral_gain():
+    given = {"law": ["pid"], "notch_frequency": 0.0}
+    for job in (circle(integral_time=0.03, **given), circle(ki=[1.0, 2.0], **given)):
+        study = LawsStudy(job)
+        stiff = job.changed(study.overrides(("pid",), 1 / 3)).built_servo
+        assert stiff.ki == pytest.approx(np.multiply(job.built_servo.ki, 3.0))
+        assert (stiff.kp, stiff.kd) == (job.built_servo.kp, job.built_servo.kd)
+        assert study.ladder == LADDER
+    without = LawsStudy(circle(integral_time=math.inf, **given))
+    assert [rung.integral for rung in without.ladder] == [1.0] * (len(LADDER) - 1)
+    assert without.expected == LawsStudy(circle(integral_time=0.03)).expected - 4
 
 
 def test_a_case_of_a_study_takes_a_user_s_law():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +19,32 @@ from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
 
-LAWS = (
-    ("pd",),
-    ("pid",),
-    ("p-pi",),
-    ("pid", "contour"),
-    ("pid", "observer"),
-    ("pid", "friction"),
-    ("pid", "friction", "observer"),
-    ("pid", "friction", "preview"),
-    ("pid", "learning"),
-    ("pid", "friction", "preview", "learning"),
-    ("pid", "friction", "zvd"),
+
+class Rung(NamedTuple):
+    """A law of the ladder, with the job's integral time or a share of it."""
+
+    law: tuple[str, ...]
+    integral: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The law's names, and the share where there is one."""
+        return "+".join(self.law) + ("" if self.integral == 1 else f" (Ti/{1 / self.integral:g})")
+
+
+LADDER = (
+    Rung(("pd",)),
+    Rung(("pid",)),
+    Rung(("pid",), 1 / 3),
+    Rung(("p-pi",)),
+    Rung(("pid", "contour")),
+    Rung(("pid", "observer")),
+    Rung(("pid", "friction")),
+    Rung(("pid", "friction", "observer")),
+    Rung(("pid", "friction", "preview")),
+    Rung(("pid", "learning")),
+    Rung(("pid", "friction", "preview", "learning")),
+    Rung(("pid", "friction", "zvd")),
 )
 REPEATS = (1, 2, 3, 5, 10)  # of learning
 NOMINAL, EXACT, LOADED, RUBBING, REPEATED = "nominal", "exact encoder", "payload", "friction", "repeats"
@@ -118,14 +132,31 @@ class LawsStudy(Study):
         at_least("payload", self.payload, 0, "kg")
         positive("friction", self.friction)
 
-    def overrides(self, law: tuple[str, ...]) -> dict[str, Any]:
-        """Return the values that give the job a law, by their dotted keys; PD leaves out what it does not have."""
-        without = {f"servo.{name}": None for name in NOT_PD if getattr(self.job.servo, name) is not None}
-        return {"servo.law": list(law), **(without if PD in law else {})}
+    def overrides(self, law: tuple[str, ...], integral: float = 1.0) -> dict[str, Any]:
+        """Return the values that give the job a law, by their dotted keys; PD leaves out what it does not have.
+
+        Args:
+            law: the law.
+            integral: share of the job's integral time.
+        """
+        servo, own = self.job.servo, dict[str, Any]()
+        if PD in law:
+            own = {f"servo.{name}": None for name in NOT_PD if getattr(servo, name) is not None}
+        elif integral != 1 and servo.ki is not None:
+            own["servo.ki"] = (np.asarray(servo.ki) / integral).tolist()
+        elif integral != 1:
+            own["servo.integral_time"] = servo.integral_time * integral
+        return {"servo.law": list(law), **own}
+
+    @property
+    def ladder(self) -> tuple[Rung, ...]:
+        """The rungs that the job can have: without an integral term there is none to be made stronger."""
+        integral = any(self.job.built_servo.ki)
+        return tuple(rung for rung in LADDER if integral or rung.integral == 1)
 
     @property
     def expected(self) -> int:
-        return 4 * len(LAWS) + len(REPEATS)
+        return 4 * len(self.ladder) + len(REPEATS)
 
     def rounds(self) -> Rounds:
         """Yield every law in every variation, and learning over a growing number of repeats.
@@ -136,8 +167,8 @@ class LawsStudy(Study):
         values_row(simulated(Case.of(self.job, mode="perfect follower")))  # refused before anything is written
         loaded, rubbing = Perturbation(payload=self.payload), Perturbation(friction=self.friction)
         cases = []
-        for law in LAWS:
-            own, name = self.overrides(law), "+".join(law)
+        for rung in self.ladder:
+            own, name = self.overrides(*rung), rung.name
             cases += [
                 Case.of(self.job, own, law=name, variation=NOMINAL),
                 Case.of(self.job, {**own, "servo.resolution": 0.0}, law=name, variation=EXACT),
