@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Profile
-from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import PIECE, PIECES, STATE, SUMS, lay
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
+from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -204,16 +205,14 @@ class BeadWidthBatch(EpisodeBatch):
         pieces, square, largest, outside = self._sums[:, :4].T
         count = np.maximum(pieces, 1)
         rms = np.sqrt(square / count)
-        left = self._setpoints - self._sent
-        faulty = advanced & (self._faults != 0)
-        undone = 1 + left // (self.source.ticks or 1)
+        faulty, ended, undone = self._ends(advanced)
         whole, all_square, all_largest, all_outside = self._whole.T
         whole = np.maximum(whole, 1)
         reward: Floats = -np.minimum(rms / self.settings.tolerance, _WORST) / _WORST
         return Outcome(
             reward=reward - np.where(faulty, _FAULT * undone, 0.0),
             terminated=faulty,
-            truncated=advanced & (left <= 0) & ~faulty,
+            truncated=ended,
             info={
                 "cost": outside / count,
                 "width_rms": rms,

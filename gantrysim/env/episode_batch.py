@@ -7,19 +7,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
 from gantrysim.engine.batch import Batch, Moment
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
 from gantrysim.env.episodes import Chosen, Episode, Source
 from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
 from gantrysim.env.observation import Entry, IntervalValues
+from gantrysim.env.outcome import Ends, Outcome
 from gantrysim.env.settings import PathSettings
 from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
@@ -27,24 +27,6 @@ from gantrysim.run import Run
 
 _SHARED = 16  # places from which on threads share the measurements
 _DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
-
-
-class Outcome(NamedTuple):
-    """Outcome of a decision at every place; meaningless where none was taken.
-
-    Attributes:
-        reward: (places,).
-        terminated: whether a fault has ended the episode, or its only decision is taken, (places,).
-        truncated: whether the path is at its end, in an episode of several decisions, (places,).
-        info: values by name, (places,) each.
-        final: values at an episode's end by name, (places,) each.
-    """
-
-    reward: Floats
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    info: dict[str, NDArray[Any]]
-    final: dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +117,13 @@ class EpisodeBatch(ABC):
     @abstractmethod
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         """Return the outcome of a decision at the places that have advanced."""
+
+    def _ends(self, advanced: NDArray[np.bool_]) -> Ends:
+        """Return how the episodes stand at the places that have advanced."""
+        left = self._setpoints - self._sent
+        faulty = advanced & (self._faults != 0)
+        undone = np.ones_like(left) if self.source.ticks is None else 1 + left // self.source.ticks
+        return Ends(faulty, advanced & (left <= 0) & ~faulty, undone)
 
     @property
     def longest(self) -> int:

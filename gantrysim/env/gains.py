@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Source, gain_factors
 from gantrysim.env.observation import Entry, entries, observe
+from gantrysim.env.outcome import Outcome
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Settings
 
@@ -46,12 +47,9 @@ class GainBatch(EpisodeBatch):
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         settings, measured = self.settings, self.measured
-        left = self._setpoints - self._sent
-        faulty = advanced & (self._faults != 0)
-        ended = advanced & (left <= 0) & ~faulty
+        faulty, ended, undone = self._ends(advanced)
         alone = self.source.ticks is None  # the episode has one decision
         ripple = measured.ripple.max(axis=1)
-        undone = 1 if alone else 1 + left // self.source.ticks
         terms: dict[str, Floats] = {
             "reward_contour": -np.minimum(np.log1p(measured.contour_rms / settings.tolerance), _CONTOUR),
             "reward_ripple": -np.clip(np.log(np.maximum(ripple / settings.ripple_limit, 1.0)), 0.0, _RIPPLE),

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.simulation import Simulation
-from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import ChangingFriction, fit, model_torques
 from gantrysim.env.observation import Entry
+from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -179,9 +180,7 @@ class ServoTorqueBatch(EpisodeBatch):
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         measured, tolerance = self.measured, self.settings.tolerance
-        left = self._setpoints - self._sent
-        faulty = advanced & (self._faults != 0)
-        undone = 1 + left // (self.source.ticks or 1)
+        faulty, ended, undone = self._ends(advanced)
         outside = (measured.contour_max > tolerance).astype(float)
         self._outside[advanced] += np.stack([np.ones_like(outside), outside], 1)[advanced]
         terms = {
@@ -191,7 +190,7 @@ class ServoTorqueBatch(EpisodeBatch):
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty,
-            truncated=advanced & (left <= 0) & ~faulty,
+            truncated=ended,
             info={
                 **terms,
                 "cost": outside,

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState, Outcome
+from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
 from gantrysim.env.episodes import Episode
 from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
+from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.timeline import SpeedOverrideSettings, SpeedOverrideSource, move
 from gantrysim.env.vector import PathVectorEnv
@@ -149,8 +150,7 @@ class SpeedOverrideBatch(EpisodeBatch):
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         settings, measured = self.settings, self.measured
-        ended = advanced & (self._sent >= self._setpoints)
-        faulty = advanced & (self._faults != 0)
+        faulty, ended, _ = self._ends(advanced)
         reference = self._length / self._speed  # nominal duration [s]
         late = np.maximum(self._sent - self._setpoints, 0)  # ticks after the end of the path
         time = ((self.source.ticks or 1) - late) * self.source.servo.period
@@ -169,7 +169,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty,
-            truncated=ended & ~faulty,
+            truncated=ended,
             info={
                 **terms,
                 "cost": (beyond > 0).astype(float),

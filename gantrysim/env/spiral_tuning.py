@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.env.episode_batch import EpisodeBatch, Outcome
+from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
 from gantrysim.env.inertia import MOST, SUMS, ChangingPayload, fit, ratios
 from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
+from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Bounds, PathSettings
@@ -207,9 +208,7 @@ class GainScheduleBatch(EpisodeBatch):
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         measured, settings = self.measured, self.settings
-        left = self._setpoints - self._sent
-        faulty = advanced & (self._faults != 0)
-        undone = 1 + left // (self.source.ticks or 1)
+        faulty, ended, undone = self._ends(advanced)
         cost = self.sensitivity.cost(self._log[:, :, None], self._payload)
         cost[faulty] = 1.0
         self._costs[advanced] += np.stack([np.ones_like(cost), cost], 1)[advanced]
@@ -221,7 +220,7 @@ class GainScheduleBatch(EpisodeBatch):
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty,
-            truncated=advanced & (left <= 0) & ~faulty,
+            truncated=ended,
             info={
                 **terms,
                 "cost": cost,
