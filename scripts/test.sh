@@ -17,4 +17,4 @@ ruff check .
 ruff format --check .
 mypy
 lint-imports --no-cache
-pytest --numprocesses auto "$@"
+pytest --numprocesses auto --dist worksteal "$@"  # so that the tests of a file share its fixtures

@@ -262,7 +262,7 @@ def _predict(
     coulomb, excess, stribeck, deflection, bristle_time = friction
     coulomb = max(coulomb, 1e-9)
     n = F.shape[0]
-    out, x, y = np.empty(position.size), np.zeros(n), np.zeros(n)
+    out, x, y, free_motion = np.empty(position.size), np.zeros(n), np.zeros(n), np.zeros(n)
     spring, z = coulomb / deflection, 0.0
     most = (coulomb + excess) / spring  # stretch of the bristles that breaks away from rest
     for i in range(0, n, 2):
@@ -284,22 +284,17 @@ def _predict(
             # speed and stretch in the middle of the step, from the force at its begin: bristle damping is strong
             force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
             for i in range(n):
-                total = G[i, 0] * force + G[i, 1] * back
+                free_motion[i] = 0.0
                 for k in range(n):
-                    total += F[i, k] * x[k]
-                y[i] = total
+                    free_motion[i] += F[i, k] * x[k]
+                y[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
             w = 0.5 * (w + y[1] / scale)
             if gap > 0.0 and n == 4:
                 back = stiffness * min(max(0.5 * (x[0] - x[2] + y[0] - y[2]), -0.5 * gap), 0.5 * gap)
             _, rate = _bristles(w, coulomb, excess, stribeck, spring)
             force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
             for i in range(n):
-                total = G[i, 0] * force + G[i, 1] * back
-                for k in range(n):
-                    total += F[i, k] * x[k]
-                y[i] = total
-            for i in range(n):
-                x[i] = y[i]
+                x[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
     return out
 
 
