@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from gantrysim import Dispenser, InputError, Job, Machine
+from gantrysim import Dispenser, InputError, Job, Machine, columns
 from gantrysim.bead import Bead, BeadSettings, Section
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.cli.tables import outcome_table
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
@@ -523,3 +524,16 @@ def test_the_console_warns_of_a_map_that_has_not_settled():
     assert re.search(r"height map +not settled +glue stands 50 % above the nozzle", printed(bead))
     note = bead_section(bead).text
     assert note == ["The height map has not settled: " + bead.values.ridge_note + "."]
+
+
+@pytest.mark.parametrize("size", [61, 1000])
+def test_the_surface_below_the_nozzle_does_not_depend_on_the_blocks_it_is_found_in(size, monkeypatch):
+    run = Job.load("an225-3d").run()
+    time, end = np.arange(len(run.time)), len(run.time)
+    run = replace(run, dispense=run.dispense & ((time < end // 3) | (time > end // 2)))  # a pause while it climbs
+    trace = BeadTrace.of(run, BeadSettings(gap=GAP))
+    on, offset = np.flatnonzero(run.dispense), trace.analysis.nozzle.offset[:, 2]
+    expected = np.interp(time, on, run.nozzle[on, 2] - offset) - GAP
+    monkeypatch.setattr(columns, "BLOCK", size)
+    np.testing.assert_allclose(trace.surface(), expected, rtol=0, atol=1e-12)
+    assert np.ptp(expected[end // 3 : end // 2]) > 1.0
