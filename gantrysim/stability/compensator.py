@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from gantrysim.arrays import Complexes, Floats
 
@@ -46,12 +45,19 @@ class Compensator:
 
     def beside(self, other: Compensator) -> Compensator:
         """Return the sum of two laws of the same error."""
-        A = block_diag(self.A, other.A)
+        A = self._apart(other)
         return Compensator(A, np.append(self.B, other.B), np.append(self.C, other.C), self.D + other.D)
+
+    def _apart(self, other: Compensator) -> Floats:
+        """Return the dynamics of both states, which have no effect on each other."""
+        n = len(self.A)
+        A = np.zeros((n + len(other.A),) * 2)
+        A[:n, :n], A[n:, n:] = self.A, other.A
+        return A
 
     def around(self, feedback: Compensator) -> Compensator:
         """Return u = self(e) + feedback(u), where the feedback has no gain at once."""
-        A = block_diag(self.A, feedback.A)
+        A = self._apart(feedback)
         C = np.append(self.C, feedback.C)
         n = len(self.A)
         A[n:] += np.outer(feedback.B, C)

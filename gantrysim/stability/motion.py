@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from gantrysim.arrays import Complexes, Floats
 from gantrysim.errors import InputError
@@ -197,6 +196,8 @@ class Motion:
 
 def _held(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     """Return the effect of the state and of a constant input on the state after a time."""
+    from scipy.linalg import expm  # slow to import
+
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
     joint[:n, :n], joint[:n, n:] = A, B

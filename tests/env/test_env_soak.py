@@ -14,7 +14,7 @@ from gantrysim.env.episodes import Episode
 
 from support.episodes import BANDIT, BOLD, MEEK, SHORT, TUNING, episode
 
-GROWTH = 16.0  # of the resident memory over 900 episodes [MB]
+GROWTH = 16.0  # of the resident memory over hundreds of episodes [MB]
 
 
 class Holdings:
@@ -108,12 +108,16 @@ def test_random_actions_give_finite_values_and_leak_nothing(kind):
 
 @linux
 @pytest.mark.soak
-@pytest.mark.parametrize("kind", ["scalar", "vector", "bandit"])
-def test_a_thousand_episodes_give_finite_values_and_leak_nothing(kind, capsys):
-    early, late, ends = soak(environment(kind), 1000, 100)
+@pytest.mark.parametrize(
+    ("kind", "begin", "count"),
+    # the heap of 32 episodes drawn by a thread of its own grows to its size in some hundred episodes
+    [("scalar", 100, 1000), ("vector", 1000, 3000), ("bandit", 100, 1000)],
+)
+def test_a_thousand_episodes_give_finite_values_and_leak_nothing(kind, begin, count, capsys):
+    early, late, ends = soak(environment(kind), count, begin)
     with capsys.disabled():
-        print(f"\n{kind}: after 100 episodes {early}; after 1000 {late}; {ends[0]} faults, {ends[1]} whole paths")
+        print(f"\n{kind}: {begin} episodes: {early}; {count}: {late}; {ends[0]} faults, {ends[1]} whole paths")
     assert (late.threads, late.files, late.episodes) == (early.threads, early.files, early.episodes)
     assert late.memory - early.memory < GROWTH
-    assert sum(ends) >= 1000
+    assert sum(ends) >= count
     assert min(ends) > 100

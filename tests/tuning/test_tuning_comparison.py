@@ -5,13 +5,12 @@ import itertools
 import runpy
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/tuning.md").read_text(encoding="utf-8")
-OWN, SEEDS, BUDGETS = "gantrysim tune", ("1",), ("100", "300")
-BEHIND = 1.02  # largest ratio of the metric of gantrysim's own search to the best other, as published
+OWN, SEEDS, BUDGETS = "gantrysim tune", ("1", "2"), ("100", "300")
+BEHIND = 1.032  # largest ratio of the metric of gantrysim's own search to the best other, in either seed, as published
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +39,7 @@ def test_every_cell_of_the_comparison_is_filled_from_its_rows(script, rows):
 def test_no_other_method_is_ahead_of_the_search_by_more_than_published(rows):
     found = {}
     for row in rows:
-        cell = found.setdefault((row["job"], row["start"], row["budget"]), {})
-        cell.setdefault(row["method"], []).append(float(row["metric"]))
-    shares = {}
-    for cell, metrics in found.items():
-        means = {method: np.mean(values) for method, values in metrics.items()}
-        shares[cell] = means.pop(OWN) / min(means.values())
-    assert max(shares.values()) <= BEHIND
+        cell = found.setdefault((row["job"], row["start"], row["budget"], row["seed"]), {})
+        cell[row["method"]] = float(row["metric"])
+    assert len(found) == 36
+    assert max(cell.pop(OWN) / min(cell.values()) for cell in found.values()) <= BEHIND

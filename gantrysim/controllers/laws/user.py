@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import hankel
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, text_of
@@ -117,8 +116,8 @@ def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compens
     if np.abs(np.delete(once, axis, axis=1)).max(initial=0.0) > _LINEAR * size:
         raise UnknownLoopError("a law of the user's that couples axes has no margins")
     response = once[_REST:, axis] / _KICK
-    H = hankel(response[1 : _ORDER + 1], response[_ORDER : 2 * _ORDER])  # noqa: N806
-    shifted = hankel(response[2 : _ORDER + 2], response[_ORDER + 1 : 2 * _ORDER + 1])
+    sums = np.add.outer(np.arange(_ORDER), np.arange(_ORDER))
+    H, shifted = response[1 + sums], response[2 + sums]  # noqa: N806
     left, values, right = np.linalg.svd(H)
     rank = max(int(np.count_nonzero(values > _RANK * max(values[0], abs(response[0])))), 1)
     if rank > _ORDER - 2:
