@@ -71,6 +71,13 @@ def test_the_report_says_which_law_is_best_and_which_does_not_pay(studied):
     best = min(nominal, key=nominal.get)
     assert report.headline.startswith(f"Law {best} tracks best: ")
     assert [row[0] for row in report.tables[0].rows] == [rung.name for rung in LADDER]
+    for law, tracking, ratio, lag, _, _, contour, ripple, *_, sensitivity in report.tables[0].rows:
+        row = next(row for row in outcome.rows if (row["law"], row["variation"]) == (law, "nominal"))
+        assert (tracking, ratio) == (nominal[law], pytest.approx(nominal["pd"] / nominal[law]))
+        assert (lag, contour, sensitivity) == tuple(
+            row[name] for name in ("tracking_along_rms_um", "contour_max_um", "sensitivity")
+        )
+        assert ripple == pytest.approx(1e3 * row["torque_ripple_Nm"])
     pairs = {"pid": "pd", "pid (Ti/3)": "pid", "p-pi": "pid"} | {
         law: law.rpartition("+")[0] for law in nominal if "+" in law
     }

@@ -24,10 +24,13 @@ _VALUES = {
     "largest after a reversal": ("reversal_max_um", COLOURS["generation"]),
     "contour, rms": ("contour_rms_um", INK),
 }
+_CAPTION = (
+    "Each law on the nominal machine. Lag is the following error along the path while glue flows; Ti/3 is a third of "
+    "the job's integral time."
+)
 _LEFT_OUT = (
     "Margins are exact for pd, pid, p-pi and observer; those of contour hold where the path runs across the axis. "
-    "Friction and its compensation, torques sent along, encoder counts and limits are not in them. "
-    "Lag is the following error along the path while glue flows; Ti/3 is a third of the job's integral time."
+    "Friction and its compensation, torques sent along, encoder counts and limits are not in them."
 )
 
 
@@ -112,24 +115,23 @@ def _table(nominal: dict[str, Row]) -> Table:
         Column("phase margin [deg]", ".3g"),
         Column("peak of |S|", ".3g"),
     ]
-    names = (
-        "tracking_along_rms_um",
-        "reversal_max_um",
-        "contour_rms_um",
-        "contour_max_um",
-        "torque_ripple_Nm",
-        "gain_margin",
-        "phase_margin_deg",
-        "sensitivity",
-    )
+    shown = {  # value and factor from its unit to the column's
+        "tracking_along_rms_um": 1.0,
+        "reversal_max_um": 1.0,
+        "contour_rms_um": 1.0,
+        "contour_max_um": 1.0,
+        "torque_ripple_Nm": 1e3,
+        "gain_margin": 1.0,
+        "phase_margin_deg": 1.0,
+        "sensitivity": 1.0,
+    }
     pd = _value(nominal[_PD], "following_rms_um")
     cells = []
     for law, row in nominal.items():
         own = _value(row, "following_rms_um")
-        rest = [row[name] if row[name] is None else _value(row, name) for name in names]
-        rest[4] = 1e3 * _value(row, "torque_ripple_Nm")
+        rest = [None if row[name] is None else factor * _value(row, name) for name, factor in shown.items()]
         cells.append([law, own, pd / own, *rest])
-    return Table(columns, cells, caption="Each law on the nominal machine.")
+    return Table(columns, cells, caption=_CAPTION)
 
 
 def _variations(study: LawsStudy, rows: list[Row]) -> Table:
