@@ -213,27 +213,31 @@ class PointToPoint:
     def duration(self) -> float:
         return sum(self._times)
 
-    def _shares(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Completed share of the acceleration, time at constant speed, remaining share of the deceleration."""
-        up, along, down = self._times
+    def _shares(self, t: ArrayLike) -> tuple[Floats, Floats]:
+        """Completed share of the acceleration, remaining share of the deceleration."""
+        up, _, down = self._times
         at = np.asarray(t, float)
         rising = np.clip(at / up, 0.0, 1.0) if up > 0 else np.ones(at.shape)
         falling = np.clip((self.duration - at) / down, 0.0, 1.0) if down > 0 else np.ones(at.shape)
-        return rising, np.clip(at - up, 0.0, along), falling
+        return rising, falling
 
     def position(self, t: ArrayLike) -> Floats:
+        at = np.asarray(t, float)
         if self.peak <= 0:
-            return np.where(np.asarray(t, float) > 0, self.length, 0.0)
-        up, _, down = self._times
-        rising, along, falling = self._shares(t)
-        climbed = up * self.shape.distance(rising, self.peak, self.acceleration)
-        braked = down * (0.5 - self.shape.distance(falling, self.peak, self._down))
-        return np.clip(self.peak * (climbed + along + braked), 0.0, self.length)
+            return np.where(at > 0, self.length, 0.0)
+        up, along, down = self._times
+        moved, left = np.clip(at - up, 0.0, along), self.duration - at
+        climbed, braked = np.full(at.shape, 0.5 * up), np.zeros(at.shape)
+        ramp = at < up  # most times lie on neither ramp
+        climbed[ramp] = up * self.shape.distance(np.maximum(at[ramp] / up, 0.0), self.peak, self.acceleration)
+        ramp = left < down
+        braked[ramp] = down * (0.5 - self.shape.distance(np.maximum(left[ramp] / down, 0.0), self.peak, self._down))
+        return np.clip(self.peak * (climbed + moved + braked), 0.0, self.length)
 
     def velocity(self, t: ArrayLike) -> Floats:
         if self.peak <= 0:
             return np.zeros(np.shape(t))
-        rising, _, falling = self._shares(t)
+        rising, falling = self._shares(t)
         first = self.shape.velocity(rising, self.peak, self.acceleration)
         last = self.shape.velocity(falling, self.peak, self._down)
         return self.peak * np.minimum(first, last)

@@ -180,7 +180,8 @@ class Setpoints:
             s = profile.position(np.arange(block.start, block.stop) * period)
             if block.stop > n:
                 s[-1] = path.length
-            return path.position(s)[:, : len(axes)] if coordinates is None else coordinates(s)
+            # stacked, as NumPy copies short rows of a longer array much slower than columns
+            return np.stack([*path.position(s).T[: len(axes)]], axis=1) if coordinates is None else coordinates(s)
 
         position = by_blocks(positions, n + 1)
         return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)

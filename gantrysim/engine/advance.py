@@ -13,7 +13,7 @@ from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed, installed_law
 
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
-_MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
+MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
 
 
 def advance(
@@ -36,7 +36,7 @@ def advance(
         hook: context in which the servo is MuJoCo's control callback, by default that of the compiled law.
         progress: called after every call of `step` with the number of setpoints that all simulations have sent.
     """
-    most = _MOST_STEPS
+    most = MOST_STEPS
     if steps is None and progress is not None:
         most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
     made = 0

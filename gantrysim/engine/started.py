@@ -104,6 +104,11 @@ class Started:
         return min((begin - steps for begin, _ in self.simulation.later if begin > steps), default=NEVER)
 
     @property
+    def plain(self) -> bool:
+        """Whether nothing but MuJoCo and the compiled servo has to act until the run is done."""
+        return self.own is None and not self.simulation.later and self.simulation.book.whole
+
+    @property
     def done(self) -> bool:
         """Whether the last setpoint is sent, or a fault has ended the run; what a user's law raised is raised here."""
         if self.own is not None and self.own.raised:

@@ -17,7 +17,7 @@ from gantrysim.engine.batch import Batch, Moment
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
 from gantrysim.env.episodes import Chosen, Episode, Source
-from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
+from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, TOTAL, measure
 from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.outcome import Ends, Outcome
 from gantrysim.env.settings import PathSettings
@@ -26,7 +26,6 @@ from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 
 _SHARED = 16  # places from which on threads share the measurements
-_DISPENSING, _SQUARE, _LARGEST = (SHARED.index(name) for name in ("dispensing", "contour_square", "contour_max"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +63,7 @@ class EpisodeBatch(ABC):
         source: of the episodes.
         entries: of the observation.
         observation_space, action_space: of one place.
-        measured: measurements of the last interval at every place.
+        measured: measurements of the last interval at every place, live views.
     """
 
     # attributes with one row per place, which a saved state holds
@@ -95,8 +94,8 @@ class EpisodeBatch(ABC):
         self._spans["foot"] = -1
         self._foot, self._measured = self._spans["foot"], np.zeros(places, np.int64)  # ticks measured
         self._setpoints = np.ones(places, np.int64)
-        self._total = np.zeros((places, 3))  # dispensing ticks, sum of squared contour errors, largest
-        self.measured = self._interval()
+        self._total = np.zeros((places, TOTAL))
+        self.measured = IntervalValues.of(self._rows)
 
     @abstractmethod
     def _entries(self) -> list[Entry]:
@@ -143,11 +142,11 @@ class EpisodeBatch(ABC):
             drawn = {place: self.source.draw(random, (chosen or {}).get(place)) for place, random in randoms.items()}
         else:
             drawn = self._ahead.take(randoms)
+            self._ahead.free(self.episodes[place] for place in drawn)
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
             self._start(place, episode)
         self._measure(list(drawn))
-        self.measured = self._interval()
         if self._ahead is not None:
             self._ahead.prepare(randoms)
         return {place: episode.drawn for place, episode in drawn.items()}
@@ -180,7 +179,6 @@ class EpisodeBatch(ABC):
         self._start(place, episode)
         for name, value in state.values.items():
             getattr(self, name)[place] = value
-        self.measured = self._interval()
         random.bit_generator.state = state.random
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
@@ -206,7 +204,6 @@ class EpisodeBatch(ABC):
         self._apply(places)
         self._run(places)
         self._measure(places)
-        self.measured = self._interval()
         return self._outcome(mask)
 
     def close(self) -> None:
@@ -216,9 +213,6 @@ class EpisodeBatch(ABC):
             self._ahead = None
         self._parts = 1
         self._threads.shutdown(wait=False)
-
-    def _interval(self) -> IntervalValues:
-        return IntervalValues.of(self._rows, self.source.servo.period, self._peak)
 
     def record(self, place: int) -> Run:
         """Return the record of the episode at a place so far.
@@ -262,14 +256,13 @@ class EpisodeBatch(ABC):
         spans["log"], spans["axis_log"], spans["setpoints"] = self._addresses
         spans["first"], spans["last"] = self._measured, self._ticks
         parts = np.array_split(at, self._parts if len(at) >= _SHARED else 1)
-        others = [self._threads.submit(measure, spans, part, self._rows) for part in parts[1:]]
-        measure(spans, parts[0], self._rows)  # type: ignore[no-untyped-call]
+        common = self.source.servo.period, self._peak, self._rows, self._total
+        others = [self._threads.submit(measure, spans, part, *common) for part in parts[1:]]
+        measure(spans, parts[0], *common)  # type: ignore[no-untyped-call]
         _ = [other.result() for other in others]
-        self._measured[at], rows, total = self._ticks[at], self._rows[at], self._total
-        total[at, :2] += rows[:, [_DISPENSING, _SQUARE]]
-        total[at, 2] = np.maximum(total[at, 2], rows[:, _LARGEST])
-        for place in places:
-            self._follow(place, int(spans["first"][place]), int(spans["last"][place]))
+        self._measured[at] = self._ticks[at]
+        for place, first, last in zip(places, spans["first"][at].tolist(), spans["last"][at].tolist(), strict=True):
+            self._follow(place, first, last)
 
     def _follow(self, place: int, first: int, last: int) -> None:  # noqa: B027  most tasks have nothing of the kind
         """Follow what a task has beside the machine at a place, from one tick to before another."""

@@ -11,9 +11,10 @@ from gantrysim.controllers.paths.nearest import along
 from gantrysim.jit import cached, inner_jit
 from gantrysim.native.pointers import floats, logs_at, octets
 
-# a row of measurements: those of the path, then those of one axis after the other
-SHARED = ("ticks", "dispensing", "pairs", "contour_square", "contour_max", "lateral", "way", "heading", "turning")
-PER_AXIS = ("square", "largest", "sum", "demand", "ripple")
+# a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
+SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")
+PER_AXIS = ("tracking_rms", "tracking_max", "tracking_mean", "torque", "ripple")
+TOTAL = 3  # of an episode: ticks with the dispenser on, sum of their squared contour errors, largest
 
 # what is measured at a place, with the addresses of its arrays
 SPAN = np.dtype(
@@ -58,20 +59,21 @@ def _to_chord(points, i, tip):
 
 
 @cached(numba.njit, error_model="numpy", nogil=True)
-def measure(spans, places, rows):
+def measure(spans, places, period, peak, rows, totals):
     """Measure the ticks of some places from `first` to before `last`, and write the foot of the last.
 
-    Errors of the axes are sums over all these ticks, contour errors over those with the dispenser on. The distance to
-    the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet are found as
-    those of the analysis are, from the last foot on.
+    Errors of the axes are those of all these ticks, contour errors of those with the dispenser on. The distance to the
+    path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet are found as those
+    of the analysis are, from the last foot on.
 
     Args:
         spans: of all places, whose arrays the caller keeps alive, (places,) of `SPAN`; a foot of -1 is for a dispenser
             that was never on.
         places: indices of those to be measured, (m,).
-        rows: measurements of all places, to be written: `SHARED`, then `PER_AXIS` for one axis after the other. The
-            ripple is a sum of squared changes over pairs of ticks with the dispenser on; `heading` [rad] and `turning`
-            [1/mm] are the path's at the last foot.
+        period: servo period [s].
+        peak: peak torque of the drives, (axes,) [N·m].
+        rows: measurements of all places, to be written: `SHARED`, then `PER_AXIS` for one axis after the other.
+        totals: of the episodes so far, (places, TOTAL), to be added to.
     """
     axes = (rows.shape[1] - _HEAD) // _EACH
     for place in places:
@@ -81,22 +83,25 @@ def measure(spans, places, rows):
         dispense = numba.carray(octets(span.dispense), (span.count,))
         points = numba.carray(floats(span.points), (span.entries, 3))
         first, last, spacing = span.first, span.last, span.spacing
-        span.foot = _measure(tick, axis, first, last, position, dispense, points, spacing, span.foot, rows[place])
+        row, total = rows[place], totals[place]
+        span.foot = _measure(
+            tick, axis, first, last, position, dispense, points, spacing, span.foot, period, peak, row, total
+        )
 
 
 @inner_jit
-def _measure(log, axes, first, last, position, dispense, points, spacing, foot, row):
+def _measure(log, axes, first, last, position, dispense, points, spacing, foot, period, peak, row, total):
     n = position.shape[1]
-    tips, laid = np.empty((last - first, 3)), 0
+    tips, laid, ticks, pairs, way = np.empty((last - first, 3)), 0, 0, 0, 0.0
     row[:] = 0.0
     for k in range(first, last):
         at = log[k].setpoint
         tip = log[k].nozzle
         if not np.isfinite(tip).all():
             continue
-        row[0] += 1
+        ticks += 1
         both = k > 0 and dispense[at] != 0 and dispense[log[k - 1].setpoint] != 0
-        row[2] += both
+        pairs += both
         for a in range(n):
             column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
             error = position[at, a] - axes[k, a].encoder
@@ -108,11 +113,18 @@ def _measure(log, axes, first, last, position, dispense, points, spacing, foot, 
             if both:
                 change = demand - axes[k - 1, a].demand
                 column[4] += change * change
-        row[6] += _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
+        way += _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
         if dispense[at] != 0:
             tips[laid] = tip
             laid += 1
+    for a in range(n):
+        column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
+        column[0] = np.sqrt(column[0] / max(ticks, 1))
+        column[2] /= max(ticks, 1)
+        column[3] /= peak[a]
+        column[4] = np.sqrt(0.5 * column[4] / max(pairs, 1)) / peak[a]
     feet = along(points, tips[:laid], spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
+    square = 0.0
     for k in range(laid):
         foot = feet[k]
         distance, left = np.inf, 0.0
@@ -120,13 +132,18 @@ def _measure(log, axes, first, last, position, dispense, points, spacing, foot, 
             to, side = _to_chord(points, i, tips[k])
             if to < distance:
                 distance, left = to, side
-        row[1] += 1
-        row[3] += distance * distance
-        row[4] = max(row[4], distance)
-        row[5] += left
+        square += distance * distance
+        row[1] = max(row[1], distance)
+        row[2] += left
+    total[0] += laid
+    total[1] += square
+    total[2] = max(total[2], row[1])
+    row[0] = np.sqrt(square / max(laid, 1))
+    row[2] /= max(laid, 1)
+    row[3] = way / (max(ticks, 1) * period)
     middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
     x, y = points[middle] - points[middle - _CHORD], points[middle + _CHORD] - points[middle]
-    row[7] = np.arctan2(x[1] + y[1], x[0] + y[0])
+    row[4] = np.arctan2(x[1] + y[1], x[0] + y[0])
     between = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
-    row[8] = between / (_CHORD * spacing)
+    row[5] = between / (_CHORD * spacing)
     return foot

@@ -69,54 +69,34 @@ class IntervalValues(NamedTuple):
 
     Attributes:
         contour_rms, contour_max: contour error [mm], (n,).
-        ripple: torque ripple, share of the peak torque, (n, axes).
-        tracking_rms, tracking_max, tracking_mean: following error [mm or deg], (n, axes).
-        torque: largest torque demand, share of the peak torque, (n, axes).
         lateral: mean contour error, signed [mm], (n,).
         speed: path speed of the nozzle [mm/s], (n,).
-        heading: direction of the path [rad], (n,).
-        curvature: curvature of the path [1/mm], (n,).
+        heading: direction of the path at the last foot [rad], (n,).
+        curvature: curvature of the path there [1/mm], (n,).
+        tracking_rms, tracking_max, tracking_mean: following error [mm or deg], (n, axes).
+        torque: largest torque demand, share of the peak torque, (n, axes).
+        ripple: torque ripple, RMS change of the demand over pairs of ticks with the dispenser on divided by sqrt(2),
+            share of the peak torque, (n, axes).
     """
 
     contour_rms: Floats
     contour_max: Floats
-    ripple: Floats
-    tracking_rms: Floats
-    tracking_max: Floats
-    tracking_mean: Floats
-    torque: Floats
     lateral: Floats
     speed: Floats
     heading: Floats
     curvature: Floats
+    tracking_rms: Floats
+    tracking_max: Floats
+    tracking_mean: Floats
+    torque: Floats
+    ripple: Floats
 
     @classmethod
-    def of(cls, rows: Floats, period: float, peak: Floats) -> IntervalValues:
-        """Return the values of rows of measurements.
-
-        Args:
-            rows: rows written by `measure`, (n, columns).
-            period: servo period [s].
-            peak: peak torque of the drives, (axes,) [N·m].
-        """
-        shared = dict(zip(SHARED, rows.T, strict=False))
-        axes = rows[:, len(SHARED) :].reshape(len(rows), -1, len(PER_AXIS))
-        square, largest, total, demand, ripple = np.moveaxis(axes, 2, 0)
-        ticks, dispensing, pairs = (np.maximum(shared[name], 1) for name in ("ticks", "dispensing", "pairs"))
-        every = ticks[:, None]
-        return cls(
-            contour_rms=np.sqrt(shared["contour_square"] / dispensing),
-            contour_max=shared["contour_max"],
-            ripple=np.sqrt(0.5 * ripple / pairs[:, None]) / peak,
-            tracking_rms=np.sqrt(square / every),
-            tracking_max=largest,
-            tracking_mean=total / every,
-            torque=demand / peak,
-            lateral=shared["lateral"] / dispensing,
-            speed=shared["way"] / (ticks * period),
-            heading=shared["heading"],
-            curvature=shared["turning"],
-        )
+    def of(cls, rows: Floats) -> IntervalValues:
+        """Return live views of rows written by `measure`, (n, columns)."""
+        head = len(SHARED)
+        axes = (rows[:, head + k :: len(PER_AXIS)] for k in range(len(PER_AXIS)))
+        return cls(*rows[:, :head].T, *axes)
 
 
 def observe(

@@ -83,19 +83,24 @@ def _swept_angles(r, b, c, s, most):
 @jit
 def swept_along(r, b, c, s, most):
     """Return what `swept_angle` does for arc lengths of one curve, (n,)."""
-    found = np.empty(s.size)
+    found, rate = np.empty(s.size), np.hypot(r, c)
     for k in range(s.size):
-        found[k] = _angle(r, b, c, s[k], most)
+        found[k] = _guess(rate, b, s[k], most) if b * c == 0.0 else _angle(r, b, c, s[k], most)
     return found
 
 
 @inner_jit
-def _angle(r, b, c, s, most):
-    rate = np.hypot(r, c)
+def _guess(rate, b, s, most):
+    """Angle at an arc length with the rate ds / d(phi) at the start, exact where b or c is 0."""
     guess = 2 * s / max(rate + np.sqrt(max(rate * rate + 2 * b * s, 0.0)), 1e-300)
-    angle = min(max(guess, 0.0), most)
+    return min(max(guess, 0.0), most)
+
+
+@inner_jit
+def _angle(r, b, c, s, most):
+    angle = _guess(np.hypot(r, c), b, s, most)
     if b * c == 0.0:
-        return angle  # the guess is exact
+        return angle
     for _ in range(_NEWTON_STEPS):
         rate = np.hypot(r + b * angle, c)
         step = (_length(r, b, c, angle) - s) / rate if rate > 0 else 0.0
