@@ -20,7 +20,8 @@ IN_HAND = 1e-3  # of an acceleration limit, kept for what lies between the nodes
 VELOCITY = 3e-3  # by which an axis' velocity may pass its limit
 ACCELERATION = 2e-3  # by which an axis' acceleration may pass its limit
 FEASIBLE = 1e-7  # by which a law may pass a limit at the nodes themselves, relative
-OPTIMUM = 1e-2  # by which the sum of the squared speeds may fall short of a linear programme's, relative
+OPTIMUM = 0.03  # by which the sum of the squared speeds may fall short of a linear programme's, relative
+USUAL = 1e-3  # of 95 in 100
 # What a law takes longer than without the bound at constant speed, relative
 MEDIAN_COST = 3e-3
 USUAL_COST = 0.01  # of nine out of ten
@@ -240,10 +241,8 @@ def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, 
     assert np.mean(used >= 1 - 2 * IN_HAND) > 0.95
 
 
-@given(path=waves(), length=st.floats(30, 150), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
-@settings(max_examples=30, deadline=None)
-def test_no_profile_on_the_same_nodes_is_faster(path, length, speed, seed):
-    """Against a linear programme under the same rules."""
+def shortfall(path, length, speed, seed):
+    """By which share a law's sum of squared speeds is less than a linear programme's under the same rules."""
     random = np.random.default_rng(seed)
     axes = path.amplitude.shape[0]
     velocity, acceleration = random.uniform(20, 300, axes), 10 ** random.uniform(2, 3.7, axes)
@@ -261,8 +260,25 @@ def test_no_profile_on_the_same_nodes_is_faster(path, length, speed, seed):
     assert np.all(x <= steady * (1 + FEASIBLE) + 1e-12)
     for node in (slice(None, -1), slice(1, None)):
         assert np.all(np.abs(rate[node] * u + bend[node] * x[node, None]) <= limit * (1 + FEASIBLE))
-    best = programme(s, steady, rate, bend, limit)
-    assert best.sum() * (1 - OPTIMUM) <= x.sum() <= best.sum() * (1 + FEASIBLE)
+    return 1 - x.sum() / programme(s, steady, rate, bend, limit).sum()
+
+
+@given(path=waves(), length=st.floats(30, 150), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
+@settings(max_examples=30, deadline=None)
+def test_no_profile_on_the_same_nodes_is_faster(path, length, speed, seed):
+    assert -FEASIBLE <= shortfall(path, length, speed, seed) <= OPTIMUM
+
+
+def test_hardly_any_profile_on_the_same_nodes_is_faster_at_all():
+    found = []
+    for seed in range(100):
+        random = np.random.default_rng(seed)
+        shape = random.integers(1, 4), 3
+        path = Waves(random.uniform(-8, 8, shape), random.uniform(15, 80, shape), random.uniform(-3, 3, shape))
+        found.append(shortfall(path, random.uniform(30, 150), random.uniform(20, 300), seed))
+    assert min(found) >= -FEASIBLE
+    assert np.quantile(found, 0.95) <= USUAL
+    assert max(found) <= OPTIMUM
 
 
 def test_the_cost_of_the_bound_at_constant_speed():

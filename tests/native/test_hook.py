@@ -282,7 +282,7 @@ from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.native.hook import installed
 
-ROUNDS, handled, came = 500, 0, 0
+ROUNDS, handled, came = 200, 0, 0
 
 def handler(number, frame):
     global handled
@@ -325,6 +325,6 @@ def test_a_process_survives_hundreds_of_interrupts():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=2 * PATIENCE)
     assert done.returncode == 0, done.stderr
     handled, came, equal = done.stdout.split()
-    assert int(handled) == 500
-    assert int(came) > 100
+    assert int(handled) == 200
+    assert int(came) > 40
     assert equal == "True"
