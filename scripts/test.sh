@@ -13,6 +13,7 @@ if ! python -c 'from ctypes.util import find_library as f; raise SystemExit(not 
 fi
 
 cd "$root"
+export PYTHONDONTWRITEBYTECODE=  # the tests start hundreds of processes, which import a third faster with bytecode
 ruff check .
 ruff format --check .
 mypy
