@@ -6,6 +6,7 @@ python scripts/benchmark.py [--json] [--rounds 15] [KEY ...]
 import argparse
 import itertools
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -116,9 +117,11 @@ def batch(rounds: int) -> float:
 
 def import_time(rounds: int) -> float:
     """import of what a simulation needs against import of mujoco, numpy and numba alone, each in a fresh process."""
+    # with bytecode, as installed packages have it: else a checkout's is compiled anew in every process
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
 
     def fresh(code: str) -> Callable[[], object]:
-        return lambda: subprocess.run([sys.executable, "-c", code], check=True)
+        return lambda: subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
     names = "Machine, Servo, simulate, Dispenser, Budget, Run"
     return 1 / ratio(fresh("import mujoco, numpy, numba"), fresh(f"from gantrysim import {names}"), rounds)
