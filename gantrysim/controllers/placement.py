@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,7 +44,7 @@ class Placement:
         shift = np.array([self.x, self.y, 0.0])
         return self.direction(points) + shift
 
-    @property
+    @cached_property
     def _turn(self) -> Floats:
         angle = math.radians(self.rotate)
         c, s = (round(f(angle), 15) for f in (math.cos, math.sin))  # quarter turns are exact

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime
+from gantrysim.controllers.trio.basic import interpreter
 from gantrysim.errors import InputError
 
 POSITION = 1e-9  # of positions [mm]
@@ -285,3 +286,31 @@ def test_speeds_change_in_the_text():
     assert made.programmed_speed == 100
     text = made.arguments_at(50)["text"]
     assert text == 'SPEED=50: PRINT "SPEED=7" \' SPEED=8\nSPEED AXIS(1) =25\nVR(1)=VP_SPEED\nMOVE(1)'
+
+
+OUTLINE = (
+    "BASE(0,1): SPEED=90: ACCEL=800: DECEL=500: MERGE=ON: OP(8,ON)\nMOVE(20,3): MOVECIRC(5,5,0,5,0): MOVEABS(1,-9)\n"
+)
+OTHER = "'$PROGRAM OTHER\nBASE(2): SPEED=7: FORWARD: WA(333.5): CANCEL: WAIT IDLE: RAPIDSTOP(2): WA(50): MOVE(4)"
+
+
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        (f"{OUTLINE}WAIT IDLE: WA(77): MOVE(-1,-2): WAIT LOADED: OP(8,OFF): MOVEABS(0,0): PRINT DPOS;MSPEED", {}),
+        (f"{OUTLINE}MOVE(3,3): MOVE(9,2): WA(20): DECEL=3000: WAIT IDLE AXIS(1)", {"buffers": 8}),
+        (f"{OUTLINE}WAIT UNTIL REMAIN<2: PRINT DPOS", {"initial_acceleration": 900.0}),
+        (f'RUN "OTHER"\n{OUTLINE}WAIT IDLE: MOVE(5,5): WAIT IDLE\n{OTHER}', {"interpreter_time": InterpreterTime()}),
+        ('RUN "OTHER": MOVE(5): WAIT IDLE: MOVE(1)\n\'$PROGRAM OTHER\nWA(100): RAPIDSTOP: WA(300)', {}),
+        ("TABLE(0,0,1,4,9,2): SPEED=9: CAM(0,4,1,5): WAIT IDLE: CONNECT(2,4) AXIS(1): MOVE(3) AXIS(4): MOVE(2)", {}),
+    ],
+    ids=["waits", "merged", "until a position", "two programs", "a move that another ends", "cam"],
+)
+def test_periods_passed_at_once_are_those_passed_one_by_one(text, changed, monkeypatch):
+    at_once = basic(text, **changed).trace(DT)
+    monkeypatch.setattr(interpreter, "_LONGEST", 1)
+    one_by_one = basic(text, **changed).trace(DT)
+    for name in ("position", "outputs", "lines"):
+        assert np.array_equal(getattr(at_once, name), getattr(one_by_one, name))
+    assert at_once.state.printed == one_by_one.state.printed
+    assert at_once.state.motion.axes[0].step == one_by_one.state.motion.axes[0].step

@@ -64,8 +64,10 @@ class Chain(Path):
         self._s = np.concatenate([[0.0], np.cumsum(lengths[lengths > SHORTEST])])
         rows = np.array([row_of(piece) for piece in self.pieces], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
+        frame = self._columns["frame"]
+        frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
         # sine of a line's climb
-        self._columns["straight"] = np.einsum("ij,ij->i", self._columns["frame"][:, 2], self._columns["direction"])
+        self._columns["straight"] = np.einsum("ij,ij->i", frame[:, 2], self._columns["direction"])
         self._swept = LastCall(self._sweep)
         self._check_joints()
         self._join_headings()

@@ -130,9 +130,9 @@ def length_of(piece: Line | Coil) -> float:
 
 
 def row_of(piece: Line | Coil) -> tuple[Any, ...]:
-    """Return a piece of positive length as a row of numbers."""
+    """Return a piece of positive length as a row of numbers, without the frame's normal."""
     u, v = np.array(piece.frame, float)
-    frame = np.array([u, v, np.cross(u, v)])
+    frame = np.array([u, v, (0.0, 0.0, 0.0)])
     if isinstance(piece, Line):
         direction = np.subtract(piece.end, piece.start) / length_of(piece)
         heading = np.arctan2(direction @ v, direction @ u)

@@ -16,6 +16,7 @@ from gantrysim.errors import InputError
 
 MOST_PER_TICK = 1000  # statements of a process within a servo period, where they cost no time
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named
+_LONGEST = 1000  # servo periods passed at once
 _EARLY = 1e-9  # of a servo period
 
 
@@ -80,6 +81,7 @@ class _Run:
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
         while True:
+            count = self._count
             for process in state.processes:  # which they may add to
                 self._execute(process)
             state.processes = [process for process in state.processes if not process.ended]
@@ -93,11 +95,30 @@ class _Run:
                     f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or "
                     "raise time_limit"
                 )
-            motion.step()
-            state.tick += 1
+            # after a statement, what a process waits for may have come about already
+            ahead = self._undisturbed(most) if self._count == count else 1
+            passed = motion.glide(ahead, self._recorded)
+            if len(passed):
+                positions.frombytes(passed[:-1].tobytes())
+                outputs += outputs[-1:] * (len(passed) - 1)
+                lines += lines[-1:] * (len(passed) - 1)
+            else:
+                motion.step()
+            state.tick += max(len(passed), 1)
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
         on = np.frombuffer(outputs, np.uint8).astype(bool)
         return Trace(motion.period, position, on, np.frombuffer(lines, np.int64), state)
+
+    def _undisturbed(self, most: int) -> int:
+        """Servo periods, up to the tick `most`, until a process can act without the end of a move."""
+        state = self._state
+        ahead: float = min(most - state.tick, _LONGEST)
+        for process in state.processes:
+            if process.blocked is None:
+                ahead = min(ahead, (process.ready - state.time) / state.motion.period)
+            elif process.polls:
+                return 1
+        return int(ahead)
 
     def _active(self, axes: list[Axis]) -> int:
         return next((axis.member.line for axis in axes if axis.member is not None), self._line)
@@ -110,7 +131,7 @@ class _Run:
             if process.blocked is not None and not process.ended:
                 if not process.blocked():
                     return
-                process.blocked, process.ready = None, max(process.ready, now)
+                process.blocked, process.polls, process.ready = None, False, max(process.ready, now)
             while process.ready <= due and not process.ended and process.blocked is None:
                 if process.at >= len(statements):
                     process.ended = True

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
+import numpy as np
+
+from gantrysim.arrays import Floats
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.links import follow
 from gantrysim.controllers.trio.basic.moves import CONNECT, STATED, Move, Straight
-from gantrysim.controllers.trio.basic.profile import Speed
+from gantrysim.controllers.trio.basic.profile import Glide, Speed
 from gantrysim.errors import InputError
 
 MOST_AXES = 64  # numbers of axes: 0 to 63
 MOST_MOVES = 200_000
+_FEWEST = 8  # periods that take longer one by one than at once
 
 
 class Motion:
@@ -40,7 +45,7 @@ class Motion:
         ratio_bits: int | None,
     ) -> None:
         self.period, self.buffers, self.real, self._bits = period, buffers, real, ratio_bits
-        self._starts, self._defaults = starts, (speed, acceleration, deceleration)
+        self._starts, self._defaults = starts, (float(speed), float(acceleration), float(deceleration))
         self.axes: dict[int, Axis] = {}
         self.loaded: list[Move] = []  # those of STATED
         self.drivers: set[int] = set()  # axes that others were linked to
@@ -198,6 +203,50 @@ class Motion:
                 if not (axis.servo and self.enabled) and axis.number in self.real:
                     self._refuse(axis)
 
+    def glide(self, most: int, recorded: tuple[int, ...]) -> Floats:
+        """Move all axes for the periods, at most `most`, in which no move begins or ends, each to the same last bit.
+
+        Returns the positions of the axes `recorded` after each of them, (n, recorded) [units]; n is 0 where such a
+        period is next, where an axis is linked, has its move cancelled or its drive off, and for a few periods.
+        """
+        axes = self.axes.values()
+        if most < _FEWEST or not all(self._steady(axis) for axis in axes):
+            return np.empty((0, len(recorded)))
+        glides = [(axis, axis.move, self._glide(axis, axis.move, most)) for axis in axes if axis.move is not None]
+        count = min((len(glide.s) for _, _, glide in glides), default=most)
+        positions = np.tile([self.axes[n].position for n in recorded], (count, 1))
+        if count == 0:
+            return positions
+        for axis in axes:
+            axis.step = 0.0
+        for base, move, glide in glides:
+            moved = [self.axes[n] for n in move.axes]
+            at = np.vstack([move.at, move.shape.displacements(glide.s[:count])])
+            steps = at[1:] - at[:-1]
+            places = np.cumsum(np.vstack([[axis.position for axis in moved], steps]), axis=0)[1:]
+            base.along = Speed(float(glide.speed[count - 1]), bool(glide.braking[count - 1]))
+            move.s, move.at = float(glide.s[count - 1]), tuple(at[-1].tolist())
+            for k, axis in enumerate(moved):
+                axis.step, axis.position = float(steps[-1, k]), float(places[-1, k])
+                axis.moved = axis.moved or bool(steps[:, k].any())
+                if axis.number in recorded:
+                    positions[:, recorded.index(axis.number)] = places[:, k]
+        return positions
+
+    def _steady(self, axis: Axis) -> bool:
+        """Whether no move begins on an axis in the next period, and the one that moves it has a profile."""
+        begins = axis.move is None and axis.queue and self._free(axis.queue[0])
+        off = axis.number in self.real and not (axis.servo and self.enabled)
+        if begins or off or axis.superimposed is not None:
+            return False
+        return axis.member is None or (axis.member.profiled and not axis.member.stopping)
+
+    def _glide(self, base: Axis, move: Move, most: int) -> Glide:
+        """Periods of a move by itself, until it ends or passes into the next."""
+        lengths = np.array([move.shape.length, *self._merged_lengths(base, move)])
+        down = base.deceleration if move.shape.brakes else math.inf
+        return base.along.glide(move.s, lengths, base.speed, base.acceleration, down, self.period, most)
+
     def _refuse(self, axis: Axis) -> None:
         off = "WDOG" if axis.servo else f"SERVO AXIS({axis.number})"
         where = "" if axis.member is None else f"line {axis.member.line}: "
@@ -208,27 +257,25 @@ class Motion:
         follows = base.queue[0] if base.merge and base.queue else None
         return follows if follows is not None and _merge(move, follows) else None
 
-    def _left(self, base: Axis, move: Move) -> float:
-        """Distance to the next stop, at the end of the last merged move."""
-        left = move.shape.length - move.s
+    def _merged_lengths(self, base: Axis, move: Move) -> Iterator[float]:
+        """Lengths of the buffered moves up to the next stop."""
         if self._merged(base, move) is None:
-            return left
+            return
         place = _plus(move.start, move.shape.displacement(move.shape.length))
         for follows in base.queue:
             if not _merge(move, follows):
                 break
             self._aim(follows, place)
-            left += follows.shape.length
+            yield follows.shape.length
             place = _plus(place, follows.shape.displacement(follows.shape.length))
-        return left
 
     def _advance(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
         """Advance the move with a profile that an axis holds, and those merged with it."""
-        left, speed = self._left(base, move), base.along
+        left, speed = move.shape.length - move.s, base.along
+        for length in self._merged_lengths(base, move):
+            left += length
         braked = move.shape.brakes or move.stopping
         down = base.deceleration if braked else math.inf
-        if speed.braking and left > 0.5 * speed.value**2 / down * (1 + 1e-6) + 1e-9:
-            speed.braking = False  # a move was merged behind, or DECEL was raised
         gone = speed.advance(left, 0.0 if move.stopping else base.speed, base.acceleration, down, self.period)
         s, stopped = move.s + gone, gone >= left
         while True:

@@ -7,6 +7,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
+from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
 
 IDLE, MOVE, MOVEABS, MHELICAL, MOVECIRC = 0, 1, 2, 3, 4
@@ -31,9 +34,13 @@ class Shape(Protocol):
     def displacement(self, s: float) -> tuple[float, ...]:
         """Displacements of the axes from the start at the distance s."""
 
+    def displacements(self, s: Floats) -> Floats:
+        """Displacements at each of the distances, (n, axes)."""
+        return np.array([self.displacement(each) for each in s.tolist()])
+
 
 @dataclass
-class Straight:
+class Straight(Shape):
     """MOVE and MOVEABS: all axes in proportion."""
 
     deltas: tuple[float, ...]
@@ -49,9 +56,12 @@ class Straight:
         share = s / self.length
         return tuple(share * delta for delta in self.deltas)
 
+    def displacements(self, s: Floats) -> Floats:
+        return np.multiply.outer(s / self.length, self.deltas)
+
 
 @dataclass
-class Arc:
+class Arc(Shape):
     """MOVECIRC and MHELICAL: an arc about a centre relative to the start, and an even climb.
 
     Args:
@@ -97,9 +107,16 @@ class Arc:
         flat = self.centre[0] + self.radius * math.cos(psi), self.centre[1] + self.radius * math.sin(psi)
         return flat if self.rise is None else (*flat, self.rise * share)
 
+    def displacements(self, s: Floats) -> Floats:
+        share = s / self.length
+        psi = (self.begin + (-1 if self.clockwise else 1) * self.angle * share).tolist()
+        x = self.centre[0] + self.radius * np.array([math.cos(each) for each in psi])
+        y = self.centre[1] + self.radius * np.array([math.sin(each) for each in psi])
+        return np.transpose([x, y] if self.rise is None else [x, y, self.rise * share])
+
 
 @dataclass
-class Jog:
+class Jog(Shape):
     """FORWARD and REVERSE: on and on."""
 
     sign: float
@@ -111,7 +128,7 @@ class Jog:
 
 
 @dataclass
-class Table:
+class Table(Shape):
     """CAM and CAMBOX: positions at even distances, straight between them.
 
     Args:
@@ -129,7 +146,7 @@ class Table:
         return (self.values[k] + (at - k) * (self.values[k + 1] - self.values[k]),)
 
 
-class Ramps:
+class Ramps(Shape):
     """MOVELINK: from rest, at an even rate, and back to rest, over distances of the link axis.
 
     Args:

@@ -78,6 +78,7 @@ class Process:
         returns: statements that GOSUBs return to.
         loops: end and step of the FOR loops, by their NEXT.
         blocked: what it waits for, None for nothing.
+        polls: whether that may come without the end of a move.
         changed: whether it has done more than test and jump since the last backward jump.
         last: where and when it last jumped back.
         ticks_zero: servo tick at which TICKS is 0.
@@ -95,6 +96,7 @@ class Process:
     returns: list[int] = field(default_factory=list)
     loops: dict[int, tuple[float, float]] = field(default_factory=dict)
     blocked: Callable[[], bool] | None = None
+    polls: bool = False
     changed: bool = True
     last: tuple[int, int, float] = (-1, -1, 0.0)
     ticks_zero: float = 0.0

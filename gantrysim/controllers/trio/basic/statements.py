@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gantrysim.controllers.trio.basic import words
+from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import Expression, Reference, unknown_word
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
@@ -20,23 +21,29 @@ Store = Callable[[Process, float], None]
 
 def _wait_until(raw: Raw) -> Leaf:
     value = raw.data[0].value
-    return _waiting(lambda p: bool(value(p)))
+
+    def act(p: Process) -> None:
+        if not value(p):
+            p.blocked, p.polls = lambda: bool(value(p)), True
+
+    return act, "wait"
 
 
 def _wait_idle(raw: Raw) -> Leaf:
-    axis = _axis_of(raw)
-    return _waiting(lambda p: p.state.motion.axis(axis(p)).idle)
+    return _waiting(raw, lambda axis: axis.idle)
 
 
 def _wait_loaded(raw: Raw) -> Leaf:
-    axis = _axis_of(raw)
-    return _waiting(lambda p: not p.state.motion.axis(axis(p)).queue)
+    return _waiting(raw, lambda axis: not axis.queue)
 
 
-def _waiting(over: Callable[[Process], bool]) -> Leaf:
+def _waiting(raw: Raw, over: Callable[[Axis], bool]) -> Leaf:
+    number = _axis_of(raw)
+
     def act(p: Process) -> None:
-        if not over(p):
-            p.blocked = lambda: over(p)
+        axis = p.state.motion.axis(number(p))
+        if not over(axis):
+            p.blocked = lambda: over(axis)
 
     return act, "wait"
 
