@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.bead.laying import cover, drop, lay
-from gantrysim.bead.pushing import push_aside
+from gantrysim.bead.laying import cover, drop, headroom, lay
+from gantrysim.bead.pushing import means, push_aside
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.errors import InputError
@@ -96,14 +96,10 @@ class HeightMap:
         lay(glue, moment, crest, (*at, *trace, *sections, *heights), volume, cosine, cell, steps, _SAMPLES)
         height, excess = glue / cell**2, 0.0
         if bead.settings.squashed:
-            face = np.full_like(glue, bead.gap)
-            if uneven:  # the nozzle's height over a cell is the mean over the glue laid there
-                np.divide(moment, glue, out=face, where=glue > 0)
             under = np.full_like(glue, float(math.isinf(bead.run.face)))
             if not under.all():
                 cover(under, *at, wet, 0.5 * bead.run.face / cell)
-            ceiling = under * face + (1 - under) * np.maximum(crest, face)
-            rise = (1 - under) * _rise(bead)
+            ceiling, rise = headroom(under, glue, moment, crest, bead.gap, _rise(bead))
             x, y, height, ceiling, rise = _with_room(bead, x, y, height, ceiling, rise)
             excess = push_aside(height, ceiling, rise, _RIPPLE, _SWEEPS)
         return cls(x, y, height, _contact(bead, cell), excess if excess > 2 * _RIPPLE else 0.0)
@@ -180,7 +176,7 @@ def _with_room(
     if not (height > ceiling * (1 + _RIPPLE)).any():
         return x, y, height, ceiling, rise
     dry, free = bead.gap, _rise(bead)
-    coarse, over, soft = _blocks(height, 0.0), _blocks(ceiling, dry), _BLOCK**2 * _blocks(rise, free)
+    coarse, over, soft = means(height, _BLOCK, 0.0), means(ceiling, _BLOCK, dry), _BLOCK**2 * means(rise, _BLOCK, free)
     room = 0  # coarse cells
     while True:
         tried = np.pad(coarse, room)
@@ -202,14 +198,6 @@ def _with_room(
     x, y = x[0] + cell * (np.arange(nx) - before[1]), y[0] + cell * (np.arange(ny) - before[0])
     padded = np.pad(ceiling, around, constant_values=dry), np.pad(rise, around, constant_values=free)
     return x, y, np.pad(height, around), *padded
-
-
-def _blocks(values: Floats, beyond: float) -> Floats:
-    """Means over blocks of cells; incomplete ones are filled with `beyond`."""
-    lacking = [(0, -size % _BLOCK) for size in values.shape]
-    whole = np.pad(values, lacking, constant_values=beyond)
-    ny, nx = (size // _BLOCK for size in whole.shape)
-    return whole.reshape(ny, _BLOCK, nx, _BLOCK).mean(axis=(1, 3))
 
 
 def _round_ends(bead: BeadTrace, volume: Floats) -> Iterator[_End]:

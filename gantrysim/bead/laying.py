@@ -153,3 +153,27 @@ def _hat_below(t: float) -> float:
     if t <= 0.0:
         return 0.5 * max(1.0 + t, 0.0) ** 2
     return 1.0 - 0.5 * max(1.0 - t, 0.0) ** 2
+
+
+@jit
+def headroom(
+    under: Floats, glue: Floats, moment: Floats, crest: Floats, gap: float, free: float
+) -> tuple[Floats, Floats]:
+    """Return the height that glue may have in each cell, and how far its surface there rises with excess.
+
+    Args:
+        under: share of each cell that the needle's face passes over, (ny, nx).
+        glue: as in `lay`, like the next two.
+        moment: empty where the nozzle's height is everywhere `gap`; else its mean over the glue laid in a cell counts.
+        crest: of the beads laid beside the face.
+        gap: the nozzle's height over cells without glue [mm].
+        free: rise of a free surface, see `pushing.push_aside`.
+    """
+    ceiling, rise = np.empty(under.shape), np.empty(under.shape)
+    for j in range(under.shape[0]):
+        for i in range(under.shape[1]):
+            face = moment[j, i] / glue[j, i] if moment.size and glue[j, i] > 0.0 else gap
+            beside = 1.0 - under[j, i]
+            ceiling[j, i] = under[j, i] * face + beside * max(crest[j, i], face)
+            rise[j, i] = beside * free
+    return ceiling, rise

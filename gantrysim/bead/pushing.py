@@ -70,6 +70,19 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
 
 
 @jit
+def means(values: Floats, size: int, beyond: float) -> Floats:
+    """Return means over blocks of `size` by `size` cells; incomplete ones are filled with `beyond`."""
+    ny, nx = values.shape
+    found = np.zeros((-(-ny // size), -(-nx // size)))
+    for row in range(found.shape[0]):
+        for j in range(row * size, (row + 1) * size):
+            for column in range(found.shape[1]):
+                for i in range(column * size, (column + 1) * size):
+                    found[row, column] += values[j, i] if j < ny and i < nx else beyond
+    return found / size**2
+
+
+@jit
 def _coarser(values: Floats, edge: bool) -> Floats:
     """Means over two by two cells; beyond the rim they are filled with its values if `edge`, else with zeros."""
     ny, nx = values.shape

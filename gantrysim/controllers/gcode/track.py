@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, LastCall, dot
+from gantrysim.arrays import Floats, dot
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.lengths import arc_length
 from gantrysim.controllers.paths.pieces import SHORTEST
@@ -35,7 +35,6 @@ class Track(Chain):
         self._start, self._end = np.asarray(start, float), np.asarray(end, float).reshape(-1, 3)
         self._angle, self._centre = np.asarray(angle, float), np.asarray(centre, float)
         self._plane, self._frames = np.asarray(plane, np.intp), np.asarray(frames, float)
-        self._swept = LastCall(self._sweep)
         if not len(self._end):
             raise InputError("track: must have a piece of positive length")
         begin = np.concatenate([self._start[None], self._end[:-1]])
@@ -79,7 +78,7 @@ class Track(Chain):
     def _continue_headings(self, lengths: Floats) -> None:
         """Make the headings continuous except at corners; lines along the normal keep that of the piece before."""
         k = np.arange(lengths.size)
-        first, last = self._heading_of(k, 0 * lengths), self._heading_of(k, lengths)
+        first, last = self._at(k, 0 * lengths).heading, self._at(k, lengths).heading
         level = self._columns["coil"] | (np.abs(self._columns["straight"]) < 1 - 1e-12)
         of = np.flatnonzero(level)
         jumps = np.round((last[of[:-1]] - first[of[1:]]) / (2 * np.pi))
@@ -112,7 +111,7 @@ class Track(Chain):
 
     def place(self, k: NDArray[np.intp], rest: Floats) -> Floats:
         """Return the points at distances from the starts of pieces, (n, 3) [mm]."""
-        return self._place(k, rest)
+        return self._at(k, rest).point
 
     @property
     def coil(self) -> NDArray[np.bool_]:
@@ -140,7 +139,7 @@ class Track(Chain):
         if k.size:
             lengths = np.diff(self._s)[k]
             for tangent, rest in ((first, 0 * lengths), (last, lengths)):
-                theta, sine = self._heading_of(k, rest), self._climb_of(k, rest)
+                _, theta, sine, *_ = self._at(k, rest)
                 cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
                 local = np.stack([cosine * np.cos(theta), cosine * np.sin(theta), sine], axis=1)
                 tangent[k] = np.einsum("ij,ijk->ik", local, self._columns["frame"][k])

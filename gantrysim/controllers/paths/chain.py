@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, LastCall
+from gantrysim.arrays import Floats
 from gantrysim.controllers.paths.lengths import swept_angle
 from gantrysim.controllers.paths.path import Local, Path
 from gantrysim.controllers.paths.pieces import (
@@ -22,6 +22,7 @@ from gantrysim.controllers.paths.pieces import (
     row_of,
 )
 from gantrysim.errors import InputError
+from gantrysim.jit import jit
 
 Columns = dict[str, NDArray[Any]]
 _JOINT = 1e-6  # largest gap between two pieces [mm]
@@ -29,14 +30,22 @@ _EVEN = 0.02  # change of an arc's radius by the rounding of its end point [mm]
 _SHARP = 1e-4  # jump of the unit tangent at a corner
 
 
-class _Picked:
-    """Some rows of a table's columns, picked on access."""
+class _Places(NamedTuple):
+    """A chain at lengths from the starts of pieces.
 
-    def __init__(self, columns: Columns, k: NDArray[np.intp]) -> None:
-        self._columns, self._k = columns, k
+    Attributes:
+        point: (n, 3) [mm].
+        heading: see `Path.heading`, (n,) [rad].
+        climb: see `Path.climb`, (n,).
+        turning: see `Path.curvature`, (n,) [1/mm].
+        swept: angle of a coil from its start, 0 on a line, (n,) [rad].
+    """
 
-    def __getitem__(self, name: str) -> Floats:
-        return self._columns[name][self._k]
+    point: Floats
+    heading: Floats
+    climb: Floats
+    turning: Floats
+    swept: Floats
 
 
 class Chain(Path):
@@ -68,13 +77,12 @@ class Chain(Path):
         frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
         # sine of a line's climb
         self._columns["straight"] = np.einsum("ij,ij->i", frame[:, 2], self._columns["direction"])
-        self._swept = LastCall(self._sweep)
         self._check_joints()
         self._join_headings()
 
     def _check_joints(self) -> None:
         lengths, k = np.diff(self._s), np.arange(len(self.pieces))
-        gap = np.linalg.norm(self._place(k[1:], 0 * lengths[1:]) - self._place(k[:-1], lengths[:-1]), axis=1)
+        gap = np.linalg.norm(self._at(k[1:], 0 * lengths[1:]).point - self._at(k[:-1], lengths[:-1]).point, axis=1)
         if gap.max(initial=0.0) > _JOINT:
             worst = int(gap.argmax())
             raise InputError(
@@ -85,7 +93,7 @@ class Chain(Path):
     def _join_headings(self) -> None:
         """Make the headings continuous except at corners."""
         ends = np.arange(len(self.pieces)), np.diff(self._s)
-        first, last = self._heading_of(ends[0], 0 * ends[1]), self._heading_of(*ends)
+        first, last = self._at(ends[0], 0 * ends[1]).heading, self._at(*ends).heading
         before = None
         frame, direction = self._columns["frame"], self._columns["direction"]
         for k, coil in enumerate(self._columns["coil"]):
@@ -129,75 +137,78 @@ class Chain(Path):
         k = np.clip(np.searchsorted(self._s, at, side="right") - 1, 0, len(self.pieces) - 1)
         return k, at - self._s[k]
 
-    def _sweep(self, k: NDArray[np.intp], rest: Floats) -> tuple[_Picked, Floats, Floats]:
-        """Rows of coils, and angles swept and radii at lengths from their starts."""
-        row = _Picked(self._columns, k)
-        speed = np.hypot(row["growth"], row["rise"])
-        swept = swept_angle(row["radius"], row["growth"], speed, rest, row["angle"])
-        return row, swept, row["radius"] + row["growth"] * swept
+    def _at(self, k: NDArray[np.intp], rest: Floats) -> _Places:
+        return _Places(*_values(k, rest, *(self._columns[name] for name in _COLUMNS)))
 
     def position(self, s: ArrayLike) -> Floats:
-        return self._place(*self._locate(s))
-
-    def _place(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        points = self._columns["origin"][k] + rest[:, None] * self._columns["direction"][k]
-        coil = self._columns["coil"][k]
-        if coil.any():
-            row, swept, rho = self._swept(k[coil], rest[coil])
-            psi = row["begin"] + row["turn"] * swept
-            local = np.stack([rho * np.cos(psi), rho * np.sin(psi), row["rise"] * swept], axis=1)
-            points[coil] += np.einsum("ij,ijk->ik", local, row["frame"])
-        return points
+        return self._at(*self._locate(s)).point
 
     def progress(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
         """Piece at arc lengths, (n,), and the completed share of its angle, or of a line's length, (n,)."""
         k, rest = self._locate(s)
-        share = rest / np.diff(self._s)[k]
-        coil = self._columns["coil"][k]
-        if coil.any():
-            row, swept, _ = self._swept(k[coil], rest[coil])
-            share[coil] = swept / row["angle"]
-        return k, share
+        coil, angle = self._columns["coil"][k], self._columns["angle"][k]
+        return k, np.where(coil, self._at(k, rest).swept / np.where(coil, angle, 1.0), rest / np.diff(self._s)[k])
 
     def heading(self, s: ArrayLike) -> Floats:
-        return self._heading_of(*self._locate(s))
-
-    def _heading_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        theta = self._columns["heading"][k]
-        coil = self._columns["coil"][k]
-        if coil.any():
-            row, swept, rho = self._swept(k[coil], rest[coil])
-            theta[coil] += row["begin"] + row["turn"] * (swept + np.arctan2(np.maximum(rho, 0.0), row["growth"]))
-        return theta
+        return self._at(*self._locate(s)).heading
 
     def curvature(self, s: ArrayLike) -> Floats:
-        return self._turning_of(*self._locate(s))
-
-    def _turning_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        kappa = np.zeros(k.size)
-        coil = self._columns["coil"][k]
-        if coil.any():
-            row, _, rho = self._swept(k[coil], rest[coil])
-            flat = rho**2 + row["growth"] ** 2
-            turning = row["turn"] * (flat + row["growth"] ** 2)
-            kappa[coil] = turning / np.maximum(flat * np.sqrt(flat + row["rise"] ** 2), SHORTEST**3)
-        return kappa
+        return self._at(*self._locate(s)).turning
 
     def climb(self, s: ArrayLike) -> Floats:
-        return self._climb_of(*self._locate(s))
-
-    def _climb_of(self, k: NDArray[np.intp], rest: Floats) -> Floats:
-        sine = self._columns["straight"][k]
-        coil = self._columns["coil"][k]
-        if coil.any():
-            row, _, rho = self._swept(k[coil], rest[coil])
-            sine[coil] = row["rise"] / np.maximum(np.hypot(np.hypot(rho, row["growth"]), row["rise"]), SHORTEST)
-        return sine
+        return self._at(*self._locate(s)).climb
 
     def local(self, s: ArrayLike) -> Local:
         k, rest = self._locate(s)
-        theta, sine, kappa = self._heading_of(k, rest), self._climb_of(k, rest), self._turning_of(k, rest)
-        return Local.of(self._place(k, rest), theta, sine, self._columns["frame"][k], kappa)
+        here = self._at(k, rest)
+        return Local.of(here.point, here.heading, here.climb, self._columns["frame"][k], here.turning)
 
     def frame(self, s: ArrayLike) -> Floats:
         return self._columns["frame"][self._locate(s)[0]]
+
+
+_COLUMNS = (
+    *("coil", "frame", "origin", "direction", "straight", "heading"),
+    *("radius", "growth", "rise", "begin", "turn", "angle"),
+)
+
+
+@jit
+def _values(
+    k: NDArray[np.intp],
+    rest: Floats,
+    coil: NDArray[np.bool_],
+    frame: Floats,
+    origin: Floats,
+    direction: Floats,
+    straight: Floats,
+    offset: Floats,
+    radius: Floats,
+    growth: Floats,
+    rise: Floats,
+    begin: Floats,
+    turn: Floats,
+    angle: Floats,
+) -> tuple[Floats, ...]:
+    """Return the fields of `_Places` at lengths from the starts of the pieces k; the others are a chain's columns."""
+    n = k.size
+    point, heading, climb = np.empty((n, 3)), np.empty(n), np.empty(n)
+    turning, swept = np.zeros(n), np.zeros(n)
+    for i in range(n):
+        j = k[i]
+        for a in range(3):
+            point[i, a] = origin[j, a] + rest[i] * direction[j, a]
+        heading[i], climb[i] = offset[j], straight[j]
+        if not coil[j]:
+            continue
+        b, c = growth[j], rise[j]
+        swept[i] = phi = swept_angle(radius[j], b, np.hypot(b, c), rest[i], angle[j])  # type: ignore[no-untyped-call]
+        rho, psi = radius[j] + b * phi, begin[j] + turn[j] * phi
+        x, y, z = rho * np.cos(psi), rho * np.sin(psi), c * phi
+        for a in range(3):
+            point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
+        heading[i] += begin[j] + turn[j] * (phi + np.arctan2(max(rho, 0.0), b))
+        climb[i] = c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
+        flat = rho * rho + b * b
+        turning[i] = turn[j] * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
+    return point, heading, climb, turning, swept

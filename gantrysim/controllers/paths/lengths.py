@@ -31,15 +31,6 @@ def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Fl
     return _arc_lengths(*values).reshape(shape)
 
 
-def swept_angle(r: ArrayLike, b: ArrayLike, c: ArrayLike, s: ArrayLike, most: ArrayLike) -> Floats:
-    """Return the angle from 0 to `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
-
-    The radius r + b phi must not be negative up to there.
-    """
-    values, shape = _together(r, b, c, s, most)
-    return _swept_angles(*values).reshape(shape)
-
-
 def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
     """Values broadcast against each other and flattened, and their common shape of at least one dimension."""
     whole = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
@@ -73,19 +64,11 @@ def _arc_lengths(r, b, c, angle):
 
 
 @jit
-def _swept_angles(r, b, c, s, most):
-    found = np.empty(r.size)
-    for k in range(r.size):
-        found[k] = _angle(r[k], b[k], c[k], s[k], most[k])
-    return found
-
-
-@jit
 def swept_along(r, b, c, s, most):
-    """Return what `swept_angle` does for arc lengths of one curve, (n,)."""
+    """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `swept_angle` [rad]."""
     found, rate = np.empty(s.size), np.hypot(r, c)
     for k in range(s.size):
-        found[k] = _guess(rate, b, s[k], most) if b * c == 0.0 else _angle(r, b, c, s[k], most)
+        found[k] = _guess(rate, b, s[k], most) if b * c == 0.0 else swept_angle(r, b, c, s[k], most)
     return found
 
 
@@ -97,7 +80,11 @@ def _guess(rate, b, s, most):
 
 
 @inner_jit
-def _angle(r, b, c, s, most):
+def swept_angle(r, b, c, s, most):
+    """Return the angle from 0 to `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
+
+    The radius r + b phi must not be negative up to there.
+    """
     angle = _guess(np.hypot(r, c), b, s, most)
     if b * c == 0.0:
         return angle

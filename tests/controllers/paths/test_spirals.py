@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from gantrysim.controllers.paths.lengths import arc_length, swept_angle
+from gantrysim.controllers.paths.lengths import arc_length, swept_along
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.errors import InputError
 
@@ -290,11 +290,15 @@ def test_arc_length_is_that_of_quadpack_and_only_the_square_of_c_counts(r, b, c,
     assert arc_length(r, b, -c, angle)[0] == arc_length(r, b, c, angle)[0]
 
 
+def swept_angle(r, b, c, s, most):
+    return swept_along(float(r), float(b), float(c), np.array([s], float), float(most))[0]
+
+
 @pytest.mark.parametrize("c", [0.0, 5e-324, 1e-310, 1e-200, 1e-160, 1e-20])
 @pytest.mark.parametrize(("r", "b", "expected"), [(3, 1, 8), (3, -1, 4), (0, 1, 2), (2, -1, 2), (4, 0, 8)])
 def test_arc_length_of_a_vanishing_c_is_that_of_the_radius_alone(r, b, c, expected):
     assert arc_length(r, b, c, 2.0)[0] == pytest.approx(expected, rel=LENGTH)
-    assert swept_angle(r, b, c, expected, 2.0)[0] == pytest.approx(2.0, rel=1e-7)
+    assert swept_angle(r, b, c, expected, 2.0) == pytest.approx(2.0, rel=1e-7)
 
 
 @given(r=nothing_or_more, b=signed, c=nothing_or_more, angle=angles, share=st.floats(0, 1))
@@ -302,7 +306,7 @@ def test_arc_length_of_a_vanishing_c_is_that_of_the_radius_alone(r, b, c, expect
 def test_swept_angle_is_the_inverse_of_the_arc_length(r, b, c, angle, share):
     b = max(b, -r / angle)  # as far as to the very centre
     s = arc_length(r, b, c, share * angle)[0]
-    phi = swept_angle(r, b, c, s, angle)[0]
+    phi = swept_angle(r, b, c, s, angle)
     assert 0 <= phi <= angle
     whole = arc_length(r, b, c, angle)[0]
     assert arc_length(r, b, c, phi)[0] == pytest.approx(s, abs=LENGTH * whole)
@@ -310,14 +314,15 @@ def test_swept_angle_is_the_inverse_of_the_arc_length(r, b, c, angle, share):
         assert phi == pytest.approx(share * angle, rel=LENGTH, abs=1e-14)
 
 
-def test_arc_length_and_swept_angle_broadcast():
+def test_arc_length_broadcasts():
     r, angle = np.array([1.0, 2.0, 3.0]), np.linspace(0.1, 40, 3)
     one_by_one = [float(arc_length(r[k], -0.01, 0.5, angle[k])[0]) for k in range(3)]
     together = arc_length(r, -0.01, 0.5, angle)
     assert together == pytest.approx(one_by_one, rel=1e-14)
-    assert swept_angle(r, -0.01, 0.5, together, 50.0) == pytest.approx(angle, rel=LENGTH)
-    # beyond the ends it stays there
-    assert swept_angle(10, -0.1, 0.5, [-1, 1e9], 20.0).tolist() == [0, 20]
+
+
+def test_swept_angle_stays_at_the_ends_beyond_them():
+    assert [swept_angle(10, -0.1, 0.5, s, 20) for s in (-1, 1e9)] == [0, 20]
 
 
 # The involute that climbs
@@ -376,4 +381,3 @@ def test_points_of_an_involute_are_rounded_as_its_equations_are_by_numpy(argumen
     c, d, left = np.cos(path.heading_start), np.sin(path.heading_start), -w if path.clockwise else w
     x, y = path.start[0] + u * c - left * d, path.start[1] + u * d + left * c
     assert np.array_equal(path.position(s), np.stack([x, y, np.zeros(101)], axis=1))
-    assert np.array_equal(phi, swept_angle(path.radius, np.full(101, -a), 0.0, s, path.angle))
