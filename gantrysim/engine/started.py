@@ -16,6 +16,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import GantryError
 from gantrysim.fault import Fault
 from gantrysim.machine.timing import delay_steps
+from gantrysim.native.layout import offsets
 from gantrysim.native.row import (
     FAULTS,
     NEVER,
@@ -173,8 +174,8 @@ class Started:
 def _fill(simulation: Simulation, row: np.void) -> None:
     """Write the servo, its axes and the addresses."""
     machine, servo = simulation.machine, simulation.servo
-    for name, value in OFFSETS.items():
-        row[name] = value
+    for name, field in OFFSETS.items():
+        row[name] = offsets()[field]
     row["axes"], row["ticks"], row["substeps"] = servo.axes, len(simulation.position), simulation.substeps
     row["delay"] = delay_steps(servo.delay, servo.period, simulation.substeps)
     row["setpoints"] = simulation.position.ctypes.data

@@ -11,7 +11,6 @@ from functools import cache
 from typing import Any
 
 import mujoco
-from mujoco.introspect import ast_nodes, structs
 
 from gantrysim.errors import GantryError
 
@@ -57,6 +56,8 @@ def offsets() -> dict[str, int]:
 
 @cache
 def _struct(name: str) -> Any:
+    from mujoco.introspect import structs  # slow to import
+
     return _structure(name, structs.STRUCTS[name].fields)
 
 
@@ -66,6 +67,8 @@ def _structure(name: str, declared: Any) -> Any:
 
 
 def _ctype(declared: Any) -> Any:
+    from mujoco.introspect import ast_nodes, structs
+
     if isinstance(declared, ast_nodes.PointerType):
         return ctypes.c_void_p
     if isinstance(declared, ast_nodes.ArrayType):

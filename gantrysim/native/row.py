@@ -13,7 +13,7 @@ from gantrysim.controllers.laws.friction import Friction
 from gantrysim.controllers.laws.observer import MOST_SHIFT, TAPS
 from gantrysim.controllers.notch import Coefficients
 from gantrysim.controllers.servo_values import MAX_FEEDBACK_DELAY
-from gantrysim.native.layout import offsets
+from gantrysim.native.layout import POINTERS
 
 MAX_AXES = 6
 
@@ -49,7 +49,7 @@ DROPOUT, OFFSET, SLIP, HELD, EXTRAPOLATED, WINDING, BUS = range(1, 8)
 TORQUE, VELOCITY, POSITION, STEPPER = range(4)  # modes of a drive
 NEVER = 2**40  # tick of what does not happen in a run
 
-OFFSETS = {f"{name}_at": offset for name, offset in offsets().items() if name not in ("nuserdata", "userdata")}
+OFFSETS = {f"{name}_at": name for name in (*POINTERS, "warning") if name != "userdata"}  # fields of `layout.offsets`
 
 _WHOLE = [
     "magic",
