@@ -59,7 +59,7 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         values: by name.
         prefix: of the names in the message.
     """
-    hints = get_type_hints(kind)
+    hints = _hints(kind)  # type: ignore[arg-type]  # which takes a type for not hashable
     for name, value in values.items():
         hint = hints.get(name)
         kinds = {hint, *get_args(hint)}
@@ -69,6 +69,11 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         nested = next((one for one in kinds if isinstance(one, type) and is_dataclass(one)), None)
         if isinstance(value, Mapping) and nested is not None:
             reject_booleans(nested, value, f"{prefix}{name}.")
+
+
+@cache
+def _hints(kind: type[Any]) -> dict[str, Any]:
+    return get_type_hints(kind)  # slow
 
 
 def _reject_extremes(name: str, value: object) -> None:

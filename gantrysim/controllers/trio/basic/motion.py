@@ -214,16 +214,19 @@ class Motion:
             return np.empty((0, len(recorded)))
         glides = [(axis, axis.move, self._glide(axis, axis.move, most)) for axis in axes if axis.move is not None]
         count = min((len(glide.s) for _, _, glide in glides), default=most)
-        positions = np.tile([self.axes[n].position for n in recorded], (count, 1))
+        positions = np.empty((count, len(recorded)))
+        positions[:] = [self.axes[n].position for n in recorded]
         if count == 0:
             return positions
         for axis in axes:
             axis.step = 0.0
         for base, move, glide in glides:
             moved = [self.axes[n] for n in move.axes]
-            at = np.vstack([move.at, move.shape.displacements(glide.s[:count])])
+            at, sums = np.empty((2, count + 1, len(moved)))
+            at[0], at[1:] = move.at, move.shape.displacements(glide.s[:count])
             steps = at[1:] - at[:-1]
-            places = np.cumsum(np.vstack([[axis.position for axis in moved], steps]), axis=0)[1:]
+            sums[0], sums[1:] = [axis.position for axis in moved], steps
+            places = sums.cumsum(axis=0)[1:]
             base.along = Speed(float(glide.speed[count - 1]), bool(glide.braking[count - 1]))
             move.s, move.at = float(glide.s[count - 1]), tuple(at[-1].tolist())
             for k, axis in enumerate(moved):

@@ -213,9 +213,9 @@ class Basic(Controller):
 
     def _points(self, trace: Trace) -> Floats:
         """The linear axes on the work, (n, 3) [mm]."""
-        linear = min(len(self._numbers(trace)), 3)
         points = np.zeros((len(trace.position), 3))
-        points[:, :linear] = trace.position[:, :linear]
+        for k in range(min(len(self._numbers(trace)), 3)):  # column by column, as NumPy copies short rows slowly
+            points[:, k] = trace.position[:, k]
         return self.placement.point(points)
 
     def _requested(self, trace: Trace) -> Path:
@@ -273,9 +273,7 @@ class Basic(Controller):
     def setpoints(self, period: float) -> Setpoints:
         trace = self.trace(period)
         numbers, points = self._numbers(trace), self._points(trace)
-        position = trace.position[:, : len(numbers)].copy()
-        linear = min(len(numbers), 3)
-        position[:, :linear] = points[:, :linear]
+        position = np.stack([*points.T[: len(numbers)], *trace.position.T[3 : len(numbers)]], axis=1)
         if len(position) < 2:
             position = np.repeat(position, 2, axis=0)
         requested = self.requested if period == self.servo_period else self._requested(trace)

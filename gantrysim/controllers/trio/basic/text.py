@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cached_property
 from importlib.resources import files
-from typing import Any
+from typing import Any, cast
 
-from lark import Lark, Token, Transformer_NonRecursive, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken, v_args
-from lark.exceptions import VisitError
+from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
@@ -68,11 +68,25 @@ class Source:
     read: dict[str, int] = field(default_factory=dict)
 
 
-@cache
-def parser() -> Lark:
-    """Return the parser, built once."""
-    grammar = files("gantrysim.controllers.trio.basic").joinpath("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", propagate_positions=True, maybe_placeholders=True)
+class _Parser(threading.local):
+    """The parser of a thread, built when it is first used; it hands what it reads to its builder, without a tree."""
+
+    @cached_property
+    def builder(self) -> _Builder:
+        return _Builder()
+
+    @cached_property
+    def lark(self) -> Lark:
+        grammar = files("gantrysim.controllers.trio.basic").joinpath("grammar.lark").read_text(encoding="utf-8")
+        return Lark(grammar, parser="lalr", maybe_placeholders=True, transformer=self.builder)
+
+    def parse(self, text: str, read: dict[str, int], before: int) -> list[list[Raw]]:
+        """Return the statements of a text, line by line, after so many lines; add the variables that it reads."""
+        self.builder.names, self.builder.before = read, before
+        return cast(list[list[Raw]], self.lark.parse(text))
+
+
+_parser = _Parser()
 
 
 def read(text: str) -> list[Source]:
@@ -108,8 +122,7 @@ def read(text: str) -> list[Source]:
 def _source(name: str, text: str, before: int) -> Source:
     source = Source(name)
     try:
-        tree = parser().parse(text.replace("\r", "") + "\n")
-        source.lines = _Builder(source.read, before).transform(tree)
+        source.lines = _parser.parse(text.replace("\r", "") + "\n", source.read, before)
     except UnexpectedToken as error:
         shown = (
             "the line ends too early"
@@ -122,10 +135,6 @@ def _source(name: str, text: str, before: int) -> Source:
         raise InputError(f"line {before + error.line}: syntax error, {error.char!r} unexpected") from None
     except UnexpectedEOF:
         raise InputError("syntax error: the text ends too early") from None
-    except VisitError as error:
-        if isinstance(error.orig_exc, InputError):
-            raise error.orig_exc from None
-        raise
     return source
 
 
@@ -146,19 +155,26 @@ def _number(text: str) -> float:
 
 
 def _statement(kind: str) -> Callable[..., Raw]:
-    @v_args(meta=True)
-    def build(self: _Builder, meta: Any, children: list[Any]) -> Raw:
-        return Raw(kind, meta.line + self.before, tuple(children))
+    def build(self: _Builder, children: list[Any]) -> Raw:
+        return Raw(kind, self.line_of(children[0]), tuple(children[1:]))
 
     return build
 
 
-class _Builder(Transformer_NonRecursive):  # type: ignore[type-arg]
-    """Builds statements and expressions from the bottom up."""
+class _Builder(Transformer):  # type: ignore[type-arg]
+    """Builds statements and expressions from the bottom up.
 
-    def __init__(self, read: dict[str, int], before: int) -> None:
-        super().__init__(visit_tokens=False)
-        self.names, self.before = read, before
+    Attributes:
+        names: variables that the text reads, with the line of the first time.
+        before: lines before the text.
+    """
+
+    names: dict[str, int]
+    before: int
+
+    def line_of(self, token: Token) -> int:
+        """Line of the whole text in which a token stands."""
+        return (token.line or 1) + self.before
 
     def start(self, children: list[Any]) -> list[list[Raw]]:
         return [line for line in children if isinstance(line, list)]
@@ -170,7 +186,7 @@ class _Builder(Transformer_NonRecursive):  # type: ignore[type-arg]
         for k, child in enumerate(children):
             if isinstance(child, Token):
                 if child.type == "ELSE":
-                    flat.append(Raw("ELSE", (child.line or 1) + self.before, (), inline > 0))
+                    flat.append(Raw("ELSE", self.line_of(child), (), inline > 0))
                 continue
             parts = child if isinstance(child, list) else [child]
             colon = k + 1 < len(children) and getattr(children[k + 1], "type", None) == "COLON"
@@ -180,20 +196,23 @@ class _Builder(Transformer_NonRecursive):  # type: ignore[type-arg]
             flat += parts
         return flat + [Raw("ENDIF", flat[-1].line)] * inline if flat else flat
 
-    @v_args(meta=True)
-    def if_(self, meta: Any, children: list[Any]) -> list[Raw]:
-        return self._branch("IF", meta, children)
+    def if_(self, children: list[Any]) -> list[Raw]:
+        return self._branch("IF", children)
 
-    @v_args(meta=True)
-    def elseif(self, meta: Any, children: list[Any]) -> list[Raw]:
-        return self._branch("ELSEIF", meta, children)
+    def elseif(self, children: list[Any]) -> list[Raw]:
+        return self._branch("ELSEIF", children)
 
-    def _branch(self, kind: str, meta: Any, children: list[Any]) -> list[Raw]:
-        condition, then = children
+    def _branch(self, kind: str, children: list[Any]) -> list[Raw]:
+        word, condition, then = children
         own = [] if then is None else then if isinstance(then, list) else [then]
-        return [Raw(kind, meta.line + self.before, (condition,), kind == "IF" and bool(own)), *own]
+        return [Raw(kind, self.line_of(word), (condition,), kind == "IF" and bool(own)), *own]
 
-    command, assign = _statement("COMMAND"), _statement("ASSIGN")
+    def command(self, children: list[Any]) -> Raw:
+        return Raw("COMMAND", children[0].line, tuple(children))
+
+    def assign(self, children: list[Any]) -> Raw:
+        return Raw("ASSIGN", children[0].line, tuple(children))
+
     endif, while_, wend = _statement("ENDIF"), _statement("WHILE"), _statement("WEND")
     repeat, until, for_, next_ = _statement("REPEAT"), _statement("UNTIL"), _statement("FOR"), _statement("NEXT")
     goto, gosub, return_ = _statement("GOTO"), _statement("GOSUB"), _statement("RETURN")
@@ -215,9 +234,9 @@ class _Builder(Transformer_NonRecursive):  # type: ignore[type-arg]
         name, arguments, axis = children
         if len(name) > LONGEST_WORD:
             raise InputError(
-                f"line {name.line + self.before}: word of {len(name)} characters: must have at most {LONGEST_WORD}"
+                f"line {self.line_of(name)}: word of {len(name)} characters: must have at most {LONGEST_WORD}"
             )
-        return Reference(name.upper(), arguments, axis, (name.line or 1) + self.before, str(name))
+        return Reference(name.upper(), arguments, axis, self.line_of(name), str(name))
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
         return tuple(child for child in children if child is not None)
@@ -226,42 +245,35 @@ class _Builder(Transformer_NonRecursive):  # type: ignore[type-arg]
         expression: Expression = children[0]
         return expression
 
-    @v_args(meta=True)
-    def binary(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: binary(children[0], str(children[1]), children[2]))
+    def binary(self, children: list[Any]) -> Expression:
+        return self._at(children[1], lambda: binary(children[0], str(children[1]), children[2]))
 
-    @v_args(meta=True)
-    def power(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: power(children[0], children[1]))
+    def power(self, children: list[Any]) -> Expression:
+        return self._at(children[1], lambda: power(children[0], children[2]))
 
-    @v_args(meta=True)
-    def sign(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: negative(children[1]) if children[0] == "-" else children[1])
+    def sign(self, children: list[Any]) -> Expression:
+        return self._at(children[0], lambda: negative(children[1]) if children[0] == "-" else children[1])
 
-    @v_args(meta=True)
-    def not_(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: inverted(children[0]))
+    def not_(self, children: list[Any]) -> Expression:
+        return self._at(children[0], lambda: inverted(children[1]))
 
-    @v_args(meta=True)
-    def constant(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: constant(_number(str(children[0]))))
+    def constant(self, children: list[Any]) -> Expression:
+        return self._at(children[0], lambda: constant(_number(str(children[0]))))
 
-    @v_args(meta=True)
-    def hexadecimal(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: constant(float(int(str(children[0])[1:], 16))))
+    def hexadecimal(self, children: list[Any]) -> Expression:
+        return self._at(children[0], lambda: constant(float(int(str(children[0])[1:], 16))))
 
-    @v_args(meta=True)
-    def value(self, meta: Any, children: list[Any]) -> Expression:
-        return self._at(meta, lambda: value_of(children[0], self.names))
+    def value(self, children: list[Any]) -> Expression:
+        return self._at(children[0], lambda: value_of(children[0], self.names))
 
-    def _at(self, meta: Any, build: Callable[[], Expression]) -> Expression:
-        """Build an expression; an error names its line."""
+    def _at(self, place: Token | Reference, build: Callable[[], Expression]) -> Expression:
+        """Build an expression; an error names the line of a token or word of it."""
         try:
             return build()
-        except OverflowError:
-            raise InputError(f"line {meta.line + self.before}: number too large") from None
-        except InputError as error:
-            raise InputError(f"line {meta.line + self.before}: {error}") from None
+        except (OverflowError, InputError) as error:
+            line = place.line if isinstance(place, Reference) else self.line_of(place)
+            said = "number too large" if isinstance(error, OverflowError) else error
+            raise InputError(f"line {line}: {said}") from None
 
 
 def _is_label(raw: Raw) -> bool:
