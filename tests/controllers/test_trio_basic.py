@@ -2,6 +2,7 @@
 
 import math
 import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,15 @@ def basic(text, **changed):
 
 def printed(text, **changed):
     return [line.text for line in basic(text, **changed).printed]
+
+
+def test_threads_read_their_own_texts():
+    def lines(k):
+        return printed("\n" * k + f"x{k}={k}\nPRINT x{k}*2\n" * 50)
+
+    with ThreadPoolExecutor(4) as threads:
+        for k, found in enumerate(threads.map(lines, range(40))):
+            assert found == [f"{2 * k:.4f}"] * 50
 
 
 @pytest.mark.parametrize(
@@ -228,6 +238,9 @@ def test_a_loop_that_only_tests_keeps_its_phase():
         ("GOTO nowhere", r"line 1: label NOWHERE: must stand before a colon at the start of a line"),
         ("a: x=1\na: x=2", r"line 2: label A: stands in two places"),
         ("x=1e999", r"line 1: number 1e999: too large"),
+        ("x=1e999\ny=?", r"line 1: number 1e999: too large"),
+        ("x=?\ny=1e999", r"line 1: syntax error, '\?' unexpected"),
+        ("x=1+ _\n 1E999", r"line 2: number 1E999: too large"),
         ("x=" + "(" * 70 + "1" + "+1)" * 70, r"line 1: expression nested more than 60 deep"),
         ("", r"program without a statement"),
         ("'$PROGRAM a\nx=1\n'$PROGRAM a\nx=1", r"two programs have one name"),
