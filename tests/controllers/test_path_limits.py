@@ -57,12 +57,14 @@ class Waves:
         return -self._sum(self.wave**2, np.sin, s)
 
 
+def random_waves(random, axes):
+    shape = axes, 3
+    return Waves(random.uniform(-8, 8, shape), random.uniform(15, 80, shape), random.uniform(-3, 3, shape))
+
+
 @st.composite
 def waves(draw, axes=3):
-    seed = draw(st.integers(0, 2**31))
-    random = np.random.default_rng(seed)
-    shape = (draw(st.integers(1, axes)), 3)
-    return Waves(random.uniform(-8, 8, shape), random.uniform(15, 80, shape), random.uniform(-3, 3, shape))
+    return random_waves(np.random.default_rng(draw(st.integers(0, 2**31))), draw(st.integers(1, axes)))
 
 
 def axes_of(path, s, piece=None):
@@ -273,8 +275,7 @@ def test_hardly_any_profile_on_the_same_nodes_is_faster_at_all():
     found = []
     for seed in range(100):
         random = np.random.default_rng(seed)
-        shape = random.integers(1, 4), 3
-        path = Waves(random.uniform(-8, 8, shape), random.uniform(15, 80, shape), random.uniform(-3, 3, shape))
+        path = random_waves(random, random.integers(1, 4))
         found.append(shortfall(path, random.uniform(30, 150), random.uniform(20, 300), seed))
     assert min(found) >= -FEASIBLE
     assert np.quantile(found, 0.95) <= USUAL
@@ -286,11 +287,10 @@ def test_the_cost_of_the_bound_at_constant_speed():
     cost = []
     for seed in range(40):
         random = np.random.default_rng(seed)
-        shape = random.integers(1, 4), 3
-        path = Waves(random.uniform(-8, 8, shape), random.uniform(15, 80, shape), random.uniform(-3, 3, shape))
-        acceleration = 10 ** random.uniform(2, 3.7, shape[0])
+        path = random_waves(random, axes := random.integers(1, 4))
+        acceleration = 10 ** random.uniform(2, 3.7, axes)
         speed, s = random.uniform(20, 300), np.linspace(0, 60, 301)
-        law = fastest(s, speed, path.rate(s), path.bend(s), [math.inf] * shape[0], acceleration)
+        law = fastest(s, speed, path.rate(s), path.bend(s), [math.inf] * axes, acceleration)
         feed = np.full(s.size, speed**2)
         feed[[0, -1]] = 0.0
         freest = Limited(s, np.sqrt(programme(s, feed, path.rate(s), path.bend(s), acceleration)))
