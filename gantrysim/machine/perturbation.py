@@ -79,7 +79,7 @@ class Perturbation:
             raise InputError(
                 f"{name} has {len(value)} values: must be one or {len(axes)}, of the axes {', '.join(axes)}"
             )
-        return np.broadcast_to(np.asarray(value, float), (len(axes),)).copy()
+        return np.full(len(axes), value, float)
 
 
 def perturbed_model(
