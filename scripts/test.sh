@@ -16,6 +16,8 @@ cd "$root"
 export PYTHONDONTWRITEBYTECODE=  # the tests start hundreds of processes, which import a third faster with bytecode
 ruff check .
 ruff format --check .
+python -c "from gantrysim import Budget, Job; Budget(Job.load('softmc-arc').run())" &  # compiles beside mypy
 mypy
 lint-imports --no-cache
+wait $!
 pytest --numprocesses auto --dist worksteal "$@"  # so that the tests of a file share its fixtures

@@ -114,6 +114,7 @@ def test_a_killed_worker_does_not_change_the_study(cluster, job, tmp_path):
     assert kill.told[: len(PERIODS) + 1] == list(range(len(PERIODS) + 1))
 
 
+@pytest.mark.soak
 def test_tuning_on_a_cluster_with_a_killed_worker_writes_the_same_files(
     cluster, gantrysim_command, tmp_path, monkeypatch
 ):
