@@ -213,14 +213,6 @@ class PointToPoint:
     def duration(self) -> float:
         return sum(self._times)
 
-    def _shares(self, t: ArrayLike) -> tuple[Floats, Floats]:
-        """Completed share of the acceleration, remaining share of the deceleration."""
-        up, _, down = self._times
-        at = np.asarray(t, float)
-        rising = np.clip(at / up, 0.0, 1.0) if up > 0 else np.ones(at.shape)
-        falling = np.clip((self.duration - at) / down, 0.0, 1.0) if down > 0 else np.ones(at.shape)
-        return rising, falling
-
     def position(self, t: ArrayLike) -> Floats:
         at = np.asarray(t, float)
         if self.peak <= 0:
@@ -235,9 +227,12 @@ class PointToPoint:
         return np.clip(self.peak * (climbed + moved + braked), 0.0, self.length)
 
     def velocity(self, t: ArrayLike) -> Floats:
+        at = np.asarray(t, float)
         if self.peak <= 0:
-            return np.zeros(np.shape(t))
-        rising, falling = self._shares(t)
+            return np.zeros(at.shape)
+        up, _, down = self._times
+        rising = np.clip(at / up, 0.0, 1.0) if up > 0 else np.ones(at.shape)
+        falling = np.clip((self.duration - at) / down, 0.0, 1.0) if down > 0 else np.ones(at.shape)
         first = self.shape.velocity(rising, self.peak, self.acceleration)
         last = self.shape.velocity(falling, self.peak, self._down)
         return self.peak * np.minimum(first, last)

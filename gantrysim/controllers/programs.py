@@ -59,7 +59,7 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         values: by name.
         prefix: of the names in the message.
     """
-    hints = _hints(kind)  # type: ignore[arg-type]  # which takes a type for not hashable
+    hints = _hints(kind)  # type: ignore[arg-type]  # mypy takes a type for not hashable
     for name, value in values.items():
         hint = hints.get(name)
         kinds = {hint, *get_args(hint)}

@@ -37,7 +37,7 @@ class DrawnAhead:
             self._asked[place] = before, own
 
     def free(self, episodes: Iterable[Episode | None]) -> None:
-        """Take episodes that are over, to free their memory on the thread too: it takes a tenth of the drawing."""
+        """Take episodes that are over, to free their memory on the thread too."""
         self._over += episodes
 
     def start(self) -> None:

@@ -124,7 +124,7 @@ def _measure(log, axes, first, last, position, dispense, points, spacing, foot, 
         column[3] /= peak[a]
         column[4] = np.sqrt(0.5 * column[4] / max(pairs, 1)) / peak[a]
     feet = along(points, tips[:laid], spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
-    square = 0.0
+    square, largest, sideways = 0.0, 0.0, 0.0
     for k in range(laid):
         foot = feet[k]
         distance, left = np.inf, 0.0
@@ -133,17 +133,17 @@ def _measure(log, axes, first, last, position, dispense, points, spacing, foot, 
             if to < distance:
                 distance, left = to, side
         square += distance * distance
-        row[1] = max(row[1], distance)
-        row[2] += left
+        largest = max(largest, distance)
+        sideways += left
     total[0] += laid
     total[1] += square
-    total[2] = max(total[2], row[1])
-    row[0] = np.sqrt(square / max(laid, 1))
-    row[2] /= max(laid, 1)
-    row[3] = way / (max(ticks, 1) * period)
+    total[2] = max(total[2], largest)
     middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
     x, y = points[middle] - points[middle - _CHORD], points[middle + _CHORD] - points[middle]
-    row[4] = np.arctan2(x[1] + y[1], x[0] + y[0])
+    heading = np.arctan2(x[1] + y[1], x[0] + y[0])
     between = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
-    row[5] = between / (_CHORD * spacing)
+    speed, curvature = way / (max(ticks, 1) * period), between / (_CHORD * spacing)
+    # in the order of SHARED
+    row[0], row[1], row[2] = np.sqrt(square / max(laid, 1)), largest, sideways / max(laid, 1)
+    row[3], row[4], row[5] = speed, heading, curvature
     return foot

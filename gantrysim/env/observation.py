@@ -94,9 +94,9 @@ class IntervalValues(NamedTuple):
     @classmethod
     def of(cls, rows: Floats) -> IntervalValues:
         """Return live views of rows written by `measure`, (n, columns)."""
-        head = len(SHARED)
-        axes = (rows[:, head + k :: len(PER_AXIS)] for k in range(len(PER_AXIS)))
-        return cls(*rows[:, :head].T, *axes)
+        shared = {name: rows[:, k] for k, name in enumerate(SHARED)}
+        axes = {name: rows[:, len(SHARED) + k :: len(PER_AXIS)] for k, name in enumerate(PER_AXIS)}
+        return cls(**shared, **axes)
 
 
 def observe(
