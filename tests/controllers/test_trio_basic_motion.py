@@ -291,6 +291,7 @@ def test_speeds_change_in_the_text():
 OUTLINE = (
     "BASE(0,1): SPEED=90: ACCEL=800: DECEL=500: MERGE=ON: OP(8,ON)\nMOVE(20,3): MOVECIRC(5,5,0,5,0): MOVEABS(1,-9)\n"
 )
+SLOW = "BASE(0,1): SPEED=50"
 OTHER = "'$PROGRAM OTHER\nBASE(2): SPEED=7: FORWARD: WA(333.5): CANCEL: WAIT IDLE: RAPIDSTOP(2): WA(50): MOVE(4)"
 
 
@@ -303,8 +304,13 @@ OTHER = "'$PROGRAM OTHER\nBASE(2): SPEED=7: FORWARD: WA(333.5): CANCEL: WAIT IDL
         (f'RUN "OTHER"\n{OUTLINE}WAIT IDLE: MOVE(5,5): WAIT IDLE\n{OTHER}', {"interpreter_time": InterpreterTime()}),
         ('RUN "OTHER": MOVE(5): WAIT IDLE: MOVE(1)\n\'$PROGRAM OTHER\nWA(100): RAPIDSTOP: WA(300)', {}),
         ("TABLE(0,0,1,4,9,2): SPEED=9: CAM(0,4,1,5): WAIT IDLE: CONNECT(2,4) AXIS(1): MOVE(3) AXIS(4): MOVE(2)", {}),
+        (f"{SLOW}: MOVE(3,3): BASE(1): MOVE(4): BASE(0): MOVE(9): BASE(1,0): MOVE(1,2): WA(3000)", {}),
+        (f"{SLOW}: MOVE(3,3): BASE(1,2): MOVE(4,4): BASE(2,0): MOVE(9,9): WA(3000)", {}),
     ],
-    ids=["waits", "merged", "until a position", "two programs", "a move that another ends", "cam"],
+    ids=[
+        *("waits", "merged", "until a position", "two programs", "a move that another ends", "cam"),
+        *("a move that waits for an axis", "moves that wait for one another's axes"),
+    ],
 )
 def test_periods_passed_at_once_are_those_passed_one_by_one(text, changed, monkeypatch):
     at_once = basic(text, **changed).trace(DT)

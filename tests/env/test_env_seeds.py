@@ -1,6 +1,7 @@
 """Seeds: scalar and vector environments return the same values to the last bit."""
 
 import threading
+import weakref
 
 import gymnasium
 import numpy as np
@@ -126,3 +127,17 @@ def test_the_next_episodes_are_drawn_while_others_run():
     envs.reset()
     assert len(drawn) == 4
     assert threading.current_thread().name not in drawn
+
+
+def test_episodes_that_are_over_are_freed_on_the_thread_that_draws():
+    envs = gymnasium.make_vec(TUNING, num_envs=2, threads=1, **SHORT)
+    batch, freed = envs.unwrapped._episodes, []
+    for k in range(4):
+        envs.reset(seed=k)
+        for running in batch.episodes:
+            weakref.finalize(running, lambda: freed.append(threading.current_thread().name))
+        del running
+        envs.step(np.zeros(envs.action_space.shape, np.float32))
+        batch._ahead._thread.submit(int).result()  # after all that is asked of the thread
+        assert len(freed) == 2 * k
+    assert threading.current_thread().name not in freed
