@@ -1,5 +1,7 @@
 """Ratios of times, taken in turns in one process, and what they should be.
 
+Bare MuJoCo is as Python's users have it, with its timers on; gantrysim turns them off while it steps.
+
 python scripts/benchmark.py [--json] [--rounds 15] [KEY ...]
 """
 

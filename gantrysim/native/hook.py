@@ -1,4 +1,7 @@
-"""Installs the servo tick as MuJoCo's control callback for the time of a run, and restores the previous one."""
+"""Installs the servo tick as MuJoCo's control callback for the time of a run, and restores the previous one.
+
+MuJoCo's timers are off meanwhile: its Python package installs a clock, and reading it is a third of a gantry's step.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +31,7 @@ _POLL = 0.05  # how often a waiting thread checks for Ctrl-C [s]
 _changed = threading.Condition(threading.Lock())  # guards the two below
 _users = 0  # number of installations of the compiled tick; -1: a law in plain Python, which is alone
 _previous: Any = None  # callback before the first of them
+_timed = False  # whether MuJoCo's timers have a clock of the caller's own, which stays
 _thread = threading.local()  # .depth: number of installations by this thread; .law: whether by a law in plain Python
 
 
@@ -111,7 +115,7 @@ class _Installation(AbstractContextManager[None]):
 
     def _take(self) -> None:
         """Install the callback, or wait a little for others to finish."""
-        global _users, _previous
+        global _users, _previous, _timed
         alone = self._raised is not None
         with _changed:
             if _users < 0 or (alone and _users):
@@ -120,6 +124,9 @@ class _Installation(AbstractContextManager[None]):
             if not _users:
                 _previous = mujoco.get_mjcb_control()
                 mujoco.set_mjcb_control(self._callback)
+                _timed = mujoco.get_mjcb_time() is not None
+                if not _timed:
+                    mujoco.set_mjcb_time(compiled().clock)
                 silence(1)  # the tick turns MuJoCo's warnings into faults
             _users = -1 if alone else _users + 1
             self._taken = True
@@ -140,6 +147,8 @@ class _Installation(AbstractContextManager[None]):
                 _users = max(_users - 1, 0)
                 if not _users:
                     mujoco.set_mjcb_control(_previous)
+                    if not _timed:
+                        mujoco.set_mjcb_time(None)  # MuJoCo's own clock
                     silence(-1)
                     _changed.notify_all()
         self._interrupts.release()

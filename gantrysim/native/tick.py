@@ -241,9 +241,14 @@ def _step(model, data, nuserdata_at, userdata_at, row_size, key):
 
 
 class Compiled(NamedTuple):
-    """The tick as a C function (mjModel, mjData), and its parts for a law in plain Python: (mjData, userdata)."""
+    """The tick as a C function (mjModel, mjData), and its parts for a law in plain Python: (mjData, userdata).
+
+    Attributes:
+        clock: a C function for MuJoCo's timers that takes no time to tell: it is always 0.
+    """
 
     callback: Any
+    clock: Any
     sample: Any
     command: Any
     output: Any
@@ -263,6 +268,10 @@ def compiled() -> Compiled:
     def callback(model, data):
         _step(model, data, nuserdata_at, userdata_at, row_size, key)
 
+    @cached(numba.cfunc, types.float64())
+    def clock():
+        return 0.0
+
     @cached(numba.njit, types.boolean(types.int64, types.int64), error_model="numpy")
     def sample(data, userdata):
         return row_at(userdata).magic == key and _sample(data, userdata)
@@ -277,4 +286,4 @@ def compiled() -> Compiled:
         if row_at(userdata).magic == key:
             _output(data, userdata)
 
-    return Compiled(cast(Any, callback).ctypes, sample, command, output)
+    return Compiled(cast(Any, callback).ctypes, cast(Any, clock).ctypes, sample, command, output)

@@ -64,6 +64,7 @@ def alone(machine):
 def state():
     return (
         mujoco.get_mjcb_control(),
+        mujoco.get_mjcb_time(),
         mujoco.get_mju_user_warning(),
         signal.getsignal(signal.SIGINT),
         hook._users,

@@ -1,5 +1,6 @@
 """The callback inside MuJoCo's step: struct layout, other models, other callbacks, threads."""
 
+import itertools
 import shutil
 import subprocess
 import sys
@@ -76,6 +77,36 @@ def test_a_users_own_control_callback_is_restored(xy):
         assert len(calls) == 3
     finally:
         mujoco.set_mjcb_control(None)
+
+
+def spent(model, steps=100):
+    """What MuJoCo's timer of all steps says, and the number of calls that it counts."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, steps)
+    timer = data.timer[mujoco.mjtTimer.mjTIMER_STEP]
+    return timer.duration, timer.number
+
+
+def test_mujocos_timers_stand_still_during_a_run_alone():
+    model = pendulum(0)
+    with installed():
+        with installed():
+            pass
+        assert spent(model) == (0.0, 100)
+    duration, number = spent(model)
+    assert duration > 0 and number == 100
+
+
+def test_a_users_own_clock_of_mujocos_timers_goes_on_in_a_run():
+    now = itertools.count()
+    mujoco.set_mjcb_time(lambda: float(next(now)))
+    try:
+        own = mujoco.get_mjcb_time()
+        with installed():
+            assert spent(pendulum(0))[0] >= 100
+        assert mujoco.get_mjcb_time() is own
+    finally:
+        mujoco.set_mjcb_time(None)
 
 
 def test_the_callback_is_removed_after_a_run_and_after_an_error(xy):
