@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
+from typing import TypeVar
 
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis import Axis
@@ -76,53 +78,80 @@ def _remainder(a: float, b: float) -> float:
     return a - b * int(a / b)
 
 
-_OPERATORS: dict[str, Callable[[float, float], float]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "MOD": _remainder,
-    "=": _true(operator.eq),
-    "<>": _true(operator.ne),
-    "<": _true(operator.lt),
-    ">": _true(operator.gt),
-    "<=": _true(operator.le),
-    ">=": _true(operator.ge),
-    "AND": _bits(operator.and_),
-    "OR": _bits(operator.or_),
-    "XOR": _bits(operator.xor),
+def _power(a: float, b: float) -> float:
+    result: float | complex = a**b
+    if isinstance(result, complex):
+        raise InputError("root of a negative number")
+    return result
+
+
+# operators with their rank: the higher binds the tighter
+_BETWEEN: dict[str, tuple[int, Callable[[float, float], float]]] = {
+    "OR": (1, _bits(operator.or_)),
+    "XOR": (1, _bits(operator.xor)),
+    "AND": (2, _bits(operator.and_)),
+    "=": (4, _true(operator.eq)),
+    "<>": (4, _true(operator.ne)),
+    "<": (4, _true(operator.lt)),
+    ">": (4, _true(operator.gt)),
+    "<=": (4, _true(operator.le)),
+    ">=": (4, _true(operator.ge)),
+    "+": (5, operator.add),
+    "-": (5, operator.sub),
+    "*": (6, operator.mul),
+    "/": (6, operator.truediv),
+    "MOD": (6, _remainder),
+    "^": (8, _power),
 }
+_BEFORE: dict[str, tuple[int, Callable[[float], float]]] = {
+    "NOT": (3, lambda a: float(~int(a))),
+    "+": (7, operator.pos),
+    "-": (7, operator.neg),
+}
+_Sign = TypeVar("_Sign", bound=str)
 
 
-def binary(a: Expression, sign: str, b: Expression) -> Expression:
-    """Return an operation on two expressions."""
-    operation, left, right = _OPERATORS[sign.upper()], a.value, b.value
-    return _nested(lambda p: operation(left(p), right(p)), a, b)
+def joined(
+    parts: Iterable[Expression | _Sign], at: Callable[[_Sign, Callable[[], Expression]], Expression]
+) -> Expression:
+    """Return operands joined by the operators before and between them, by Dijkstra's shunting yard.
+
+    Operators of one rank are taken from the left, powers from the right.
+
+    Args:
+        parts: operands and signs of operators, in their order.
+        at: calls what applies an operator, given its sign.
+    """
+    operands: list[Expression] = []
+    waiting: list[tuple[int, _Sign, int, Callable[..., float]]] = []  # rank, sign, operands and what it does
+
+    def apply(least: int) -> None:
+        while waiting and waiting[-1][0] >= least:
+            _, sign, count, operation = waiting.pop()
+            operands[-count:] = [at(sign, partial(_operation, operation, *operands[-count:]))]
+
+    before = True  # whether an operator that comes next stands before its operand
+    for part in parts:
+        if isinstance(part, Expression):
+            operands.append(part)
+        elif before:
+            rank, change = _BEFORE[part.upper()]
+            waiting.append((rank, part, 1, change))
+        else:
+            rank, operation = _BETWEEN[part.upper()]
+            apply(rank + (part == "^"))
+            waiting.append((rank, part, 2, operation))
+        before = not isinstance(part, Expression)
+    apply(0)
+    return operands[0]
 
 
-def power(a: Expression, b: Expression) -> Expression:
-    """Return a ^ b."""
-    base, exponent = a.value, b.value
-
-    def value(p: Process) -> float:
-        result = base(p) ** exponent(p)
-        if isinstance(result, complex):
-            raise InputError("root of a negative number")
-        return result
-
-    return _nested(value, a, b)
-
-
-def negative(a: Expression) -> Expression:
-    """Return -a."""
-    value = a.value
-    return _nested(lambda p: -value(p), a)
-
-
-def inverted(a: Expression) -> Expression:
-    """Return NOT a, of all bits."""
-    value = a.value
-    return _nested(lambda p: float(~int(value(p))), a)
+def _operation(operation: Callable[..., float], a: Expression, b: Expression | None = None) -> Expression:
+    first = a.value
+    if b is None:
+        return _nested(lambda p: operation(first(p)), a)
+    second = b.value
+    return _nested(lambda p: operation(first(p), second(p)), a, b)
 
 
 def constant(value: float) -> Expression:

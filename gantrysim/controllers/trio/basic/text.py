@@ -18,12 +18,9 @@ from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import (
     Expression,
     Reference,
-    binary,
     constant,
-    inverted,
+    joined,
     known_words,
-    negative,
-    power,
     unknown_word,
     value_of,
 )
@@ -245,17 +242,8 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         expression: Expression = children[0]
         return expression
 
-    def binary(self, children: list[Any]) -> Expression:
-        return self._at(children[1], lambda: binary(children[0], str(children[1]), children[2]))
-
-    def power(self, children: list[Any]) -> Expression:
-        return self._at(children[1], lambda: power(children[0], children[2]))
-
-    def sign(self, children: list[Any]) -> Expression:
-        return self._at(children[0], lambda: negative(children[1]) if children[0] == "-" else children[1])
-
-    def not_(self, children: list[Any]) -> Expression:
-        return self._at(children[0], lambda: inverted(children[1]))
+    def joined(self, children: list[Any]) -> Expression:
+        return joined(children, self._at)
 
     def constant(self, children: list[Any]) -> Expression:
         return self._at(children[0], lambda: constant(_number(str(children[0]))))
