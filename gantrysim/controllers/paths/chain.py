@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -64,14 +65,12 @@ class Chain(Path):
 
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
         built = [piece if isinstance(piece, Line | Coil) else piece_from(piece) for piece in pieces]
-        lengths = np.array([length_of(piece) for piece in built])
-        self.pieces: tuple[Line | Coil, ...] = tuple(
-            piece for piece, length in zip(built, lengths, strict=True) if length > SHORTEST
-        )
-        if not self.pieces:
+        kept = [(piece, length) for piece in built if (length := length_of(piece)) > SHORTEST]
+        if not kept:
             raise InputError("chain: must have a piece of positive length")
-        self._s = np.concatenate([[0.0], np.cumsum(lengths[lengths > SHORTEST])])
-        rows = np.array([row_of(piece) for piece in self.pieces], ROW)
+        self.pieces: tuple[Line | Coil, ...] = tuple(piece for piece, _ in kept)
+        self._s = np.cumsum([0.0, *(length for _, length in kept)])
+        rows = np.array([row_of(piece, length) for piece, length in kept], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         frame = self._columns["frame"]
         frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
@@ -94,15 +93,18 @@ class Chain(Path):
         """Make the headings continuous except at corners."""
         ends = np.arange(len(self.pieces)), np.diff(self._s)
         first, last = self._at(ends[0], 0 * ends[1]).heading, self._at(*ends).heading
-        before = None
         frame, direction = self._columns["frame"], self._columns["direction"]
-        for k, coil in enumerate(self._columns["coil"]):
-            if not coil and np.linalg.norm(frame[k, :2] @ direction[k]) < 1e-9:  # along the normal
-                self._columns["heading"][k] = before = 0.0 if before is None else before
+        flat = np.linalg.norm(np.einsum("kij,kj->ki", frame[:, :2], direction), axis=1)
+        normal = ~self._columns["coil"] & (flat < 1e-9)  # lines along the normal
+        before, headings = None, self._columns["heading"].tolist()
+        for k, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
+            if normal[k]:
+                headings[k] = before = 0.0 if before is None else before
                 continue
-            turns = 0.0 if before is None else 2 * np.pi * np.round((before - first[k]) / (2 * np.pi))
-            self._columns["heading"][k] += turns
-            before = last[k] + turns
+            turns = 0.0 if before is None else math.tau * round((before - begin) / math.tau)
+            headings[k] += turns
+            before = end + turns
+        self._columns["heading"][:] = headings
 
     def parameters(self) -> dict[str, Any]:
         return {"pieces": [{"kind": type(piece).__name__, **vars(piece)} for piece in self.pieces]}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import operator
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,10 +109,11 @@ def piece_from(arguments: Mapping[str, Any]) -> Line | Coil:
 
 def _check(piece: str, frame: Frame, **values: Any) -> None:
     for name, value in values.items():
-        if not np.isfinite(value).all():
+        if not all(map(math.isfinite, value if isinstance(value, Iterable) else (value,))):
             raise InputError(f"{piece}: {name} = {value}: must be finite")
-    axes = np.array(frame, float)
-    if not np.abs(axes @ axes.T - np.eye(2)).max() <= _SQUARE:
+    u, v = frame
+    squares = (sum(map(operator.mul, a, b)) for a, b in ((u, u), (u, v), (v, v)))
+    if not all(abs(square - one) <= _SQUARE for square, one in zip(squares, (1.0, 0.0, 1.0), strict=True)):
         raise InputError(f"{piece}: frame = {frame}: must be two orthogonal unit vectors")
 
 
@@ -122,19 +125,21 @@ def _growth(coil: Coil) -> tuple[float, float]:
 def length_of(piece: Line | Coil) -> float:
     """Return the length of a piece [mm]."""
     if isinstance(piece, Line):
-        return float(np.linalg.norm(np.subtract(piece.end, piece.start)))
+        return math.dist(piece.start, piece.end)
     if not piece.angle:
         return 0.0
     growth, rise = _growth(piece)
+    if not growth:
+        return math.hypot(piece.radius[0], rise) * abs(piece.angle)
     return float(arc_length(piece.radius[0], growth, np.hypot(growth, rise), abs(piece.angle))[0])
 
 
-def row_of(piece: Line | Coil) -> tuple[Any, ...]:
+def row_of(piece: Line | Coil, length: float) -> tuple[Any, ...]:
     """Return a piece of positive length as a row of numbers, without the frame's normal."""
-    u, v = np.array(piece.frame, float)
-    frame = np.array([u, v, (0.0, 0.0, 0.0)])
+    frame = np.array([*piece.frame, (0.0, 0.0, 0.0)])
+    u, v = frame[:2]
     if isinstance(piece, Line):
-        direction = np.subtract(piece.end, piece.start) / length_of(piece)
+        direction = np.subtract(piece.end, piece.start) / length
         heading = np.arctan2(direction @ v, direction @ u)
         return False, frame, piece.start, direction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, heading
     growth, rise = _growth(piece)

@@ -79,7 +79,7 @@ def exact(
     """
     columns = {number: k for k, number in enumerate(numbers[:3])}
     pieces: list[Line | Coil] = []
-    place = start.copy()
+    place = start.tolist()
     if unstated & columns.keys():
         return None
     for move in moves:
@@ -89,7 +89,7 @@ def exact(
         if not move.finished or columns.keys() & set(move.beside):
             return None
         ends = move.shape.displacement(move.shape.length) if move.shape.length else (0.0,) * len(move.axes)
-        end = place.copy()
+        end = list(place)
         for number, first, moved in zip(move.axes, move.start, ends, strict=True):
             if number in columns:
                 if abs(place[columns[number]] - first) > _JOINT:
@@ -99,20 +99,22 @@ def exact(
             if len(real) < len(move.axes):
                 return None
             pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, at))
-        elif np.linalg.norm(end - place) > SHORTEST:
-            pieces.append(Line(vector(at.point(place)), vector(at.point(end))))
+        elif math.dist(place, end) > SHORTEST:
+            begin, finish = at.point([place, end])
+            pieces.append(Line(vector(begin), vector(finish)))
         place = end
     return Chain(pieces) if pieces else None
 
 
-def _coil(arc: Arc, columns: list[int], start: Floats, at: Placement) -> Coil:
-    axes = np.eye(3)
-    u, v = axes[columns[0]], axes[columns[1]]
-    centre = start + arc.centre[0] * u + arc.centre[1] * v
+def _coil(arc: Arc, columns: list[int], start: list[float], at: Placement) -> Coil:
+    u, v = np.eye(3)[columns[:2]]
+    centre = list(start)
+    for column, offset in zip(columns[:2], arc.centre, strict=True):
+        centre[column] += offset
     angle = -arc.angle if arc.clockwise else arc.angle
     rise = 0.0 if arc.rise is None else arc.rise * float(np.cross(u, v)[columns[2]])
-    frame = vector(at.direction(u)), vector(at.direction(v))
-    return Coil(vector(at.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, frame)
+    frame = [vector(direction) for direction in at.direction([u, v])]
+    return Coil(vector(at.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, (frame[0], frame[1]))
 
 
 def polyline(points: Floats) -> Chain:
