@@ -3,10 +3,13 @@
 import math
 import re
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic.expressions import known_words
@@ -81,6 +84,78 @@ def test_threads_read_their_own_texts():
 def test_expressions(expression, value):
     text = printed(f"PRINT {expression}[15]", inputs=(3,), unassigned_zero=True)
     assert float(text[0]) == pytest.approx(value, abs=1e-14)
+
+
+def root_free(a, b):
+    power = a**b
+    if isinstance(power, complex):
+        raise ArithmeticError
+    return power
+
+
+# from the loosest rank to the tightest; a prefix stands before an operand of its own rank or a tighter one
+LADDER = [
+    {
+        "OR": lambda a, b: float(int(a) | int(b)),
+        "XOR": lambda a, b: float(int(a) ^ int(b)),
+    },
+    {"AND": lambda a, b: float(int(a) & int(b))},
+    {"NOT": lambda a: -int(a) - 1.0},
+    {
+        "=": lambda a, b: -float(a == b),
+        "<>": lambda a, b: -float(a != b),
+        "<": lambda a, b: -float(a < b),
+        ">": lambda a, b: -float(a > b),
+        "<=": lambda a, b: -float(a <= b),
+        ">=": lambda a, b: -float(a >= b),
+    },
+    {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
+    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "MOD": lambda a, b: a - b * int(a / b)},
+    {"-": lambda a: -a, "+": lambda a: a},
+    {"^": root_free},
+]
+PREFIXES, POWERS = (2, 6), 7
+WRONG = (ArithmeticError, ValueError)
+
+
+def operand(draw, rank, depth):
+    """An expression that binds at least as tightly as a rank of the ladder: its text, and a function for its value."""
+    if rank == len(LADDER):
+        if depth and draw(st.booleans()):
+            text, value = operand(draw, 0, depth - 1)
+            return f"({text})", value
+        number = draw(st.sampled_from([0.0, 0.5, 1.0, 2.0, 3.0, 7.0]))
+        return f"{number:g}", lambda: number
+    more = depth and draw(st.integers(0, 2)) == 0
+    if rank in PREFIXES:
+        if not more:
+            return operand(draw, rank + 1, depth)
+        sign = draw(st.sampled_from(sorted(LADDER[rank])))
+        text, value = operand(draw, rank, depth - 1)
+        return f"{sign} {text}", lambda: LADDER[rank][sign](value())
+    text, value = operand(draw, rank + 1, depth)
+    if more:  # powers from the right, the others from the left
+        for _ in range(1 if rank == POWERS else draw(st.integers(1, 2))):
+            sign = draw(st.sampled_from(sorted(LADDER[rank])))
+            right, second = operand(draw, rank - 1 if rank == POWERS else rank + 1, depth - 1)
+            text = f"{text} {sign} {right}"
+            value = partial(lambda f, a, b: f(a(), b()), LADDER[rank][sign], value, second)
+    return text, value
+
+
+@given(st.data())
+@settings(max_examples=300, deadline=None)
+def test_operators_bind_by_their_rank(data):
+    text, value = operand(data.draw, 0, 4)
+    try:
+        expected = value()
+    except WRONG:
+        expected = math.nan
+    if math.isfinite(expected):
+        assert basic(f"VR(0)={text}").trace(1e-3).state.vr.get(0, 0.0) == expected
+    else:
+        with pytest.raises(InputError):
+            basic(f"VR(0)={text}").trace(1e-3)
 
 
 @pytest.mark.parametrize("x", [-1, 0, 1, 2, 3])
@@ -208,6 +283,11 @@ def test_a_loop_that_only_tests_keeps_its_phase():
 @pytest.mark.parametrize(
     ("text", "error"),
     [
+        ("x=1+NOT 2", r"line 1: syntax error, '2' unexpected"),
+        ("x=-NOT 2", r"line 1: syntax error, '2' unexpected"),
+        ("x=1 2", r"line 1: syntax error, '2' unexpected"),
+        ("x=*2", r"line 1: syntax error, '\*' unexpected"),
+        ("x=2*", r"line 1: syntax error, the line ends too early"),
         ("MOVE(1", r"line 1: syntax error, the line ends too early"),
         ("x=1\nMOVECIRC(0,0,1,0,1,)", r"line 2: syntax error, '\)' unexpected"),
         ("x=1\n\n  y=?", r"line 3: syntax error, '\?' unexpected"),
