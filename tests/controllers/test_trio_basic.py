@@ -144,7 +144,7 @@ def operand(draw, rank, depth):
 
 
 @given(st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_operators_bind_by_their_rank(data):
     text, value = operand(data.draw, 0, 4)
     try:
