@@ -1,8 +1,9 @@
 """Ratios of times, taken in turns in one process, and what they should be.
 
-Bare MuJoCo is as Python's users have it, with its timers on; gantrysim turns them off while it steps.
+Bare MuJoCo is as Python's users have it, with its timers on; gantrysim turns them off while it steps. With --untimed
+they are off for both, and what is left is gantrysim's own share.
 
-python scripts/benchmark.py [--json] [--rounds 15] [KEY ...]
+python scripts/benchmark.py [--json] [--rounds 15] [--untimed] [KEY ...]
 """
 
 import argparse
@@ -37,6 +38,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.native.tick import compiled
 from gantrysim.render import Film, Take
 
 SIDE_BY_SIDE = 64  # simulations or environments at once
@@ -289,7 +291,10 @@ if __name__ == "__main__":
     )
     parser.add_argument("--json", action="store_true", help="print one object of name to ratio")
     parser.add_argument("--rounds", type=int, default=15, help="pairs of timings per benchmark")
+    parser.add_argument("--untimed", action="store_true", help="without MuJoCo's timers in bare MuJoCo too")
     arguments = parser.parse_args()
+    if arguments.untimed:
+        mujoco.set_mjcb_time(compiled().clock)
     results = {name: BENCHMARKS[name].measure(arguments.rounds) for name in arguments.keys or BENCHMARKS}
     if arguments.json:
         print(json.dumps(results))
