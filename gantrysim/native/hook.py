@@ -28,7 +28,7 @@ _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 _POLL = 0.05  # how often a waiting thread checks for Ctrl-C [s]
 
 
-_changed = threading.Condition(threading.Lock())  # guards the two below
+_changed = threading.Condition(threading.Lock())  # guards the three below
 _users = 0  # number of installations of the compiled tick; -1: a law in plain Python, which is alone
 _previous: Any = None  # callback before the first of them
 _timed = False  # whether MuJoCo's timers have a clock of the caller's own, which stays

@@ -60,7 +60,7 @@ class Chain(Path):
             are dropped.
 
     Raises:
-        InputError: no piece of positive length, or a gap between two pieces.
+        InputError: no piece of positive length, a gap between two pieces, or a length beyond all numbers.
     """
 
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
@@ -70,6 +70,8 @@ class Chain(Path):
             raise InputError("chain: must have a piece of positive length")
         self.pieces: tuple[Line | Coil, ...] = tuple(piece for piece, _ in kept)
         self._s = np.cumsum([0.0, *(length for _, length in kept)])
+        if self.length == math.inf:
+            raise InputError("chain: length = inf mm: must be finite")
         rows = np.array([row_of(piece, length) for piece, length in kept], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         frame = self._columns["frame"]

@@ -297,6 +297,14 @@ def test_pieces_of_zero_length_are_dropped():
             Chain(empty)
 
 
+@pytest.mark.parametrize(
+    "piece", [Line((-1e308, 0, 0), (1e308, 0, 0)), Coil((0, 0, 0), (1e300, 1e300), 0, 1e300)], ids=["line", "coil"]
+)
+def test_a_length_beyond_all_numbers_is_refused(piece):
+    with pytest.raises(InputError, match=r"^chain: length = inf mm: must be finite$"):
+        Chain([piece])
+
+
 @given(walks())
 @settings(max_examples=50, deadline=None)
 def test_a_chain_is_built_again_from_its_parameters_through_json(walk):
