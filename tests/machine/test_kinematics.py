@@ -95,7 +95,7 @@ def test_tip_agrees_with_mujoco_on_a_chain_of_everything(nasty):
     tip = nasty.tip(position)
     np.testing.assert_allclose(tip, tip_by_mujoco(nasty, position), rtol=0, atol=SAME)
     assert np.ptp(tip, axis=0).min() > 100
-    np.testing.assert_array_equal(nasty.tip(position[7]), tip[7])
+    np.testing.assert_allclose(nasty.tip(position[7]), tip[7], rtol=1e-14)  # BLAS sums one row in an order of its own
     # a joint that moves nozzle and work alike does not change their relative position
     position[:, nasty.axis_names.index("u")] += 33.0
     np.testing.assert_allclose(nasty.tip(position), tip, rtol=0, atol=SAME)
