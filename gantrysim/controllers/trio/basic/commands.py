@@ -141,7 +141,10 @@ def _profile(p: Process, first: float, last: float, scale: float, length: float)
     missing = [k for k in range(begin, end + 1) if k not in table]
     if missing:
         raise InputError(f"cam: TABLE({missing[0]}) must be set before")
-    return Table(tuple((table[k] - table[begin]) * scale / units for k in range(begin, end + 1)), length)
+    values = tuple((table[k] - table[begin]) * scale / units for k in range(begin, end + 1))
+    if not all(map(math.isfinite, values)):
+        raise InputError(f"cam from TABLE({begin}) to TABLE({end}): its values must be finite")
+    return Table(values, length)
 
 
 def _addax(p: Process, values: Values, line: int) -> None:

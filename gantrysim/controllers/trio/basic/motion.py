@@ -16,6 +16,7 @@ from gantrysim.errors import InputError
 
 MOST_AXES = 64  # numbers of axes: 0 to 63
 MOST_MOVES = 200_000
+FARTHEST = 1e12  # position of an axis, still exact to 0.0002 [units]
 _FEWEST = 8  # periods that take longer one by one than at once
 
 
@@ -169,7 +170,10 @@ class Motion:
         """Give a MOVEABS the shape that follows from where it starts."""
         if move.targets is not None:
             goals = (self.axis(n).zero + target for n, target in zip(move.axes, move.targets, strict=True))
-            move.shape = Straight(tuple(goal - at for goal, at in zip(goals, start, strict=True)))
+            try:
+                move.shape = Straight(tuple(goal - at for goal, at in zip(goals, start, strict=True)))
+            except InputError as error:
+                raise InputError(f"line {move.line}: {error}") from None
 
     def _end(self, base: Axis) -> None:
         """End the move that an axis holds, and load the next one."""
@@ -200,8 +204,7 @@ class Motion:
             if step:
                 axis.position += step
                 axis.moved = True
-                if not (axis.servo and self.enabled) and axis.number in self.real:
-                    self._refuse(axis)
+                self._check(axis)
 
     def glide(self, most: int, recorded: tuple[int, ...]) -> Floats:
         """Move all axes for the periods, at most `most`, in which no move begins or ends, each to the same last bit.
@@ -232,6 +235,7 @@ class Motion:
             for k, axis in enumerate(moved):
                 axis.step, axis.position = float(steps[-1, k]), float(places[-1, k])
                 axis.moved = axis.moved or bool(steps[:, k].any())
+                self._check(axis)
                 if axis.number in recorded:
                     positions[:, recorded.index(axis.number)] = places[:, k]
         return positions
@@ -250,10 +254,16 @@ class Motion:
         down = base.deceleration if move.shape.brakes else math.inf
         return base.along.glide(move.s, lengths, base.speed, base.acceleration, down, self.period, most)
 
-    def _refuse(self, axis: Axis) -> None:
-        off = "WDOG" if axis.servo else f"SERVO AXIS({axis.number})"
+    def _check(self, axis: Axis) -> None:
+        """Check an axis that has moved."""
+        off = axis.number in self.real and not (axis.servo and self.enabled)
+        if not off and abs(axis.position) <= FARTHEST:
+            return
         where = "" if axis.member is None else f"line {axis.member.line}: "
-        raise InputError(f"{where}axis {axis.number} is to move while {off} = OFF: must be ON")
+        if off:
+            switch = "WDOG" if axis.servo else f"SERVO AXIS({axis.number})"
+            raise InputError(f"{where}axis {axis.number} is to move while {switch} = OFF: must be ON")
+        raise InputError(f"{where}axis {axis.number} is at {axis.position:g}: must stay within {FARTHEST:g} units")
 
     def _merged(self, base: Axis, move: Move) -> Move | None:
         """The buffered move that follows a move without a stop, if any."""

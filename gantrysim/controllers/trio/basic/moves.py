@@ -39,6 +39,12 @@ class Shape(Protocol):
         return np.array([self.displacement(each) for each in s.tolist()])
 
 
+def _finite(length: float) -> float:
+    if not math.isfinite(length):
+        raise InputError(f"move of length {length:g}: must be finite")
+    return length
+
+
 @dataclass
 class Straight(Shape):
     """MOVE and MOVEABS: all axes in proportion."""
@@ -48,7 +54,7 @@ class Straight(Shape):
     brakes: bool = True
 
     def __post_init__(self) -> None:
-        self.length = math.hypot(*self.deltas)
+        self.length = _finite(math.hypot(*self.deltas))
 
     def displacement(self, s: float) -> tuple[float, ...]:
         if s >= self.length:
@@ -97,7 +103,7 @@ class Arc(Shape):
         full = math.hypot(ex, ey) <= 1e-9 * self.radius
         self.angle = 2 * math.pi if full else swept % (2 * math.pi)
         arc = self.radius * self.angle
-        self.length = arc if self.flat else math.hypot(arc, self.rise or 0.0)
+        self.length = _finite(arc if self.flat else math.hypot(arc, self.rise or 0.0))
 
     def displacement(self, s: float) -> tuple[float, ...]:
         share = s / self.length
@@ -163,6 +169,8 @@ class Ramps(Shape):
         up, down = up * shrink, down * shrink
         self.length = length
         rate = distance / (length - 0.5 * (up + down))
+        if not math.isfinite(rate):
+            raise InputError(f"{distance:g} over a link distance of {length:g}: must be a finite rate")
         # distance, position and rate at the corners of the trapezium
         self._corners = (0.0, up, length - down)
         self._values = (0.0, 0.5 * rate * up, distance - 0.5 * rate * down)

@@ -91,20 +91,28 @@ def _command(raw: Raw) -> Leaf:
         if readable or ref.name in words.FUNCTIONS or ref.name in words.IGNORED or ref.name in ("VR", "IN"):
             raise InputError(f"{ref.name}: is a value, not a command")
         raise unknown_word(ref)
-    values = [each.value for each in ref.count(command.least, command.most)]
+    given = [each.value for each in ref.count(command.least, command.most)]
     run, line = command.act, raw.line
-    if ref.axis is None:
-        return lambda p: run(p, [value(p) for value in values], line), command.cost
-    number = ref.axis.value
 
     def act(p: Process) -> None:
+        values = [each(p) for each in given]
+        for k, value in enumerate(values, 1):
+            if not math.isfinite(value):
+                raise InputError(f"{ref.spelled}: value {k} = {value:g}: must be finite")
+        run(p, values, line)
+
+    if ref.axis is None:
+        return act, command.cost
+    number = ref.axis.value
+
+    def on_axis(p: Process) -> None:
         base, p.base = p.base, (p.state.motion.axis(number(p)).number,)
         try:
-            run(p, [value(p) for value in values], line)
+            act(p)
         finally:
             p.base = base
 
-    return act, command.cost
+    return on_axis, command.cost
 
 
 def _assign(raw: Raw) -> Leaf:
