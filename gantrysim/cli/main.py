@@ -110,13 +110,23 @@ def info(
         show(table)
 
 
+def _with_subcommands(command: Any) -> Iterator[Any]:
+    yield command
+    for each in getattr(command, "commands", {}).values():
+        yield from _with_subcommands(each)
+
+
 def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
     signals.forget()
     spell_out()
     tell_compiling()
+    command = typer.main.get_command(app)
+    for each in _with_subcommands(command):
+        # typer reads arguments with pydantic, which would drop an interrupt
+        each.make_context = signals.deferred()(each.make_context)
     try:
-        status = app(standalone_mode=False)
+        status = command(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
         warn(text, "error")

@@ -73,7 +73,8 @@ def without_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjM
     bare = spec.copy()
     bare.compiler.discardvisual = True
     bare.visual = mujoco.MjSpec().visual
-    bare.stat.center, bare.stat.extent, bare.stat.meansize = [np.nan] * 3, np.nan, np.nan
+    # an array, as MuJoCo would drop an interrupt while it converts a list
+    bare.stat.center, bare.stat.extent, bare.stat.meansize = np.full(3, np.nan), np.nan, np.nan
     for element in (*bare.cameras, *bare.lights):
         bare.delete(element)
     try:
