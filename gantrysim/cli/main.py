@@ -28,15 +28,30 @@ from gantrysim.errors import GantryError, InputError
 
 
 class _Commands(TyperGroup):
-    """The commands; an interrupt ends them with a message and a status, where typer itself has 130 for all."""
+    """The commands; an interrupt ends them with a message and a status, where typer itself has 130 for all.
+
+    Interrupts wait while arguments are read: typer does it with pydantic, which would drop them.
+    """
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        for command in _below(self):
+            command.make_context = signals.deferred()(command.make_context)
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
-        with _reported():
+        with _reported(), signals.deferred():
             return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
         with _reported():
             return super().invoke(ctx)
+
+
+def _below(group: Any) -> Iterator[Any]:
+    for command in group.commands.values():
+        yield command
+        if isinstance(command, TyperGroup):
+            yield from _below(command)
 
 
 @contextmanager
@@ -110,23 +125,13 @@ def info(
         show(table)
 
 
-def _with_subcommands(command: Any) -> Iterator[Any]:
-    yield command
-    for each in getattr(command, "commands", {}).values():
-        yield from _with_subcommands(each)
-
-
 def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
     signals.forget()
     spell_out()
     tell_compiling()
-    command = typer.main.get_command(app)
-    for each in _with_subcommands(command):
-        # typer reads arguments with pydantic, which would drop an interrupt
-        each.make_context = signals.deferred()(each.make_context)
     try:
-        status = command(standalone_mode=False)
+        status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
         warn(text, "error")

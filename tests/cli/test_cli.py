@@ -13,10 +13,10 @@ import sys
 import time
 
 import numpy as np
-import pydantic
 import pytest
 from PIL import Image
 from rich.console import Console
+from typer.core import TyperCommand, TyperGroup
 
 import gantrysim
 from gantrysim import Fault, Job, Run, metrics
@@ -308,22 +308,29 @@ def test_a_lost_interrupt_ends_the_next_step(gantrysim_command, tmp_path, monkey
     assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
 
 
+@pytest.mark.parametrize(
+    ("kind", "command"),
+    [
+        (TyperGroup, ["--version"]),
+        (TyperCommand, ["run", "an225", *SHORT]),
+        (TyperCommand, ["study", "loop", "an225"]),
+    ],
+)
 def test_an_interrupt_that_would_be_lost_while_arguments_are_read_ends_the_command(
-    gantrysim_command, tmp_path, monkeypatch
+    gantrysim_command, tmp_path, monkeypatch, kind, command
 ):
     """As pydantic loses it, with which typer reads a path."""
-    real = pydantic.TypeAdapter.validate_python
+    read = kind.parse_args
 
-    def lost(adapter, *arguments, **named):
+    def lost(*arguments):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return real(adapter, *arguments, **named)
+        return read(*arguments)
 
-    monkeypatch.setattr(pydantic.TypeAdapter, "validate_python", lost)
-    for command in (("run", "an225", *SHORT), ("study", "loop", "an225")):
-        stopped = gantrysim_command(*command, "--out", tmp_path / "out")
-        assert stopped == (130, "", "interrupted\n")
-        assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(kind, "parse_args", lost)
+    monkeypatch.chdir(tmp_path)
+    assert gantrysim_command(*command) == (130, "", "interrupted\n")
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_interrupt_lost_in_a_finaliser_is_not_reported_and_other_errors_are(monkeypatch):
