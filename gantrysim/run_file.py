@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.arrays import read_only
 from gantrysim.columns import Stored, array_of, blocks
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.kinds import kind_of, path_of
 from gantrysim.errors import InputError
 from gantrysim.fault import Fault
 from gantrysim.faults import fault_of
@@ -42,7 +42,7 @@ def write_record(stream: BinaryIO, content: Mapping[str, Any]) -> None:
     arrays = {name: value for name, value in content.items() if name not in _OPTIONAL or value is not None}
     path, fault = content["requested"], content["fault"]
     parameters = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in path.parameters().items()}
-    arrays["requested"] = json.dumps({"kind": type(path).__name__, "parameters": parameters})
+    arrays["requested"] = json.dumps({"kind": kind_of(path), "parameters": parameters})
     arrays["fault"] = json.dumps(asdict(fault) if fault else None)
     arrays["injected"] = json.dumps([one.table() for one in content["injected"]])
     write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
@@ -74,11 +74,9 @@ def _content(archive: Archive) -> dict[str, Any]:
     content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS if name in raw}
     content |= {name: str(raw.pop(name)) for name in _TEXTS if name in raw}
     content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
-    from gantrysim.controllers.paths import arcs, chain, spirals  # noqa: F401  the kinds of path, for Path.build
-
     path, fault = json.loads(content["requested"]), json.loads(content["fault"])
     _check_values(content, raw)
-    content["requested"] = Path.build(path["kind"], path["parameters"])
+    content["requested"] = path_of(path["kind"], path["parameters"])
     length = content["requested"].length
     if not 0 < length < np.inf:
         raise InputError(f"requested has a length of {length:g} mm")

@@ -3,7 +3,7 @@
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -23,6 +23,8 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 from gantrysim import Machine
 from gantrysim.cli.main import main
 from gantrysim.controllers.paths.arcs import ArcChain
+
+from support.fresh import FreshProcesses
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
@@ -80,6 +82,14 @@ def rigid(tmp_path: Path) -> Callable[..., Machine]:
         return Machine(file)
 
     return build
+
+
+@pytest.fixture(scope="session")
+def fresh(tmp_path_factory) -> Iterator[FreshProcesses]:
+    """Fresh processes, see `support.fresh`."""
+    processes = FreshProcesses(tmp_path_factory.mktemp("fresh"))
+    yield processes
+    processes.close()
 
 
 @pytest.fixture(scope="session")

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.moves import END
-from gantrysim.controllers.gcode.track import Track
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil, Line
+from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
 from gantrysim.errors import InputError
 
@@ -217,7 +217,7 @@ def test_a_track_is_the_chain_of_its_pieces():
         np.testing.assert_allclose(getattr(track, name)(s), getattr(chain, name)(s), atol=1e-9, err_msg=name)
     np.testing.assert_allclose(track.corners, chain.corners)
     np.testing.assert_allclose(track.length, chain.length)
-    again = Path.build("Track", track.parameters())
+    again = path_of("Track", track.parameters())
     np.testing.assert_allclose(again.position(s), track.position(s))
     assert frames[0] == XY
 

@@ -14,7 +14,7 @@ from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
 from gantrysim.columns import Stored
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, Supervision
@@ -44,7 +44,7 @@ def long(monkeypatch):
 def figures(job, run):
     """All figures of a run; with a path of its own, whose tables are made anew."""
     kind, parameters = type(run.requested).__name__, run.requested.parameters()
-    fresh = dataclasses.replace(run, requested=Path.build(kind, parameters))
+    fresh = dataclasses.replace(run, requested=path_of(kind, parameters))
     analysis = Analysis(fresh)
     bead = Bead(fresh, job.bead, analysis)
     return summary(job, job.built_machine, Budget(analysis), bead.values if bead.nominal > 0 else None)

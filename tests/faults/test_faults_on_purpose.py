@@ -17,6 +17,7 @@ from gantrysim.faults import (
     EncoderDropout,
     EncoderGlitch,
     EncoderSlip,
+    InjectedFault,
     LostPackets,
     OpenWinding,
     SlippingAxis,
@@ -54,6 +55,8 @@ def test_a_fault_says_what_it_does_and_is_made_again_of_its_table(fault, text):
 
 def test_every_kind_is_among_them():
     assert {fault.kind for fault in TEXTS} == set(KINDS)
+    made = {kind for base in InjectedFault.__subclasses__() for kind in (base, *base.__subclasses__())}
+    assert {kind for kind in made if "kind" in vars(kind)} == set(KINDS.values())
 
 
 @pytest.mark.parametrize(

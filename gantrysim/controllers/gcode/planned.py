@@ -28,8 +28,8 @@ from gantrysim.controllers.gcode.moves import (
     SOURCE,
 )
 from gantrysim.controllers.gcode.rounding import Rounded, merged, rounded
-from gantrysim.controllers.gcode.track import Track
 from gantrysim.controllers.limits import Limited
+from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
 from gantrysim.errors import InputError
 

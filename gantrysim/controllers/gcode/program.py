@@ -18,7 +18,7 @@ from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.modal import Modal
 from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.planned import Plan, Settings, plan
-from gantrysim.controllers.gcode.track import Track
+from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.errors import InputError, at_least, place, positive, whole

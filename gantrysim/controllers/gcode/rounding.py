@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
-from gantrysim.controllers.gcode.track import Track
+from gantrysim.controllers.paths.track import Track
 from gantrysim.jit import jit
 
 _SMALLEST = 1e-6  # radius of an arc [mm]

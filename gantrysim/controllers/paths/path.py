@@ -12,10 +12,9 @@ to the left; without a climb that is the signed curvature.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.arrays import Floats, dot
 from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.controllers.paths.nearest import along_blocks, longer_steps, vertices
-from gantrysim.errors import InputError, unknown
+from gantrysim.errors import InputError
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
 # of two differ by less than spacing^2 / (8 distance).
@@ -104,25 +103,9 @@ class Local:
 class Path(ABC):
     """A curve in the work frame, parametrised by its arc length s [mm]."""
 
-    _kinds: ClassVar[dict[str, type[Path]]] = {}
-
-    def __init_subclass__(cls) -> None:
-        if not cls.__name__.startswith("_"):
-            Path._kinds[cls.__name__] = cls
-
     @abstractmethod
     def parameters(self) -> dict[str, Any]:
-        """The constructor's arguments, for `Path.build`."""
-
-    @staticmethod
-    def build(kind: str, parameters: Mapping[str, Any]) -> Path:
-        """Return the path of the class named `kind`."""
-        if kind not in Path._kinds:
-            raise unknown("path", kind, Path._kinds)
-        try:
-            return Path._kinds[kind](**parameters)
-        except TypeError as error:
-            raise InputError(f"path {kind}: {error}") from None
+        """The constructor's arguments, which a record holds: numbers, texts, and lists or tables of them."""
 
     @property
     @abstractmethod

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.pieces import XY, XZ, YZ, ZX, Coil, Line
 from gantrysim.errors import InputError
 
@@ -309,7 +309,7 @@ def test_a_length_beyond_all_numbers_is_refused(piece):
 @settings(max_examples=50, deadline=None)
 def test_a_chain_is_built_again_from_its_parameters_through_json(walk):
     path = Chain(walk[0])
-    again = Path.build("Chain", json.loads(json.dumps(path.parameters())))
+    again = path_of("Chain", json.loads(json.dumps(path.parameters())))
     s = np.linspace(0, path.length, 57)
     assert again.length == path.length
     assert np.array_equal(again.position(s), path.position(s))
@@ -326,7 +326,7 @@ def test_pieces_of_unknown_kind_or_arguments_are_named():
     with pytest.raises(InputError, match=r"kind None"):
         Chain([{"start": (0, 0, 0), "end": (1, 0, 0)}])
     with pytest.raises(InputError, match=r"^path Chain: .*unexpected keyword argument 'to'"):
-        Path.build("Chain", {"pieces": [{**line, "to": 1}]})
+        path_of("Chain", {"pieces": [{**line, "to": 1}]})
 
 
 @pytest.mark.parametrize(
@@ -616,7 +616,7 @@ def test_arc_chain_that_goes_straight_up():
 def test_an_arc_chain_that_climbs_is_built_again_through_json():
     path = ArcChain([1, 2, 3], 0.5, [0.1, 0, -0.02], [5, 6, 7], [1, -2, 0])
     parameters = {name: np.asarray(value).tolist() for name, value in path.parameters().items()}
-    again = Path.build("ArcChain", json.loads(json.dumps(parameters)))
+    again = path_of("ArcChain", json.loads(json.dumps(parameters)))
     s = np.linspace(0, path.length, 57)
     assert again.length == path.length
     assert np.array_equal(again.position(s), path.position(s))

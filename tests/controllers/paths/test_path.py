@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.errors import InputError
 
@@ -236,19 +236,12 @@ def test_distance_of_a_far_point_whose_foot_is_near_a_joint_of_an_arc_and_a_line
     ids=lambda path: type(path).__name__,
 )
 def test_a_path_is_built_again_from_its_parameters(path):
-    again = Path.build(type(path).__name__, path.parameters())
+    again = path_of(type(path).__name__, path.parameters())
     s = np.linspace(0, path.length, 57)
     assert type(again) is type(path)
     assert again.length == path.length
     assert np.array_equal(again.position(s), path.position(s))
     assert np.array_equal(again.heading(s), path.heading(s))
-
-
-def test_unknown_kind_of_path_names_the_nearest_and_all():
-    with pytest.raises(
-        InputError, match=r"unknown path 'Involut': did you mean Involute\? known: ArcChain, .*Involute"
-    ):
-        Path.build("Involut", {})
 
 
 @pytest.mark.parametrize(
@@ -294,13 +287,6 @@ def test_chain_of_wrong_pieces_is_named(curvature, lengths, counts):
 def test_invalid_chains_are_refused(arguments, text):
     with pytest.raises(InputError, match=text):
         ArcChain(*arguments)
-
-
-def test_only_whole_paths_with_their_own_parameters_are_built():
-    with pytest.raises(InputError, match=r"unknown path '_Hidden'"):
-        Path.build("_Hidden", {})
-    with pytest.raises(InputError, match=r"path Involute: .*unexpected keyword argument 'x'"):
-        Path.build("Involute", {"x": 1})
 
 
 @pytest.mark.parametrize("start", [(0, 0, 0), (0, math.nan), 1.0])
