@@ -47,7 +47,9 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.add_section()
     contour, (x, y, _) = values.contour, values.contour.point
     add("contour", contour, DESCRIPTIONS["contour"])
-    table.caption = "links say where on the chain the error lies, --causes what caused it\n"
+    # the causes are those of a complete run without faults on purpose
+    cause = "not what caused it" if run.fault is not None or run.injected else "--causes what caused it"
+    table.caption = f"links say where on the chain the error lies, {cause}\n"
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:.2f} s, x = {x:.1f}, y = {y:.1f} mm"
     table.caption_justify = "left"

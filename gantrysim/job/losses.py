@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
 from gantrysim.bead import Bead
+from gantrysim.faults import InjectedFault
 from gantrysim.run import Run
 
 _LEFT = 0.5  # share of the section below which the bead is missing
@@ -75,6 +76,13 @@ class Losses:
                 f"at most, square to the path, at s = {self.shift_s:.1f} mm",
             ),
         ]
+
+
+def reached(run: Run) -> list[InjectedFault]:
+    """Return the faults on purpose that a run came to and that change anything, by time."""
+    last = float(run.time[-1])
+    faults = [fault for fault in run.injected if fault.acts and fault.time <= last]
+    return sorted(faults, key=lambda fault: fault.time)
 
 
 def events(run: Run) -> list[str]:

@@ -1,8 +1,10 @@
-"""The headline of a run: its contour error, and the link in which most of it lies."""
+"""The headline of a run: its contour error, and the link in which most of it lies; or the faults that spoilt it."""
 
 from __future__ import annotations
 
+from gantrysim.job.losses import events, reached
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
+from gantrysim.run import Run
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
@@ -11,21 +13,42 @@ _ALMOST_ALL, _MOST = 0.9, 0.5  # of the mean square
 
 
 def headline(budget: Budget) -> str:
-    """Return the contour error with the link that has the largest share, and the error along the path if larger."""
+    """Return the contour error with the link that has the largest share, and the error along the path if larger.
+
+    Of a run that ended in a fault, or came to a fault on purpose, it says what happened. Such a run's error has its
+    cause in the fault, in whatever link it lies, so no link is named.
+    """
     contour = budget.values.contour
     run = budget.analysis.run
-    until = "" if run.fault is None else " until the fault"
-    if run.injected:
-        until = f" with faults on purpose{until}"
+    if run.fault is not None or reached(run):
+        return f"{happened(run)} {_error_with_faults(budget)}"
     along = _along(budget)
     if contour.rms < NO_ERROR:
-        exactly = "" if along or run.injected else " exactly"
-        return f"Contour error{until}: none, the nozzle follows the requested path{exactly}.{along}"
+        exactly = "" if along else " exactly"
+        return f"Contour error: none, the nozzle follows the requested path{exactly}.{along}"
     link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
     share = "almost all" if part.share >= _ALMOST_ALL else "mostly" if part.share > _MOST else "the largest share"
-    rms = _UM * contour.rms
-    size = f"{rms:.{0 if rms >= 100 else 1}f} µm rms"
-    return f"Contour error{until}: {size}, {share} in {link} ({DESCRIPTIONS[link]}).{along}"
+    return f"Contour error: {_size(contour.rms)} rms, {share} in {link} ({DESCRIPTIONS[link]}).{along}"
+
+
+def happened(run: Run) -> str:
+    """Return the faults on purpose and the trip of a run in the order of time, a sentence each."""
+    lines = events(run) if reached(run) else [f"fault: {run.fault}"]
+    return " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
+
+
+def _error_with_faults(budget: Budget) -> str:
+    """Return the size of the contour error of a run with faults, in a sentence."""
+    contour = budget.values.contour
+    until = "" if budget.analysis.run.fault is None else " until then"
+    if contour.rms < NO_ERROR:
+        return f"Contour error{until}: none."
+    return f"Contour error{until}: {_size(contour.rms)} rms, max {_size(contour.max)}."
+
+
+def _size(length: float) -> str:
+    micrometres = _UM * length
+    return f"{micrometres:.{0 if micrometres >= 100 else 1}f} µm"
 
 
 def _along(budget: Budget) -> str:

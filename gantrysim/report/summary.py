@@ -18,6 +18,7 @@ from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import PartValues
 from gantrysim.report.causes import causes_summary
+from gantrysim.report.headline import happened, headline
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins
 
@@ -50,6 +51,7 @@ def summary(
         bead: `BeadValues`; null without glue
         fault: null for a complete run
         injected: faults on purpose, whether the run came to them, and what they cost (`Losses`); null without any
+        headline: the result in a sentence or two; of a run with faults, what happened
     """
     run, values = budget.analysis.run, budget.analysis.values
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
@@ -76,6 +78,7 @@ def summary(
         "notes": list(run_notes(job, run)),
         "fault": _fault(run),
         "injected": _injected(run, losses),
+        "headline": headline(budget),
         "versions": versions(machine),
     }
 
@@ -92,6 +95,7 @@ def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
         "notes": list(run_notes(job, run)),
         "fault": _fault(run),
         "injected": _injected(run, None),
+        "headline": f"{happened(run)} The dispenser was never on: there are no errors to evaluate.",
         "versions": versions(machine),
     }
 

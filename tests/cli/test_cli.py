@@ -69,7 +69,7 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     assert " ".join(summary) == (
         "job machine error_budget causes requested_spacing_mm bead_spacing_mm tracking_error_um generation_error_um "
         "contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm servo bead notes fault injected "
-        "versions"
+        "headline versions"
     )
     assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
     assert list(summary["tracking_error_um"]) == ["x", "y", "path"]
@@ -193,6 +193,7 @@ def test_a_fault_before_the_dispenser_is_on_is_recorded_too(gantrysim_command, t
     written = json.loads((out / "summary.json").read_text())
     assert written["error_budget"] is None
     assert written["fault"]["text"] in errors
+    assert written["headline"].startswith(f"Fault: {written['fault']['text']}. The dispenser was never on")
     assert Run.load(out / "run.npz").time.size > 1
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from gantrysim import Fault, Job, Run, causes_of, render
 from gantrysim.bead import Bead
+from gantrysim.faults import EncoderSlip
 from gantrysim.job.causes import CAUSES
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import LINKS, Budget
@@ -202,9 +203,50 @@ def test_a_follower_without_error_gets_a_report(tmp_path):
     assert next(row for row in page.rows() if row and row[0] == "tracking")[2:] == ["0.0"] * 4 + ["–"] * 3
 
 
-def test_the_headline_of_a_fault_is_up_to_the_fault():
+def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
+    job = Job.load("an225", (*SMALL, "following_error_limit=0.03"))
+    run = job.run()
+    fault = run.fault
+    assert (fault.kind, fault.limit) == ("following error", 0.03)
+    budget = Budget(run)
+    assert budget.values.parts["generation"].share > 0.9  # as it is without the trip
+    contour = budget.values.contour
+    text = headline(budget)
+    assert text == (
+        f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {fault.value:.4g} mm, limit 0.03 mm. "
+        f"Contour error until then: {1e3 * contour.rms:.0f} µm rms, max {1e3 * contour.max:.0f} µm."
+    )
+    assert summary(job, job.built_machine, budget)["headline"] == text
+
+
+def test_the_headline_of_a_stuck_axis_blames_nothing_else():
+    run = Job.load("an225", (*SMALL, 'faults=[{kind="stuck axis", time=1, axis="x"}]')).run()
+    text = headline(Budget(run))
+    assert text.startswith(
+        "Stuck axis x at t = 1.0000 s: seized until the end. "
+        f"Supervision: following error on axis x at t = {run.fault.time:.4f} s: {run.fault.value:.4g} mm, limit 5 mm. "
+        "Contour error until then: "
+    )
+    assert not any(link in text for link in LINKS)
+
+
+def test_the_headline_of_a_fault_that_trips_nothing_or_is_never_reached():
+    run = Job.load("softmc-arc").follow()
+    slip = EncoderSlip(time=0.5, axis="x", counts=100)
+    end = float(run.time[-1])
+    assert headline(Budget(replace(run, injected=(slip,)))) == (
+        "Encoder slip on axis x at t = 0.5000 s: +100 counts until the end. "
+        f"Supervision: no limit exceeded, complete at t = {end:.4f} s. Contour error: none."
+    )
+    plain = headline(Budget(run))
+    assert headline(Budget(replace(run, injected=(replace(slip, time=end + 1),)))) == plain
+    assert headline(Budget(replace(run, injected=(replace(slip, counts=0),)))) == plain
+
+
+def test_the_headline_of_a_fault_without_error():
     run = replace(Job.load("softmc-arc").follow(), fault=Fault("travel", "x", 1.0, 151.0, 150.0, "mm"))
-    assert headline(Budget(run)).startswith("Contour error until the fault: none")
+    text = "Fault: travel on axis x at t = 1.0000 s: 151 mm, limit 150 mm. Contour error until then: none."
+    assert headline(Budget(run)) == text
 
 
 def test_a_fault_is_shown_above_all_else(tmp_path):
