@@ -51,8 +51,8 @@ def compare(
     """Compare a saved run with a measured trace: both error budgets, and what the model does not explain.
 
     The trace is aligned in time and place; its samples are not interpolated, the simulation is taken at their instants.
-    Links that are not measured are left out of both budgets. The folder gets report.html, with both budgets, plots,
-    alignment, and what the model does not explain.
+    Links that are not measured are not compared, and count as no explanation. The folder gets report.html, with both
+    budgets, plots, alignment, and what the model does not explain.
 
     Exit status: 0, 2 for bad input.
     """

@@ -26,8 +26,8 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
 
     A link of the chain that is not measured is that of the link before it, in both, so that its share is zero: without
     the encoder, the nozzle's whole deviation from the command is structure; without the nozzle, the rigid machine's at
-    the encoder is the nozzle. Command, dispenser and flow are the simulation's unless the command is measured. What no
-    link needs is nan.
+    the encoder is the nozzle. Of an encoder that is measured on some axes alone, the others are the command. Command,
+    dispenser and flow are the simulation's unless the command is measured. What no link needs is nan.
 
     Raises:
         InputError: the trace begins after the dispenser is on.
@@ -45,10 +45,15 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
     tick = np.clip(np.floor(at / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
     simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(at) for name in ("commanded", "encoder")}
     measured: dict[str, Floats] = {"commanded": simulated["commanded"]}
-    for link, values in trace.axes.items():
-        own = values[rows] - found.offsets["axes"]
-        measured[link] = np.where(np.isnan(own), simulated["commanded"], own)
-    if "encoder" not in trace.axes:
+    if "commanded" in trace.axes:
+        own = trace.axes["commanded"][rows] - found.offsets["axes"]
+        measured["commanded"] = np.where(np.isnan(own), simulated["commanded"], own)
+    if "encoder" in trace.axes:
+        own = trace.axes["encoder"][rows] - found.offsets["axes"]
+        missing = np.isnan(own)
+        measured["encoder"] = np.where(missing, measured["commanded"], own)
+        simulated["encoder"] = np.where(missing, simulated["commanded"], simulated["encoder"])
+    else:
         measured["encoder"], simulated["encoder"] = measured["commanded"], simulated["commanded"]
     records = []
     for chain, actual in ((measured, True), (simulated, False)):

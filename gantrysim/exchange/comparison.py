@@ -19,12 +19,13 @@ from gantrysim.exchange.measured import Trace
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
+from gantrysim.metrics.parts import Part
 from gantrysim.run import Run
 from gantrysim.study.circle.study import circle_row
 
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum
-_NOTHING = 1e-6  # rms of a peak that is rounding [mm]
+NOTHING = 1e-6  # rms of an error, or of a peak of its spectrum, that is rounding [mm]
 _FEW = 64  # samples below which there is no spectrum
 
 
@@ -40,6 +41,31 @@ class Peak(NamedTuple):
     rms: float
 
 
+@dataclass(frozen=True)
+class Explained:
+    """How much of the measured error the simulation explains, over the links that are compared.
+
+    With m the measured error across the path, the sum of those links, and s the simulated one at the same instants,
+
+        share = 1 - sum |m - s|^2 / sum |m|^2
+
+    A link that is not measured is in neither sum: it is the simulation's in both budgets, and would explain itself.
+
+    Attributes:
+        links: that are compared.
+        measured, simulated: rms of the error [mm].
+        left: rms of the difference [mm].
+        share: explained share of the measured mean square, at most 1 and below zero where the difference is larger
+            than the error; None where there is no measured error.
+    """
+
+    links: tuple[str, ...]
+    measured: float
+    simulated: float
+    left: float
+    share: float | None
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """A measured trace and the simulation at its instants.
@@ -47,6 +73,7 @@ class Comparison:
     Attributes:
         measured, simulated: budgets over the same samples and links.
         links: what is measured.
+        unmeasured_command: axes in motion whose command is not measured.
         alignment: of the trace.
         machine: of the run.
         notes: what had to be filled in, or was left out.
@@ -55,6 +82,7 @@ class Comparison:
     measured: Budget
     simulated: Budget
     links: tuple[str, ...]
+    unmeasured_command: tuple[str, ...]
     alignment: Alignment
     machine: Machine
     notes: tuple[str, ...]
@@ -70,10 +98,17 @@ class Comparison:
             what: as in `aligned`.
 
         Raises:
-            InputError: a run that ended in a fault, or a trace that does not cover the start of the bead.
+            InputError: a run that ended in a fault, a trace that does not cover the start of the bead, or one that
+                measures the command of some axes alone.
         """
         if run.fault is not None:
             raise InputError(f"the run ended in a fault, which no trace can be compared with: {run.fault}")
+        unmeasured = _unmeasured_command(trace, run)
+        if trace.links == ("commanded",) and unmeasured:
+            raise InputError(
+                f"the trace has the command of some axes alone, not of {', '.join(unmeasured)}: must have that of "
+                "every axis in motion, the encoders or the nozzle"
+            )
         Analysis(run)
         found = aligned(trace, run, what)
         measured, simulated = beside(trace, found, run, machine)
@@ -85,18 +120,46 @@ class Comparison:
             notes.append(f"the trace covers {100 * covered:.1f} % of the time for which the dispenser is on")
         if not evenly(measured.time):
             notes.append("the samples have no even rate: there is no spectrum")
-        return cls(Budget(measured), Budget(simulated), trace.links, found, machine, tuple(notes))
+        return cls(Budget(measured), Budget(simulated), trace.links, unmeasured, found, machine, tuple(notes))
 
     @property
     def parts(self) -> dict[str, str]:
-        """The links that the trace tells apart, with what they span."""
-        told = {"generation": DESCRIPTIONS["generation"]}
+        """The links that are compared, with what they span: those that the trace measures and tells apart."""
+        told = {}
+        if not self.unmeasured_command:
+            told["generation"] = DESCRIPTIONS["generation"]
         last = "commanded"
         if "encoder" in self.links:
             told["tracking"], last = DESCRIPTIONS["tracking"], "encoder"
         if "nozzle" in self.links:
             told["structure"] = f"{last} to nozzle"
         return told
+
+    @property
+    def not_compared(self) -> dict[str, str]:
+        """The links that are not compared, each with what is not measured."""
+        missing = {}
+        if self.unmeasured_command:
+            of = f" of {', '.join(self.unmeasured_command)}" if "commanded" in self.links else ""
+            missing["generation"] = f"the command{of} is not measured"
+        if "nozzle" not in self.links:
+            if "encoder" not in self.links:
+                missing["tracking"] = "the encoder is not measured"
+            missing["structure"] = "the nozzle is not measured"
+        return missing
+
+    @property
+    def explained(self) -> Explained:
+        """How much of the measured error the simulation explains."""
+        measured, simulated = (
+            np.sum([_across(budget.parts[name]) for name in self.parts], axis=0)
+            for budget in (self.measured, self.simulated)
+        )
+        size, simulated_size, left = (
+            ErrorSize.of(np.linalg.norm(error, axis=1)).rms for error in (measured, simulated, measured - simulated)
+        )
+        share = 1 - (left / size) ** 2 if size >= NOTHING else None
+        return Explained(tuple(self.parts), size, simulated_size, left, share)
 
     @cached_property
     def difference(self) -> dict[str, Floats]:
@@ -107,12 +170,12 @@ class Comparison:
                 budget.contour if name == "contour" else budget.parts[name]
                 for budget in (self.measured, self.simulated)
             )
-            found[name] = np.column_stack([one.lateral - other.lateral, one.vertical - other.vertical])
+            found[name] = _across(one) - _across(other)
         return found
 
     @property
     def unexplained(self) -> dict[str, ErrorSize]:
-        """Size of the difference of each link that is told apart, and of the contour error [mm]."""
+        """Size of the difference of each link that is compared, and of the contour error [mm]."""
         return {name: ErrorSize.of(np.linalg.norm(self.difference[name], axis=1)) for name in (*self.parts, "contour")}
 
     @cached_property
@@ -142,7 +205,7 @@ class Comparison:
         best = sorted(places, key=lambda k: -density[k])[:PEAKS]
         step = frequency[1] - frequency[0]
         found = [Peak(float(frequency[k]), math.sqrt(float(density[max(k - 1, 0) : k + 2].sum() * step))) for k in best]
-        return [peak for peak in found if peak.rms > _NOTHING]
+        return [peak for peak in found if peak.rms > NOTHING]
 
     def circle(self, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> dict[str, Mapping[str, Any]]:
         """Return the values of `gantrysim study circle` of both, over the circle's middle 360 degrees.
@@ -181,7 +244,22 @@ class Comparison:
             "links": list(self.links),
             "alignment": alignment,
             "budgets": budgets,
+            "explained": asdict(self.explained),
+            "not_compared": self.not_compared,
             "unexplained": {name: asdict(size) for name, size in self.unexplained.items()},
             "spectrum_peaks": [peak._asdict() for peak in self.peaks],
             "notes": list(self.notes),
         }
+
+
+def _unmeasured_command(trace: Trace, run: Run) -> tuple[str, ...]:
+    """Return the axes that the program moves and whose command the trace lacks."""
+    moving = np.ptp(run.commanded, axis=0) > 0
+    command = trace.axes.get("commanded", np.full(run.commanded.shape, np.nan))
+    missing = moving & np.isnan(command).all(axis=0)
+    return tuple(axis for axis, unmeasured in zip(run.axes, missing, strict=True) if unmeasured)
+
+
+def _across(part: Part) -> Floats:
+    """Return an error across the path, lateral and vertical, (m, 2) [mm]."""
+    return np.column_stack([part.lateral, part.vertical])

@@ -58,7 +58,10 @@ class Trace:
                 size = len(next(iter(columns.values())))
                 axes[link] = np.column_stack([columns.get(axis, np.full(size, np.nan)) for axis in run.axes])
                 if missing := [axis for axis in run.axes if axis not in found]:
-                    notes.append(f"{link} of {', '.join(missing)} is not measured: that of the simulated command")
+                    instead = (
+                        "that of the simulation" if link == "commanded" else "that of the command, in both budgets"
+                    )
+                    notes.append(f"{link} of {', '.join(missing)} is not measured: {instead}")
         nozzle = None
         if found := {axis: sources[axis] for axis in "xyz" if axis in sources}:
             if not {"x", "y"} <= found.keys():

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from gantrysim.exchange.comparison import Comparison
+from gantrysim.exchange.comparison import NOTHING, Comparison
 from gantrysim.exchange.plots import draw_overlay, draw_spectrum
 from gantrysim.metrics.analysis import THOUSANDTH
+from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.plots.style import COLOURS
 from gantrysim.report.document import Column, Section, Table, write_page
 from gantrysim.report.sections import drawn
@@ -17,7 +19,6 @@ from gantrysim.report.summary import versions
 REPORT = "report.html"
 _UM = 1e3
 _WIDE = 10.7  # of a plot across the page [inch]
-_NOTHING = 1e-6  # rms below which an error counts as none [mm]
 
 
 def write_comparison_page(
@@ -43,8 +44,9 @@ def _sections(found: Comparison, circle: Mapping[str, Mapping[str, Any]] | None)
     yield Section("Summary", headline(found), facts=_facts(found))
     yield Section(
         "Error budgets",
-        "Errors are normal to the requested path. Links that are not measured are left out of both budgets. The "
-        "difference is that of the errors at the same instant, not of the two numbers beside it.",
+        "Errors are normal to the requested path; the contour error is that of the last link measured. Links that are "
+        "not measured are not compared. The difference is that of the errors at the same instant, not of the two "
+        "numbers beside it.",
         figure=drawn(draw_overlay, found, _WIDE, 2.2 * (len(found.parts) + 2)),
         table=_budgets(found),
     )
@@ -67,27 +69,54 @@ def _sections(found: Comparison, circle: Mapping[str, Mapping[str, Any]] | None)
 
 
 def headline(found: Comparison) -> str:
-    """Return both contour errors and how much of the measured one the simulation explains, in one sentence."""
-    measured, simulated = (budget.values.contour.rms for budget in (found.measured, found.simulated))
-    rest = found.unexplained["contour"].rms
-    sizes = f"Contour error: {_UM * measured:.1f} µm rms measured, {_UM * simulated:.1f} µm simulated"
-    if rest < _NOTHING:
-        return f"{sizes}; no difference is left."
-    left = f"{_UM * rest:.1f} µm rms"
-    if rest >= measured:
-        return f"{sizes}; the simulation explains none of it: their difference is {left}."
-    share = 100 * (1 - (rest / measured) ** 2)
-    return f"{sizes}; the simulation explains {share:.1f} % of the measured mean square, {left} is left."
+    """Return both contour errors, how much of the measured links the simulation explains, and what is not compared."""
+    contour = [budget.values.contour.rms for budget in (found.measured, found.simulated)]
+    sizes = f"Contour error: {_UM * contour[0]:.1f} µm rms measured, {_UM * contour[1]:.1f} µm simulated."
+    return " ".join([sizes, _explained(found), *_not_compared(found)])
+
+
+def _explained(found: Comparison) -> str:
+    """Return how much of the measured links the simulation explains, in a sentence."""
+    explained = found.explained
+    links = " + ".join(_named(found))
+    measured = f"{links}, {_UM * explained.measured:.1f} µm rms measured"
+    if explained.left < NOTHING:
+        return f"Of {measured}, no difference is left."
+    left = f"{_UM * explained.left:.1f} µm rms"
+    if explained.share is None:
+        return f"Of {links} there is no measured error; the simulated one is {left}."
+    if explained.share <= 0:
+        return (
+            f"Of {measured}, the simulation explains none ({share_text(explained.share)}): their difference is {left}."
+        )
+    return f"Of {measured}, the simulation explains {share_text(explained.share)} in mean square; {left} is left."
+
+
+def _named(found: Comparison) -> list[str]:
+    """Return the compared links, with their spans where these are not those of every budget."""
+    return [name if span == DESCRIPTIONS[name] else f"{name} ({span})" for name, span in found.parts.items()]
+
+
+def share_text(share: float) -> str:
+    """Return an explained share in percent, rounded down: 100 % is said of no share below it."""
+    return f"{math.floor(1000 * share) / 10:z.1f} %"
+
+
+def _not_compared(found: Comparison) -> list[str]:
+    """Return which links are not compared, and why, in a sentence; nothing where all are."""
+    missing = [f"{link}, as {why}" for link, why in found.not_compared.items()]
+    return [f"Not compared: {'; '.join(missing)}."] if missing else []
 
 
 def unexplained(found: Comparison) -> list[str]:
     """Return what the model does not explain, a paragraph each: links, constant and varying part, frequencies."""
     contour = found.unexplained["contour"]
-    if contour.rms < _NOTHING:
-        return ["The simulation explains all of the measured error."]
+    if contour.rms < NOTHING:
+        return [f"No difference is left of what is measured: {', '.join(found.parts)}.", *_not_compared(found)]
     links = sorted(found.parts, key=lambda name: -found.unexplained[name].rms)
     sizes = ", ".join(f"{name} {_UM * found.unexplained[name].rms:.2f} µm rms" for name in links)
     told = [f"Difference by link, largest first: {sizes}. Links can offset one another."]
+    told += _not_compared(found)
     lateral = found.difference["contour"][:, 0]
     mean, varying = _UM * float(lateral.mean()), _UM * float(lateral.std())
     side = "left" if mean > 0 else "right"
@@ -134,6 +163,9 @@ def _facts(found: Comparison) -> list[tuple[str, str, str]]:
             ("difference", found.unexplained["contour"]),
         )
     ]
+    explained = found.explained
+    if explained.share is not None:
+        facts.append(("Explained", share_text(explained.share), f"of {' + '.join(_named(found))}, in mean square"))
     return [*facts, ("Time shift", f"{found.alignment.shift:+z.6f} s", f"by {found.alignment.by}")]
 
 

@@ -1,5 +1,6 @@
 """A trace that was shifted, moved, turned, resampled and made noisy is found again, and its error is the noise's."""
 
+import dataclasses
 import json
 import math
 
@@ -15,6 +16,7 @@ from gantrysim.engine.simulate import perfect_follower
 from gantrysim.exchange.alignment import aligned
 from gantrysim.exchange.comparison import Comparison
 from gantrysim.exchange.measured import Trace
+from gantrysim.exchange.page import headline, share_text
 from gantrysim.exchange.traces import Assignment, read_log
 from gantrysim.study.circle.study import CircleStudy, circle_row
 
@@ -102,13 +104,101 @@ def test_a_vibration_that_the_model_lacks_is_named_by_its_frequency(run):
 
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
     encoder = Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE)
-    assert list(encoder.parts) == ["generation", "tracking"]
+    assert list(encoder.parts) == ["tracking"]
     assert encoder.notes == ("the command is not measured: it is the simulation's in both budgets",)
     nozzle = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
     assert nozzle.parts["structure"] == "commanded to nozzle"
     for found, absent in ((encoder, ("measurement", "structure")), (nozzle, ("tracking", "measurement"))):
         for budget in (found.measured, found.simulated):
             assert all(budget.values.parts[name].max == 0 for name in absent)
+
+
+SIGMA = 0.02  # of the noise, twice the tracking error [mm]
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """A job whose program makes forty times the error that its servo makes, and encoders with as much noise."""
+    run = job_run("an225")
+    return run, run.encoder + np.random.default_rng(5).normal(scale=SIGMA, size=run.encoder.shape)
+
+
+def test_what_is_not_measured_explains_nothing(noisy):
+    run, encoder = noisy
+    found = Comparison.of(Trace(run.time, {"encoder": encoder}, None), run, MACHINE)
+    explained = found.explained
+    tracking = Budget(run).values.parts["tracking"].rms
+    assert Budget(run).values.parts["generation"].rms > 20 * SIGMA
+    assert explained.links == ("tracking",)
+    assert explained.left == pytest.approx(SIGMA, rel=0.02)
+    assert explained.simulated == pytest.approx(tracking, rel=1e-3)
+    assert explained.measured**2 == pytest.approx(tracking**2 + SIGMA**2, rel=0.05)
+    assert explained.share == pytest.approx(tracking**2 / (tracking**2 + SIGMA**2), abs=0.03)
+    assert 0.1 < explained.share < 0.3  # with the command on both sides it was 99.8 %
+    assert found.not_compared == {
+        "generation": "the command is not measured",
+        "structure": "the nozzle is not measured",
+    }
+    text = headline(found)
+    assert f"Of tracking, {1e3 * explained.measured:.1f} µm rms measured, the simulation explains " in text
+    assert "Not compared: generation, as the command is not measured; structure, as the nozzle" in text
+    written = found.summary()
+    assert written["explained"]["share"] == explained.share
+    assert list(written["not_compared"]) == ["generation", "structure"]
+
+
+def test_a_measured_command_counts(noisy):
+    run, encoder = noisy
+    found = Comparison.of(Trace(run.time, {"commanded": run.commanded, "encoder": encoder}, None), run, MACHINE)
+    assert found.explained.links == ("generation", "tracking")
+    assert found.explained.share == pytest.approx(1 - (SIGMA / found.measured.values.contour.rms) ** 2, abs=2e-4)
+    assert list(found.not_compared) == ["structure"]
+
+
+def test_a_share_may_be_negative_and_is_none_without_an_error(noisy):
+    run, _ = noisy
+    # a real machine without tracking error: of nothing, nothing can be explained
+    exact = Comparison.of(Trace(run.time, {"encoder": run.commanded}, None), run, MACHINE, ())
+    assert exact.explained.share is None
+    assert "Of tracking there is no measured error; the simulated one is 9.9 µm rms." in headline(exact)
+    # one that errs to the other side, by half as much
+    other = run.commanded + 0.5 * (run.commanded - run.encoder)
+    opposite = Comparison.of(Trace(run.time, {"encoder": other}, None), run, MACHINE, ())
+    assert opposite.explained.share == pytest.approx(1 - (1.5 / 0.5) ** 2, rel=0.01)
+    assert "the simulation explains none (-80" in headline(opposite)
+
+
+@pytest.mark.parametrize(("share", "text"), [(1.0, "100.0 %"), (0.99996, "99.9 %"), (0.0, "0.0 %"), (-0.5, "-50.0 %")])
+def test_only_all_is_a_hundred_percent(share, text):
+    assert share_text(share) == text
+
+
+def test_an_axis_that_is_not_measured_is_compared_in_neither_budget(noisy):
+    run, _ = noisy
+    missing = [np.nan, 0.0]  # of x
+    encoder = Comparison.of(
+        Trace(run.time, {"commanded": run.commanded + 0.01, "encoder": run.encoder + missing}, None), run, MACHINE, ()
+    )
+    for budget, command in ((encoder.measured, run.commanded + 0.01), (encoder.simulated, run.commanded)):
+        record = budget.analysis.run
+        np.testing.assert_allclose(record.encoder[:, 0], command[:, 0], atol=1e-9)
+        np.testing.assert_allclose(record.encoder[:, 1], run.encoder[:, 1], atol=1e-9)
+    command = {"commanded": run.commanded + missing, "encoder": run.encoder}
+    partial = Comparison.of(Trace(run.time, command, None), run, MACHINE)
+    assert partial.parts == {"tracking": "commanded to encoder"}
+    assert partial.not_compared["generation"] == "the command of x is not measured"
+    with pytest.raises(InputError, match="the command of some axes alone, not of x: must have that of every axis"):
+        Comparison.of(Trace(run.time, {"commanded": run.commanded + missing}, None), run, MACHINE)
+
+
+def test_the_command_of_an_axis_at_rest_need_not_be_measured():
+    run = job_run("fanuc-conical")
+    z = np.arange(len(run.axes)) == run.axes.index("z")
+    resting = dataclasses.replace(run, commanded=np.where(z, run.commanded[0], run.commanded))
+    machine = Job.load("fanuc-conical").built_machine
+    trace = Trace(run.time, {"commanded": np.where(z, np.nan, run.commanded), "encoder": run.encoder}, None)
+    assert "generation" in Comparison.of(trace, resting, machine, ()).parts
+    assert "generation" not in Comparison.of(trace, run, machine, ()).parts
 
 
 def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
