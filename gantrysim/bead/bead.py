@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats, spans
 from gantrysim.bead.height_map import HeightMap
+from gantrysim.bead.layers import merging_height
 from gantrysim.bead.trace import BeadTrace, cumulated
 from gantrysim.columns import by_blocks
 from gantrysim.display import Shown
@@ -44,7 +45,11 @@ class BeadValues:
             without neighbouring turns [mm].
         overlap_share: share of the turns' length on which they overlap; None likewise.
         gap_share: share on which they leave a gap; None likewise.
-        coverage: wet share of the area between neighbouring turns on the height map; None likewise.
+        coverage: wet share of the area between neighbouring turns on the height map; None likewise, and where the map
+            has no meaning between any of them.
+        apart_share: share of that area where the height map has no meaning, as the surfaces of the two turns lie apart
+            in height, see `layers`; None likewise.
+        height_apart: largest difference of height of neighbouring turns [mm]; None likewise.
         start_shortfall: volume missing at a start, as length of the nominal section [mm].
         stop_excess: volume in excess at a stop, likewise; None where no stretch ends within the record [mm].
         start_offset: place where half the nominal section is first reached, behind that of the nozzle at the command;
@@ -66,6 +71,8 @@ class BeadValues:
     overlap_share: float | None
     gap_share: float | None
     coverage: float | None
+    apart_share: float | None
+    height_apart: float | None
     start_shortfall: Range
     stop_excess: Range | None
     start_offset: Range | None
@@ -87,6 +94,15 @@ class BeadValues:
             "running": self.steady_error,
             "stops": self.stop_error,
         }
+
+    @property
+    def apart_note(self) -> str:
+        """Remark on neighbouring turns that lie apart in height."""
+        where = "" if self.coverage is None else f" on {100 * (self.apart_share or 0.0):.1f} % of the area"
+        return (
+            f"neighbouring turns lie up to {self.height_apart:.3g} mm apart in height{where}: the height map, in plan "
+            "view, has no coverage between them"
+        )
 
     @property
     def ridge_note(self) -> str:
@@ -142,6 +158,7 @@ class Bead(BeadTrace, Shown):
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
         stopped = self.stretches[:, 1] < len(run.time)
+        coverage, apart_share = self._coverage if turns else (None, None)
         start_offset, stop_offset = self._offsets
         return BeadValues(
             nominal=self.nominal,
@@ -150,7 +167,9 @@ class Bead(BeadTrace, Shown):
             clearance=Range.of(clearance) if turns else None,
             overlap_share=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
             gap_share=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,
-            coverage=self._coverage if turns else None,
+            coverage=coverage,
+            apart_share=apart_share,
+            height_apart=float(np.abs(np.diff(self.analysis.spacing.link[..., 2], axis=1)).max()) if turns else None,
             start_shortfall=Range.of(-parts[:, 0] / self.nominal),
             stop_excess=Range.of(parts[stopped, 2] / self.nominal) if stopped.any() else None,
             start_offset=Range.of(start_offset) if start_offset.size else None,
@@ -212,19 +231,41 @@ class Bead(BeadTrace, Shown):
         return by_blocks(clearance, len(spacing.s))
 
     @cached_property
-    def _coverage(self) -> float:
-        """Wet share of the links between neighbouring turns, weighted by area."""
+    def _coverage(self) -> tuple[float | None, float]:
+        """Wet share of the links between neighbouring turns of one layer, and share of the links between layers.
+
+        Both are weighted by area; the first is None where no link is within a layer.
+        """
         spacing = self.analysis.spacing
         cumulated = np.concatenate([[0.0], np.cumsum(self._turn_lengths)])
         some = np.minimum(
             np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, cumulated.size - 2
         )
+        area = spacing.distance[some]
+        link = spacing.link[some]
+        begin_layer, end_layer = (self._layer_at(s[some]) for s in (spacing.s, spacing.next_s))
+        level = np.abs(link[:, 1, 2] - link[:, 0, 2]) < merging_height(self)
+        within = (begin_layer == end_layer) & level
+        apart_share = float(area[~within].sum() / area.sum())
+        if not within.any():
+            return None, apart_share
         # not at the same distances from the trace on every link
         share = (np.arange(_ON_A_LINK) + (_GOLDEN * np.arange(_LINKS)[:, None]) % 1.0) / _ON_A_LINK
-        begin, end = np.moveaxis(spacing.link[some][..., :2], 1, 0)
+        begin, end = np.moveaxis(link[..., :2], 1, 0)
         points = begin[:, None] + share[..., None] * (end - begin)[:, None]
-        wet = self.map.wet(points).mean(axis=1)
-        return float(np.average(wet, weights=spacing.distance[some]))
+        wet = np.zeros(len(some))
+        for layer in np.unique(begin_layer[within]).tolist():
+            inside = within & (begin_layer == layer)
+            wet[inside] = self.map.wet_share(points[inside], layer).mean(axis=1)
+        return float(np.average(wet[within], weights=area[within])), apart_share
+
+    def _layer_at(self, s: Floats) -> NDArray[np.int64]:
+        """Return the layers of points of the trace, given by their arc length on the requested path, (m,)."""
+        nozzle, ticks = self.analysis.nozzle, self.analysis.ticks
+        ahead = forward(nozzle.s)
+        place = np.interp(s, nozzle.s[ahead], self.length[ticks[ahead]])
+        last = self.map.layer.size - 1
+        return self.map.layer[np.minimum((place / self.ds).astype(np.intp), last)]
 
     @cached_property
     def _bounds(self) -> NDArray[np.intp]:

@@ -143,12 +143,12 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
                 px, py = i - x[k], j - y[k]
                 along = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
                 distance = math.hypot(px - along * dx, py - along * dy)
-                share = _hat_below(radius - distance) - _hat_below(-radius - distance)
+                share = hat_below(radius - distance) - hat_below(-radius - distance)
                 under[j, i] = max(under[j, i], share)
 
 
 @jit
-def _hat_below(t: float) -> float:
+def hat_below(t: float) -> float:
     """Share of a hat from -1 to 1 that lies below t."""
     if t <= 0.0:
         return 0.5 * max(1.0 + t, 0.0) ** 2

@@ -144,10 +144,13 @@ def _add_bead(table: Table, bead: BeadValues) -> None:
     width, volume = bead.width, bead.requested_volume
     widths = f"{width.min:.3f} to {width.max:.3f}; nominal section {bead.nominal:.3f} mm²"
     table.add_row("bead width", f"{width.mean:.3f} mm", widths)
-    if bead.clearance is not None and bead.coverage is not None:
+    if bead.clearance is not None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"
-        covered = f"{bead.clearance.min:.3f} to {bead.clearance.max:.3f}; coverage {100 * bead.coverage:.1f} %"
-        table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):.3f} mm", f"clearance {covered}")
+        clearances = f"clearance {bead.clearance.min:.3f} to {bead.clearance.max:.3f}"
+        covered = "" if bead.coverage is None else f"; coverage {100 * bead.coverage:.1f} %"
+        table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):.3f} mm", clearances + covered)
+        if bead.apart_share:
+            table.add_row("height map", "in layers", bead.apart_note)
     missing = "excess" if bead.start_shortfall.mean < 0 else "missing"
     table.add_row("start", f"{abs(bead.start_shortfall.mean):.2f} mm {missing}", "length of nominal bead")
     if bead.stop_excess is not None:

@@ -139,9 +139,12 @@ def bead_section(bead: Bead) -> Section:
     """Return the section of the bead of a run with glue."""
     values = bead.values
     height = view_height(float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y)), _PLAN)
+    remarks = [f"The height map has not settled: {values.ridge_note}."] if values.ridge else []
+    if values.apart_share:
+        remarks.append(f"{values.apart_note[0].upper()}{values.apart_note[1:]}.")
     return Section(
         "Bead",
-        [f"The height map has not settled: {values.ridge_note}."] if values.ridge else None,
+        remarks or None,
         facts=_bead_facts(values),
         figure=[
             drawn(draw_height_map, bead, _PLAN, 0.9 * height),
@@ -158,12 +161,13 @@ def _bead_facts(values: BeadValues) -> list[tuple[str, str, str]]:
         ("Cross-section", f"{values.section.mean:.3f} mm²", f"nominal {values.nominal:.3f} mm²"),
         ("Width", f"{values.width.mean:.3f} mm", f"{values.width.min:.3f} to {values.width.max:.3f} mm"),
     ]
-    if values.clearance is not None and values.coverage is not None and values.overlap_share is not None:
+    if values.clearance is not None and values.overlap_share is not None:
         between = "gap" if values.clearance.mean > 0 else "overlap"
         overlapping = f"turns overlap on {100 * values.overlap_share:.1f} % of their length"
+        covered = "none" if values.coverage is None else f"{100 * values.coverage:.1f} %"
         facts += [
             (f"Mean {between} between turns", f"{abs(values.clearance.mean):.3f} mm", ""),
-            ("Coverage", f"{100 * values.coverage:.1f} %", overlapping),
+            ("Coverage", covered, overlapping),
         ]
     return facts
 

@@ -169,6 +169,8 @@ def _bead(bead: BeadValues) -> dict[str, Any]:
         "overlapping_share": bead.overlap_share,
         "gapping_share": bead.gap_share,
         "coverage": bead.coverage,
+        "turns_apart_share": bead.apart_share,
+        "turns_apart_mm": bead.height_apart,
         "missing_at_start_mm": _range(bead.start_shortfall),
         "too_much_at_stop_mm": _range(bead.stop_excess),
         "seen_to_begin_late_mm": _range(bead.start_offset),

@@ -279,6 +279,8 @@ def test_the_bead(shown):
         "overlapping_share": values.overlap_share,
         "gapping_share": values.gap_share,
         "coverage": values.coverage,
+        "turns_apart_share": values.apart_share,
+        "turns_apart_mm": values.height_apart,
         "volume_mm3": values.volume,
         "volume_asked_mm3": whole,
         "volume_error_mm3": error,

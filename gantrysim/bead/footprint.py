@@ -1,0 +1,98 @@
+"""Compiled functions for the share of each cell that glue wets, which resolves gaps narrower than a cell.
+
+The footprint of a pass is the strip as wide as the bead about the trace. Its edge is blurred by a hat two cells wide,
+as glue is shared among cells: the footprints of two strips side by side then add up to 1 at every cell between them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.arrays import Floats
+from gantrysim.bead.laying import hat_below
+from gantrysim.jit import jit
+
+
+@jit
+def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: Floats, ends: Floats) -> Floats:
+    """Return the sum of the passes' footprints, clipped to 1, (ny, nx).
+
+    Consecutive intervals of the trace are one pass over a cell, of which the largest share counts; the shares of
+    different passes add up. They are clipped after the sum, so that beads that just touch leave no gap.
+
+    Args:
+        shape: of the grid, (ny, nx).
+        x: of the stations [cells], (r,).
+        y: likewise.
+        half: half the width of the bead [cells], (r,).
+        wet: volume between the stations, 0 where there is no glue [mm³], (r - 1,).
+        ends: x, y and radius of round drops [cells], (k, 3).
+    """
+    share = np.zeros(shape)
+    present = np.zeros(shape)  # share of the pass that is over the cell
+    last = np.full(shape, -2, np.int32)  # interval of the trace in which it was last over it
+    for k in range(wet.size):
+        if wet[k] > 0.0:
+            start = (x[k], y[k], half[k])
+            stop = (x[k + 1], y[k + 1], half[k + 1])
+            _pass_over(share, present, last, start, stop, k)
+    for k in range(len(ends)):
+        # numbers two apart: each drop is a pass of its own
+        point = (ends[k, 0], ends[k, 1], ends[k, 2])
+        _pass_over(share, present, last, point, point, wet.size + 2 * k + 1)
+    return np.minimum(share + present, 1.0)
+
+
+@jit
+def _pass_over(
+    share: Floats,
+    present: Floats,
+    last: NDArray[np.int32],
+    start: tuple[float, float, float],
+    stop: tuple[float, float, float],
+    number: int,
+) -> None:
+    """Add a piece of a pass, between two points given with half the width there [cells]."""
+    dx = stop[0] - start[0]
+    dy = stop[1] - start[1]
+    square = dx * dx + dy * dy
+    reach = max(start[2], stop[2]) + 1.0
+    rows = (max(math.ceil(min(start[1], stop[1]) - reach), 0), math.floor(max(start[1], stop[1]) + reach) + 1)
+    columns = (max(math.ceil(min(start[0], stop[0]) - reach), 0), math.floor(max(start[0], stop[0]) + reach) + 1)
+    for j in range(rows[0], min(rows[1], share.shape[0])):
+        for i in range(columns[0], min(columns[1], share.shape[1])):
+            px = i - start[0]
+            py = j - start[1]
+            along = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
+            distance = math.hypot(px - along * dx, py - along * dy)
+            half = start[2] + along * (stop[2] - start[2])
+            wetted = hat_below(half - distance) - hat_below(-half - distance)
+            if wetted <= 0.0:
+                continue
+            if last[j, i] >= number - 1:
+                present[j, i] = max(present[j, i], wetted)
+            else:
+                share[j, i] += present[j, i]
+                present[j, i] = wetted
+            last[j, i] = number
+
+
+@jit
+def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Floats) -> None:
+    """Raise the shares of cells into which glue was pushed by how far it fills their room, see `pushing`.
+
+    Args:
+        share: wet share, (ny, nx), changed.
+        laid: height of the glue before it was pushed aside, (ny, nx) [mm].
+        pushed: height afterwards [mm].
+        ceiling: height that the glue may have [mm].
+    """
+    for j in range(share.shape[0]):
+        for i in range(share.shape[1]):
+            gain = pushed[j, i] - laid[j, i]
+            room = ceiling[j, i] - laid[j, i]
+            if gain > 0.0 and room > 0.0:
+                share[j, i] += (1.0 - share[j, i]) * min(gain / room, 1.0)
