@@ -130,3 +130,10 @@ def velocities(setpoints):
 
 def accelerations(setpoints):
     return np.diff(velocities(setpoints), axis=0) / setpoints.period
+
+
+def off_rounded_rectangle(points, width, height, radius):
+    """Signed distance of complex points from a rounded rectangle about 0, positive outside of it, (n,)."""
+    inner = np.abs(points.real) - (0.5 * width - radius) + 1j * (np.abs(points.imag) - (0.5 * height - radius))
+    beyond = np.hypot(np.maximum(inner.real, 0), np.maximum(inner.imag, 0))
+    return beyond + np.minimum(np.maximum(inner.real, inner.imag), 0) - radius
