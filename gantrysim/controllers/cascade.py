@@ -27,7 +27,7 @@ from gantrysim.stability.motion import MODES, Drives
 
 _SLOWER = 0.97  # from one gain tried to the next
 _SLOWEST = 1e-4  # relative to the first
-_BANDWIDTHS = (1e-2, 1e5)  # [Hz]
+_HIGHEST_BANDWIDTH = 1e5  # [Hz]
 
 
 class AxisGains(NamedTuple):
@@ -128,7 +128,7 @@ def velocity_loop(axes: tuple[AxisDynamics, ...], drives: Drives, bandwidth: flo
         drives: their properties; the encoder of the velocity is on the motor.
         bandwidth: K / J to be taken; None for the highest [Hz].
     """
-    frequency = None if bandwidth is None else 0.5 * positive("velocity_bandwidth", bandwidth, "Hz", _BANDWIDTHS[1])
+    frequency = None if bandwidth is None else 0.5 * positive("velocity_bandwidth", bandwidth, "Hz", _HIGHEST_BANDWIDTH)
     lags = Lags(drives=Drives(bandwidth=drives.bandwidth))
     return loop(axes, drives.period, frequency, 1.0, math.inf, lags, notched=False)
 
@@ -147,7 +147,7 @@ def _around_velocity(
     w = 2 * math.pi * inner.frequency
     each = [pd_gains(axis, inner.frequency, 1.0, math.inf) for axis in axes]
     drives = drives._replace(velocity=tuple((one["kd"], one["kp"] / one["kd"]) for one in each))
-    kp = w if frequency is None else 2 * math.pi * positive("frequency", frequency, "Hz", _BANDWIDTHS[1])
+    kp = w if frequency is None else 2 * math.pi * positive("frequency", frequency, "Hz", _HIGHEST_BANDWIDTH)
     bound, first = "", kp
     while frequency is None and (trouble := _trouble(axes, period, lags, drives, kp, integral_time)):
         bound, kp = trouble, kp * _SLOWER

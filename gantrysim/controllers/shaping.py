@@ -13,7 +13,7 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.memory import check_ticks
 
-_IMPULSES = {ZV: 1, ZVD: 2}  # powers of the two impulses of ZV
+_SHAPERS = (ZV, ZVD)
 
 
 def impulses(law: str, frequency: float, damping: float, period: float) -> Floats:
@@ -52,7 +52,7 @@ def shaped(servo: Servo, setpoints: Setpoints) -> Setpoints:
         servo: the servo.
         setpoints: the program's own.
     """
-    law = next((name for name in _IMPULSES if name in servo.law), None)
+    law = next((name for name in _SHAPERS if name in servo.law), None)
     if law is None:
         return setpoints
     modes = sorted({mode for mode in zip(servo.shaper_frequency, servo.shaper_damping, strict=True) if mode[0]})

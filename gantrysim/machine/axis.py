@@ -81,7 +81,7 @@ class Axis:
     peak_torque: float
     declared_speed: float
     resolution: float
-    friction: Friction = field(default=Friction(), repr=False)
+    friction: Friction = field(repr=False)
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
     efficiency: float = 1.0

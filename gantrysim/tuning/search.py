@@ -209,12 +209,12 @@ def candidate_at(
         number: within the round.
         space: of the servos.
         stability: whose margin is kept.
-        point: rho, where more than 0 counts as 0, and shape.
+        point: rho, at most 0, and shape.
         guess: the fastest loops of another shape.
     """
     rho, shape = point[: space.groups], point[space.groups :]
     fastest = stability.fastest(space, shape, guess)
     if fastest.excess > 0:
         return Candidate(count, number, space.servo(fastest.frequencies, shape), fastest.excess, point=point), guess
-    servo = space.servo(fastest.frequencies + np.minimum(rho, 0.0), shape)
+    servo = space.servo(fastest.frequencies + rho, shape)
     return Candidate(count, number, servo, float(stability.excess(servo).max()), point=point), fastest

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo
 from gantrysim.controllers.feeding import zero_phase
+from gantrysim.controllers.laws.cascade import as_pid, cascaded
 from gantrysim.controllers.laws.friction import friction_torque
 from gantrysim.controllers.laws.observer import low_pass, torque_taps
 from gantrysim.controllers.laws.parameters import ADDITIONS, BASES, LAW_PARAMETERS, law_names
 from gantrysim.controllers.shaping import impulses, shaped
+from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import margins_of
 
 from support.runs import PERIOD, ramp
@@ -63,6 +65,8 @@ def test_names_that_are_wrong_are_refused_in_one_line(axes, law, text):
         ({"law": "pid", "observer_bandwidth": 5.0}, "has no effect without law = 'observer'"),
         ({"law": "observer", "observer_bandwidth": 600.0}, "below half the servo's, 500 Hz"),
         ({"law": "observer", "observer_bandwidth": 0.0}, "must be above 0"),
+        ({"law": "observer", "observer_bandwidth": [5.0, 0.0]}, "observer_bandwidth = 5 0 Hz: must be above 0"),
+        ({"law": "zv", "shaper_frequency": 0.0}, "shaper_frequency = 0 0 Hz: must be above 0"),
         ({"law": "preview", "preview_bandwidth": -1.0}, "must be at least 0"),
         ({"law": "pd", "ki": 1.0}, "ki = 1.0: must be 0 in law 'pd'"),
         ({"law": "zv", "shaper_damping": 1.0}, "must be below 1"),
@@ -76,6 +80,34 @@ def test_parameters_out_of_bounds_are_refused(axes, given, text):
     with pytest.raises(InputError) as caught:
         Servo.derive(axes, **given)
     assert text in str(caught.value)
+
+
+def test_an_axis_without_a_mode_needs_no_shaper_beside_one_that_has(axes):
+    servo = Servo.derive(axes, law="zv", shaper_frequency=[20.0, 0.0], shaper_damping=0.1)
+    sent = shaped(servo, ramp(50.0, 20.0))
+    plain = ramp(50.0, 20.0)
+    added = len(impulses("zv", 20.0, 0.1, servo.period)) - 1
+    assert len(sent.position) == len(plain.position) + added  # both axes wait for the one
+
+
+def test_without_a_position_gain_p_pi_is_a_velocity_loop():
+    """kp = 0: no speed for an error, and no integral, whose rate is ki / kp; the demand's own torques remain."""
+    gains = (0.0, 0.0, 0.4, 0.01, 0.002, -0.03)
+    torque, total = cascaded(5.0, 0.7, 30.0, 200.0, 28.0, gains, 1e-3)
+    assert torque == pytest.approx(0.4 * (30 - 28) + 0.01 * 30 + 0.002 * 200 - 0.03 * 28, rel=1e-12)
+    assert total == pytest.approx(0.7 + 1e-3 * 0.4 * (30 - 28), rel=1e-12)
+    assert as_pid(gains) == gains
+
+
+@given(st.lists(st.sampled_from([0.0, 0.5, -0.3, 1.2]), min_size=5, max_size=5))
+def test_a_compensator_through_any_filter_has_the_product_of_both_responses(coefficients):
+    """Also where coefficients are zero, alone or together, as of a delay, a gain or one pole."""
+    b0, b1, b2, a1, a2 = coefficients
+    law = Compensator(np.array([[0.3, 0.1], [0.0, -0.4]]), np.array([1.0, 2.0]), np.array([0.5, -1.0]), 0.7)
+    z = np.exp(1j * np.linspace(0.05, np.pi, 25)) * 1.7  # outside of the poles
+    assert np.abs(1 + a1 / z + a2 / z**2).min() > 0.01
+    expected = law.response(z) * (b0 + b1 / z + b2 / z**2) / (1 + a1 / z + a2 / z**2)
+    np.testing.assert_allclose(law.then((b0, b1, b2, a1, a2)).response(z), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_every_parameter_has_a_default_with_its_law_and_none_without(axes):

@@ -73,7 +73,17 @@ def test_margins_of_a_linear_law_are_exact(xy, pd):
         assert len(law.A) <= 3
 
 
-@pytest.mark.parametrize("law", [own_laws.cubic, own_laws.coupled])
+def test_margins_of_a_law_that_answers_late_are_exact(xy, pd):
+    """0.3 kp / z / (1 - 0.7 / z), of order two at most: nothing of the kick comes out at its own tick."""
+    servo = dataclasses.replace(pd, law=(own_laws.late,))
+    z = np.exp(1j * np.linspace(0.01, np.pi, 30))
+    for a, law in enumerate(servo.compensators()):
+        np.testing.assert_allclose(law.response(z), 0.3 * servo.kp[a] / z / (1 - 0.7 / z), rtol=1e-6)
+        assert law.D == 0
+        assert len(law.A) <= 2
+
+
+@pytest.mark.parametrize("law", [own_laws.cubic, own_laws.coupled, own_laws.fading])
 def test_margins_of_others_are_unknown(xy, pd, law):
     assert margins_of(xy, dataclasses.replace(pd, law=(law,))) is None
 

@@ -35,6 +35,18 @@ def coupled(tick, state, torque):
     torque[:] = tick.gains[:, 0] * tick.error.sum()
 
 
+def late(tick, state, torque):
+    """Answers to the error of the last tick through a first-order lag, so not at all within a tick."""
+    for a in range(tick.axes):
+        torque[a] = 0.7 * state[2 * a + 1] + 0.3 * tick.gains[a, 0] * state[2 * a]
+        state[2 * a], state[2 * a + 1] = tick.error[a], torque[a]
+
+
+def fading(tick, state, torque):
+    """Linear at every moment, but another law later."""
+    torque[:] = tick.gains[:, 0] * tick.error * (1 + tick.time)
+
+
 def broken(tick, state, torque):
     if tick.time > 0.02:
         raise ZeroDivisionError("gain of nothing")

@@ -170,11 +170,10 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
 def _halts(
     table: Floats, rows: NDArray[np.intp]
 ) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], Floats], NDArray[np.intp]]:
-    """Whether the motion halts before each piece and after the last; of each dwell, the pieces before, time and row."""
+    """Whether a dwell halts the motion before each piece or after the last; of each dwell, pieces before, time and row."""
     dwell = np.flatnonzero(table[:, KIND] == DWELL)
     before = np.searchsorted(rows, dwell)
     halts = np.zeros(rows.size + 1, bool)
-    halts[[0, -1]] = True
     times = table[dwell, FEED]
     halts[before[times > 0]] = True
     real = times > 0

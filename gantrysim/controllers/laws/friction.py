@@ -16,10 +16,10 @@ class Friction(NamedTuple):
         stiffness: of the bristles, torque per travel after a reversal; 0 for a step [N·m/u].
     """
 
-    coulomb: float = 0.0
-    static: float = 0.0
-    speed: float = 0.0
-    stiffness: float = 0.0
+    coulomb: float
+    static: float
+    speed: float
+    stiffness: float
 
 
 def friction_torque(last: float, velocity: float, travel: float, friction: tuple[float, ...]) -> float:
