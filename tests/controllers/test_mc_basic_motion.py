@@ -422,3 +422,20 @@ def test_no_record_is_written_where_none_is_kept(recorded, tmp_path):
     assert not (tmp_path / "none.csv").exists()
     with pytest.raises(InputError, match=r"^line 2: a record is open: must be closed by RECORDCLOSE$"):
         Basic("record a.rec 5 recdata = pcmd\nrecord b.rec 5 recdata = pcmd")
+
+
+@pytest.mark.parametrize(
+    ("declared", "first"), [("", "a1"), ("common shared bench as group Axnm = a2 Axnm = a1\n", "a2")]
+)
+def test_joints_are_the_axes_of_the_group_in_its_order(declared, first):
+    """Without declared axes j1 and j2 are a1 and a2; a group that names its axes orders them."""
+    wait = "while ismoving <> 0\nsleep 1\nend while\n"
+    text = f"{declared}move {{0, 0}}\nmove {{10, 20}}\n{wait}print j1.pcmd; j2.pcmd; {first}.pcmd\nj1.vmax = 7\n"
+    assert list(Basic(f"{text}print {first}.vmax").printed) == ["10 20 10", "7"]
+
+
+@pytest.mark.parametrize(("axes", "beyond"), [("Axnm = a1 Axnm = a2", "j3"), ("Axnm = a1 Axnm = a2 Axnm = a3", "j4")])
+def test_a_joint_beyond_those_of_the_group_is_none(axes, beyond):
+    text = f"common shared bench as group {axes}\nmove {{1, 2}}\n{beyond}.vmax = 4\n"
+    with pytest.raises(InputError, match=f"{beyond}: must be an axis or a group; the group is bench"):
+        _ = Basic(text, coordinates=("x", "y", "z")).printed

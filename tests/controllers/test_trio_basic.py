@@ -347,6 +347,7 @@ def test_a_text_that_is_refused_names_the_line(text, error):
         ),
         ("MOVELINK(10^308,10^-5,0,0,1)", r"line 1: 1e\+308 over a link distance of 1e-05: must be a finite rate$"),
         ("x=1\nSPEED=10^308: FORWARD: WA(5)", r"line 2: axis 0 is at [^ ]+: must stay within 1e\+12 units$"),
+        ("x=1\nSPEED=10^13: REVERSE: WA(500)", r"line 2: axis 0 is at -[^ ]+: must stay within 1e\+12 units$"),
         ("SPEED AXIS(1)=9: CONNECT(10^250,1)\nFORWARD AXIS(1): WA(9)", r"line 1: axis 0 is at [^ ]+: must stay within"),
         ("MOVECIRC(0,0,10^308,10^308,0)", r"line 1: move of length inf: must be finite$"),
         ("x=(-1)^0.5", r"line 1: root of a negative number$"),

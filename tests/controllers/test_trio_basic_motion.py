@@ -181,6 +181,23 @@ def test_cambox_repeats_from_a_position_of_the_link_axis():
     assert position == pytest.approx(expected, abs=POSITION)
 
 
+@pytest.mark.parametrize("before", [-6.0, 2.0, 4.0])
+def test_a_link_begins_at_a_position_in_the_link_axis_own_coordinates(before):
+    """DEFPOS has set the link axis' zero to 30; from there to `before`, then 10 is still ahead of it."""
+    head = f"SPEED AXIS(4)=100: MOVE(30) AXIS(4): WAIT IDLE AXIS(4): DEFPOS(0) AXIS(4): MOVE({before}) AXIS(4)"
+    text = f"{head}: WAIT IDLE AXIS(4): MOVELINK(20,20,0,0,4,2,10): MOVE(50) AXIS(4): WAIT IDLE AXIS(4)"
+    position = moved(text)[:, 0]
+    since = np.arange(len(position)) * DT - (30 + abs(before)) / 100
+    link = before + 100 * np.clip(since, 0, 0.5)
+    assert position == pytest.approx(np.clip(link - 10, 0, 20), abs=1e-8)
+
+
+def test_a_link_position_that_is_passed_is_refused_by_the_way_beyond_it():
+    text = "MOVE(30) AXIS(4): WAIT IDLE AXIS(4): DEFPOS(14) AXIS(4): MOVELINK(20,20,0,0,4,2,10): WAIT IDLE"
+    with pytest.raises(InputError, match="axis 4 is 4 past the link position: must be before it"):
+        moved(text)
+
+
 def test_a_link_can_follow_in_one_direction_alone():
     text = (
         "SPEED AXIS(4)=100: MOVELINK(30,30,0,0,4,32): MOVE(10) AXIS(4): MOVE(-20) AXIS(4): MOVE(40) AXIS(4): WAIT IDLE"
