@@ -349,3 +349,18 @@ def test_any_affine_transform_of_an_ellipse(matrix, rx, ry, turned):
     assert farthest(sampled(chain), curve) <= 1e-3 + 1e-4
     assert farthest(curve, sampled(chain)) <= 1e-3 + 1e-4
     assert chain.position(0)[0] == pytest.approx(curve[0], abs=SAMPLING)
+
+
+@pytest.mark.parametrize("stray", [0.0, 1e-7, 1e-6])
+@pytest.mark.parametrize("finish", ["40 20", "60.{} 40.{}"], ids=["one handle", "both handles"])
+def test_a_handle_that_lies_on_its_end_but_for_rounding_gives_no_direction(stray, finish):
+    """A Bézier curve whose handle is at its end sets out for the other handle, wherever rounding moves the first."""
+    away = f"{10 - stray:.7f} {10 - stray:.7f}"
+    digits = f"{stray:.7f}"[2:]
+    found = Drawing(svg(f'<path d="M 10 10 C {away} {finish.format(digits, digits)} 60 40"/>'), corner_tolerance=0)
+    chain = found.route.chain
+    clean = Drawing(svg(f'<path d="M 10 10 C 10 10 {finish.format("0", "0")} 60 40"/>'), corner_tolerance=0).route.chain
+    assert len(chain.pieces) == len(clean.pieces)
+    assert not chain.corners.size
+    target = complex(30, -10) if finish == "40 20" else complex(50, -30)  # y of SVG is downwards
+    assert chain.heading(np.array([1e-3]))[0] == pytest.approx(np.angle(target), abs=2e-3)

@@ -275,3 +275,27 @@ def test_a_csv_s_own_glue_and_speed():
         x = setpoints.position[:, 0]
         inside = (x[:-1] > part[0]) & (x[1:] < part[1])
         assert np.diff(x)[inside].max() / TICK == pytest.approx(speed, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("points", "speed", "acceleration", "weakest"),
+    [
+        ([(0, 0), (30, 40)], 100.0, (4000.0, 500.0, 1000.0), 500 / 0.8),
+        ([(0, 0), (40, 30)], 100.0, (500.0, 4000.0, 1000.0), 500 / 0.8),
+        ([(0, 0, 0), (32, 0, 24)], 60.0, (2000.0, 10.0, 300.0), 300 / 0.6),
+        ([(0, 0), (80, 0)], 90.0, (700.0, 1.0, 1.0), 700.0),
+    ],
+)
+def test_a_line_takes_the_time_that_the_axis_nearest_to_its_limit_allows(points, speed, acceleration, weakest):
+    """Rest to rest at the speed v and a = min(a_i / |t_i|) along the direction t: l / v + v / a."""
+    drawing = Drawing(csv(points), speed=speed, acceleration=acceleration)
+    length = math.dist(*points)
+    assert drawing.duration == pytest.approx(length / speed + speed / weakest, rel=5e-4)
+
+
+@pytest.mark.parametrize("acceleration", [(4000.0, 300.0, 1000.0), (4000.0, 150.0, 1000.0)])
+def test_a_circle_begins_and_ends_with_the_acceleration_of_the_axis_along_it(acceleration):
+    """A slow circle from its rightmost point: its ramps run along y, and v² / r needs a sixth of any limit."""
+    drawing = Drawing(svg('<circle cx="50" cy="50" r="20"/>'), speed=20.0, acceleration=acceleration)
+    expected = 40 * math.pi / 20 + 20 / acceleration[1]
+    assert drawing.duration == pytest.approx(expected, rel=3e-5)

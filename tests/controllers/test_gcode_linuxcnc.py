@@ -51,6 +51,9 @@ def ends(text, **settings):
         ("G10 L1 P3 Z50\nG43 H3 G0 Z1\nG53 Z60\nG49", [(0, 0, 1), (0, 0, 10)]),
         ("G0 X5 Y5\nG28.1\nX9\nG28 X8\nG0 X0", [(5, 5, 0), (9, 5, 0), (8, 5, 0), (5, 5, 0), (0, 5, 0)]),
         ("G0 X5\nG30", [(5, 0, 0), (0, 0, 0)]),
+        # a call sets all thirty local parameters: those without an argument to 0; the caller's own come back
+        ("#2=7 #30=9\no1 sub\nG0 X#1 Y#2 Z#30\no1 endsub\no1 call [5]\nG0 X#1 Y#2 Z#30", [(5, 0, 0), (0, 7, 9)]),
+        ("#31=4\no1 sub\n#31=[#31+#1]\no1 endsub\no1 call [5]\nG0 X#31 Y#1", [(9, 0, 0)]),
         ("o1 repeat [3]\nG91 G0 X1\no1 endrepeat", [(1, 0, 0), (2, 0, 0), (3, 0, 0)]),
         ("#1=0\no1 while [#1 lt 2]\n#1=[#1+1]\nG0 X#1\no1 endwhile", [(1, 0, 0), (2, 0, 0)]),
         ("#1=0\no1 do\n#1=[#1+1]\nG0 X#1\no1 while [#1 lt 2]", [(1, 0, 0), (2, 0, 0)]),
@@ -227,3 +230,21 @@ def test_recursion_counts_as_it_should(n, extra):
         f"o<f> call [#1-1]\no<f> endsub [#1*#<_value>]\no<f> call [{n}]\nG0 X#<_value> Y{extra}"
     )
     assert ends(text)[0][0] == math.factorial(n)
+
+
+@given(st.floats(-50, 50), st.floats(-9, 9).filter(lambda b: abs(b) > 0.01))
+def test_mod_is_what_remains_above_a_multiple_of_the_divisor(a, b):
+    """LinuxCNC's MOD is never negative: a - |b| floor(a / |b|)."""
+    (end,) = ends(f"G0 X[[{a:.6f}] MOD [{b:.6f}]] Y1")
+    a, b = round(a, 6), abs(round(b, 6))
+    remains = a - b * math.floor(a / b)
+    assert -1e-9 <= end[0] <= b + 1e-9
+    assert min(abs(end[0] - remains), b - abs(end[0] - remains)) < 1e-8  # 0 and b are one where a is a multiple
+
+
+@pytest.mark.parametrize("end", ["", "M2\n", "M30\n"])
+def test_a_program_ends_with_its_own_text_whatever_subprograms_follow(end):
+    """Files of subprograms are called, not run into; without a call the main program's last line is the last."""
+    others = {"100": "O100\nG0 X9\nM99", "dot": "o<dot> sub\nG0 X8\no<dot> endsub"}
+    assert ends(f"G0 X1\nG0 X2\n{end}", subprograms=others) == [[1, 0, 0], [2, 0, 0]]
+    assert ends(f"G0 X1\nM98 P100\n{end}", subprograms=others) == [[1, 0, 0], [9, 0, 0]]

@@ -144,6 +144,44 @@ def test_axes_keep_their_acceleration_on_arcs():
     assert inside.max() <= A * 1.001
 
 
+@pytest.mark.parametrize("head", ["G61", "G64", "G64 P0.05"])
+@pytest.mark.parametrize(
+    ("plane", "text"),
+    [
+        ("G17", "X50\nG3 Y40 J20\nG1 X0"),
+        ("G17", "X50\nG3 Y40 J20\nG2 X30 Y60 J20\nG1 Y80"),  # a quarter that turns the other way, and on upwards
+        ("G18", "X50\nG2 Z40 K20\nG1 X0"),
+        ("G19", "Y50\nG3 Z40 K20\nG1 Y0"),
+    ],
+)
+def test_arcs_that_continue_lines_are_passed_at_the_feed(head, plane, text):
+    """Tangents agree at every joint, so nothing slows the motion down: l / v + v / a, in every mode but exact stop."""
+    controller = program(f"F1200 {plane} {head}\nG1 {text}")
+    length = controller.requested.length
+    arcs = 20 * math.pi + (10 * math.pi if "Y60" in text else 0)
+    assert length == pytest.approx((50 + 20 if "Y60" in text else 100) + arcs, abs=1e-9)
+    assert controller.duration == pytest.approx(length / 20 + 20 / A, rel=1e-9)
+    assert not controller.notes
+    stopping = program(f"F1200 {plane} G61.1\nG1 {text}")
+    # with a stop at every joint; on arcs, half of the acceleration is for the ramps
+    ramps = 2 * 20 / A + (2 if "Y60" in text else 1) * 20 / (0.5 * A)
+    assert stopping.duration == pytest.approx(length / 20 + ramps, rel=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [10, 45, 90])
+def test_the_corner_between_a_line_and_an_arc_is_that_of_their_tangents(degrees):
+    """Where it is not rounded the velocity may jump by a T: v = a T / (2 sin(theta / 2))."""
+    turn, cycle = math.radians(degrees), 0.004
+    centre = 20 * 1j * np.exp(1j * turn)  # the arc sets out at an angle to the line
+    controller = program(
+        f"F2400 G61\nG1 X50\nG3 X{50 + 2 * centre.real:.9f} Y{2 * centre.imag:.9f} I{centre.real:.9f} J{centre.imag:.9f}",
+        cycle=cycle,
+    )
+    profile = controller.plan.profile
+    at_corner = float(profile.velocity(profile.reached(50.0)))
+    assert at_corner == pytest.approx(min(A * cycle / (2 * math.sin(turn / 2)), 40), rel=1e-6)
+
+
 def test_lines_within_q_are_merged():
     rng = np.random.default_rng(3)
     points = [(0.1 * k, 0.002 * rng.uniform(-1, 1)) for k in range(1, 501)]

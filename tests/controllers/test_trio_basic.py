@@ -438,3 +438,16 @@ def test_the_page_names_every_word():
     without_effect = set(IGNORED)
     assert set(known_words()) - without_effect - listed == set()
     assert listed & without_effect  # some of them as examples
+
+
+def test_memory_that_was_never_set_is_zero():
+    made = basic("PRINT TABLE(5);VR(7);IN(3);READ_OP(9)\nTABLE(4,2.5): VR(7)=3\nPRINT TABLE(4);TABLE(5);VR(7)")
+    assert [line.text for line in made.printed] == ["0.00000.00000.00000.0000", "2.50000.00003.0000"]
+
+
+def test_known_words_come_in_one_order():
+    """So a message names the same word of two that are as near, in every process."""
+    found = known_words()
+    assert isinstance(found, list)
+    assert found == sorted(set(found))
+    assert {"MOVE", "CONNECT", "WAIT", "TABLE"} <= set(found)

@@ -192,6 +192,15 @@ def test_a_link_begins_at_a_position_in_the_link_axis_own_coordinates(before):
     assert position == pytest.approx(np.clip(link - 10, 0, 20), abs=1e-8)
 
 
+def test_a_connect_that_waits_behind_a_link_begins_at_the_tick_after_its_end():
+    """The link ends within a tick at 10 of 10.07; what the link axis moves after that tick counts by half."""
+    text = "SPEED AXIS(4)=95: MOVELINK(10,10,0,0,4): CONNECT(0.5,4): MOVE(30) AXIS(4): WAIT IDLE AXIS(4)"
+    position = moved(f"{text}: CANCEL: WAIT IDLE")[:, 0]
+    link = np.minimum(np.arange(len(position)) * DT * 95, 30)
+    begun = link[np.argmax(link >= 10)]
+    assert position == pytest.approx(np.where(link < begun, link, 10 + 0.5 * (link - begun)), abs=1e-8)
+
+
 def test_a_link_position_that_is_passed_is_refused_by_the_way_beyond_it():
     text = "MOVE(30) AXIS(4): WAIT IDLE AXIS(4): DEFPOS(14) AXIS(4): MOVELINK(20,20,0,0,4,2,10): WAIT IDLE"
     with pytest.raises(InputError, match="axis 4 is 4 past the link position: must be before it"):

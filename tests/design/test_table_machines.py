@@ -163,6 +163,46 @@ def test_modes_of_a_cantilever(machines):
     np.testing.assert_allclose(modes(machine.physics, locked=locked(machine))[0], hertz(stiffness, mass), rtol=1e-5)
 
 
+def test_the_arm_of_a_cantilever_yaws_at_three_hundredths_of_critical_damping(machines):
+    """The hinge's damping is 2 zeta sqrt(k I) for the arm about its end and the carriage in its middle."""
+    machine, stiffness = machines["cantilever"], example("cantilever")["arm_stiffness"]
+    yaw = machine.physics.joint("yaw")
+    nominal = 3.0 * 0.5**2 / 3 + 0.9 * 0.25**2
+    assert yaw.damping[0] == pytest.approx(2 * 0.03 * math.sqrt(stiffness * nominal), rel=1e-6)
+    # with the motor and the nut on the arm as well, which the assumption leaves out
+    arm = 3.0 + LIBRARY["maxon-re30-48"]["mass"]
+    whole = arm * (0.25**2 + 0.5**2 / 12) + (0.15 + 0.9) * 0.25**2
+    assert yaw.damping[0] / (2 * math.sqrt(stiffness * whole)) == pytest.approx(0.03, rel=0.05)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_moves_along_y_stands_on_the_rails_that_are_drawn(machines, name):
+    """Two rails along y on the frame; every block that slides above them rests on one, and one at least is used."""
+    machine = machines[name]
+    model, data = machine.model, mujoco.MjData(machine.model)
+    mujoco.mj_forward(model, data)
+    before = data.geom_xpos.copy()
+    place = np.zeros((1, len(machine.kinematics.names)))
+    place[0, machine.kinematics.names.index("y")] = 20.0
+    data.qpos[:] = machine.to_qpos(machine.kinematics.inverse(place)[0])
+    mujoco.mj_forward(model, data)
+    moves = np.abs(data.geom_xpos - before)[:, 1] > 1e-3
+    half = np.array([np.abs(data.geom_xmat[g].reshape(3, 3)) @ model.geom_size[g] for g in range(model.ngeom)])
+    low = data.geom_xpos[:, 2] < data.site("nozzle").xpos[2]
+    boxes = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX)) & low
+    rails = np.flatnonzero(boxes & ~moves & (half[:, 1] > 0.15) & (half[:, 0] < 0.01) & (half[:, 2] < 0.006))
+    blocks = np.flatnonzero(boxes & moves & (half[:, 1] < 0.07) & (half[:, 0] < 0.03) & (half[:, 0] > 0.015))
+    assert len(rails) == 2
+
+    def carries(rail, block):
+        away = data.geom_xpos[block] - data.geom_xpos[rail]
+        return abs(away[0]) < 1e-6 and 0 < away[2] <= half[rail, 2] + half[block, 2] + 1e-6
+
+    sliding = blocks[np.abs(data.geom_xpos[blocks, 0]) > 0.1]  # but the nut of the screw between them
+    assert len(sliding) >= 2
+    assert all(any(carries(rail, block) for rail in rails) for block in sliding)
+
+
 def test_modes_of_corexy(machines):
     """Both belts pull each slide with 2 k; the motors weigh 2 J / r^2 on it."""
     machine, k, radius = machines["corexy"], 0.25e6, 0.02 / math.pi

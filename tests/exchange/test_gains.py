@@ -1,5 +1,6 @@
 """Gains in the words of controllers: each controller's own law gives the torque of the servo's, there and back."""
 
+import dataclasses
 import math
 from functools import cache, partial
 
@@ -12,6 +13,7 @@ from gantrysim import InputError, Machine, Servo
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.exchange.gains import DIALECTS, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
+from gantrysim.stability.motion import Motion
 
 PERIOD = 5e-4
 SERVO = {
@@ -250,3 +252,19 @@ def test_the_command_shows_all_words_and_refuses_bad_ones(gantrysim_command):
     assert (status, "unknown controller 'siemens'" in err) == (2, True)
     status, _, err = gantrysim_command("gains", "an225", "--from", "trio", "absent.bas")
     assert (status, "cannot be read" in err) == (2, True)
+
+
+@pytest.mark.parametrize("creep", [0.0, 3.0])
+def test_masses_that_creep_back_are_no_mode_of_an_axis(xy, creep):
+    """A motor m carries one mass on a spring that swings, and another on one that is damped beyond swinging."""
+    m, swinging, creeping = 2.0, (0.8, 8e4, 20.0), (0.5, 2e2, 200.0 * creep)
+    A, B, C = np.zeros((6, 6)), np.zeros((6, 1)), np.zeros((1, 6))  # noqa: N806
+    A[[0, 2, 4], [1, 3, 5]] = 1.0
+    for at, (mass, k, c) in ((2, swinging), (4, creeping)):
+        for row, inertia, sign in ((1, m, 1), (at + 1, mass, -1)):
+            A[row, [at, at + 1, 0, 1]] += sign * np.array([k, c, -k, -c]) / inertia
+    B[1, 0], C[0, 0] = 1 / m, 1.0
+    mode = first_mode(dataclasses.replace(xy.axes[0], motion=Motion(A, B, C)))
+    mass, k, c = swinging if creep else creeping
+    assert mode.frequency == pytest.approx(math.sqrt(k / mass) / (2 * math.pi), rel=1e-6)
+    assert mode.damping == pytest.approx(c / (2 * math.sqrt(k * mass)), abs=1e-6)

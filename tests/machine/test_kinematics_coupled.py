@@ -142,3 +142,26 @@ def test_travel_of_coordinates_and_models_without_the_mechanism_are_refused(belt
         (tmp_path / "wrong.xml").write_text(COREXY.replace(old, new))
         with pytest.raises(InputError, match=text):
             Machine(tmp_path / "wrong.xml")
+
+
+def test_belts_that_are_longer_at_rest_shift_the_motors(tmp_path):
+    """0.01 a = x + y + l: with the slides at 0 the motors stand where the belts are relaxed."""
+    text = COREXY
+    for name, length in (("belt_a", 4e-3), ("belt_b", 7e-3)):
+        old = f'<fixed name="{name}" stiffness="4e5" damping="80" springlength="0">'
+        assert old in text
+        text = text.replace(old, old.replace('springlength="0"', f'springlength="{length}"'))
+    (tmp_path / "long.xml").write_text(text)
+    machine = Machine(tmp_path / "long.xml")
+    data = mujoco.MjData(machine.physics)
+    for x, y in np.random.default_rng(2).uniform(-140, 140, (10, 2)):
+        axes = machine.kinematics.inverse(np.array([[x, y]]))
+        np.testing.assert_allclose(axes[0], np.degrees([(x + y + 4) / PULLEY, (x - y + 7) / PULLEY]), atol=1e-8)
+        np.testing.assert_allclose(machine.kinematics.forward(axes)[0], [x, y], atol=EXACT)
+        data.qpos[:] = machine.to_qpos(axes[0])
+        mujoco.mj_forward(machine.physics, data)
+        np.testing.assert_allclose(1e3 * data.ten_length, [4, 7], atol=EXACT)
+        tip = data.xmat[machine.work].reshape(3, 3).T @ (data.site_xpos[machine.nozzle] - data.xpos[machine.work])
+        np.testing.assert_allclose(1e3 * tip, [x, y, 0], atol=EXACT)
+    origin = machine.kinematics.inverse(np.zeros((1, 2)))[0]
+    assert np.abs(origin).min() > 20

@@ -253,6 +253,23 @@ def test_curves_of_several_runs_have_their_colours_and_one_scale(run):
     assert drawn.end == run.time[-1]
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
+def test_the_curve_of_each_run_has_its_own_colour_in_the_panel(run, order):
+    """Of runs that end one after the other, the last part of the strip has only the curve of the longest."""
+    lengths = [len(run.time), 1000, 700]
+    runs = [Telemetry(run if lengths[k] == len(run.time) else cut(run, lengths[k])) for k in order]
+    panel = Panel(runs, FRAME)
+    strip = panel.picture(run.time[-1])[panel.strip_above :, panel.strip_left :]
+    borders = [panel.strip.column(lengths[k] * run.period) for k in (0, 1, 2)]
+    only = {0: (borders[1] + 6, borders[0] - 12), 1: (borders[2] + 6, borders[1] - 6)}
+    for longest, (begin, end) in only.items():
+        part = strip[panel.strip.above : panel.strip.bottom, round(begin) : round(end)].astype(int)
+        seen = [(np.abs(part - rgb(colour)).max(axis=2) <= 8).any(axis=0).sum() for colour in run_colours(3)]
+        alone = [seen[order.index(k)] for k in range(3)]
+        assert alone[longest] > 50
+        assert all(alone[k] == 0 for k in range(longest + 1, 3))
+
+
 @pytest.mark.parametrize("time", [0.7004, 1.1])
 def test_the_panel_shows_the_values_of_the_tick(panel, telemetry, time):
     picture = panel.picture(time, 4.0)
