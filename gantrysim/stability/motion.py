@@ -201,7 +201,8 @@ def _held(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
     joint[:n, :n], joint[:n, n:] = A, B
-    effect = expm(joint * time)
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller checks for numbers that are not finite
+        effect = expm(joint * time)
     return effect[:n, :n], effect[:n, n:]
 
 

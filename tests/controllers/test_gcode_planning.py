@@ -173,10 +173,9 @@ def test_the_corner_between_a_line_and_an_arc_is_that_of_their_tangents(degrees)
     """Where it is not rounded the velocity may jump by a T: v = a T / (2 sin(theta / 2))."""
     turn, cycle = math.radians(degrees), 0.004
     centre = 20 * 1j * np.exp(1j * turn)  # the arc sets out at an angle to the line
-    controller = program(
-        f"F2400 G61\nG1 X50\nG3 X{50 + 2 * centre.real:.9f} Y{2 * centre.imag:.9f} I{centre.real:.9f} J{centre.imag:.9f}",
-        cycle=cycle,
-    )
+    end = 50 + 2 * centre
+    half_circle = f"G3 X{end.real:.9f} Y{end.imag:.9f} I{centre.real:.9f} J{centre.imag:.9f}"
+    controller = program(f"F2400 G61\nG1 X50\n{half_circle}", cycle=cycle)
     profile = controller.plan.profile
     at_corner = float(profile.velocity(profile.reached(50.0)))
     assert at_corner == pytest.approx(min(A * cycle / (2 * math.sin(turn / 2)), 40), rel=1e-6)

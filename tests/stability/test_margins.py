@@ -453,6 +453,45 @@ def test_axes_that_move_each_other_are_stable_or_not_together():
     assert found[2] == nominal[2]
 
 
+@pytest.mark.parametrize("share", [0.2, 0.6])
+@pytest.mark.parametrize(("factor", "stable"), [(1.0, True), (40.0, False)])
+def test_the_factor_on_all_gains_of_coupled_axes_is_that_of_their_modes(double_integrators, share, factor, stable):
+    """Axes of one inertia J, coupled by c = share J, and one law: their sum and difference are axes of J + c and J - c.
+
+    What two axes bear together is the least that either mode bears, each by a tick written out.
+    """
+    J = double_integrators.axes[0].inertia
+    b = 50 * J
+    alike = pd(double_integrators, 1e-3, frequency=15.0)
+    gains = {name: (getattr(alike, name)[0] * factor,) * 2 for name in ("kp", "ki", "kd", "output_velocity")}
+    servo = dataclasses.replace(alike, **gains)
+    mass = J * np.array([[1, share], [share, 1]])
+    A, B, C = np.zeros((4, 4)), np.zeros((4, 2)), np.zeros((2, 4))
+    A[:2, 2:], C[:, :2] = np.eye(2), np.eye(2)
+    A[2:, 2:], B[2:] = -b * np.linalg.inv(mass), np.linalg.inv(mass)
+    found = Plant(Motion(A, B, C), 1e-3, servo.delay).margins(servo)
+    edge = min(Tick(J * (1 + sign * share), b, servo, 0).edge(1e-3, 1e3) for sign in (1, -1))
+    assert (edge > 1) == stable
+    assert [one.together for one in found] == pytest.approx([edge] * 2, rel=2e-3)
+    assert [one.stable for one in found] == [stable] * 2
+    if stable:  # one axis alone bears more, as the other holds
+        assert min(one.gain for one in found) > edge
+
+
+def test_a_single_axis_bears_alone_what_it_bears_together():
+    found = plant_of("xy").margins(pd(Machine("xy")))
+    assert [one.together for one in found] == [one.gain for one in found]
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_motion_beyond_all_numbers_is_refused(driven):
+    """A state that grows by exp(2e3) in a period, whether the torque drives it or not."""
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 1e-3, 2e6]])
+    B = np.array([[0.0], [1.0], [1.0 if driven else 0.0]])
+    with pytest.raises(InputError, match=r"over a period of 0\.001 s has no finite numbers"):
+        Motion(A, B, np.array([[1.0, 0.0, 0.0]])).sampled(1e-3)
+
+
 def test_the_factor_of_a_coupled_axis_scales_that_axis_alone():
     """The table's gains are too high, the first slide's near its lower gain margin."""
     servo, plant = pd(Machine("stage"), integral_time=0.02), plant_of("stage")

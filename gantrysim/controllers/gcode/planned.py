@@ -170,7 +170,7 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
 def _halts(
     table: Floats, rows: NDArray[np.intp]
 ) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], Floats], NDArray[np.intp]]:
-    """Whether a dwell halts the motion before each piece or after the last; of each dwell, pieces before, time and row."""
+    """Whether a dwell halts the motion before each piece and at the end; of each dwell, pieces before, time and row."""
     dwell = np.flatnonzero(table[:, KIND] == DWELL)
     before = np.searchsorted(rows, dwell)
     halts = np.zeros(rows.size + 1, bool)
