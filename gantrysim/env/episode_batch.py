@@ -153,7 +153,7 @@ class EpisodeBatch(ABC):
 
     def _start(self, place: int, episode: Episode) -> None:
         self.episodes[place] = episode
-        self._action[place], self._rows[place], self._total[place] = 0.0, 0.0, 0.0
+        self._action[place], self._total[place] = 0.0, 0.0  # `measure` writes the rows
         self._foot[place], self._measured[place] = -1, 0
         span, dispense = self._spans[place], episode.simulation.setpoints.dispense
         self._setpoints[place] = span["count"] = len(episode.simulation.position)

@@ -288,6 +288,9 @@ def test_an_unknown_statement_and_an_unknown_word_are_refused_by_name():
         InputError, match=r"^line 2 .onsystemerror stop.: unknown statement .onsystemerror.: known: att"
     ):
         Basic("move {1, 2}\nonsystemerror stop")
+    # a word before an assignment is no statement that is unknown, but one too many
+    with pytest.raises(InputError, match=r"^line 2 .long k = 3.: .k. does not fit there$"):
+        Basic("move {1, 2}\nlong k = 3")
     with pytest.raises(InputError, match=r"^line 2: unknown word 'vcruse': did you mean vcruise"):
         Basic("move {1, 2}\nmove {3, 4} vcruse = 3")
 

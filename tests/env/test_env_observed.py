@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.env import BeadWidthEnv, GainScheduleEnv, SpeedOverrideEnv
+from gantrysim.env import BeadWidthEnv, GainScheduleEnv, ServoTorqueEnv, SpeedOverrideEnv
 
 from support.episodes import seen
 
@@ -23,7 +23,7 @@ def way(phi):
     return RADIUS * phi - 0.5 * A * phi**2
 
 
-PHI = np.linspace(0, 2 * np.pi * TURNS, 400_001)
+PHI = np.linspace(0, 2 * np.pi * TURNS, 40_001)
 RHO = RADIUS - A * PHI
 CURVE = np.stack([RADIUS - A * np.sin(PHI) - RHO * np.cos(PHI), A - A * np.cos(PHI) + RHO * np.sin(PHI)], axis=1)
 
@@ -89,3 +89,61 @@ def test_the_gain_schedule_observes_the_last_interval_and_the_next_demand():
     length = np.linalg.norm(np.diff(run.nozzle[-ticks - 1 :], axis=0), axis=1).sum()
     assert values["speed"] == pytest.approx(length / (ticks * period) / 100, rel=1e-3)
     assert values["progress"] == pytest.approx(sent / len(simulation.position), rel=1e-6)
+
+
+def test_the_servo_torque_observes_the_last_interval_and_the_next_demand():
+    env = ServoTorqueEnv(**SPIRAL)
+    ticks, period = env._episodes.source.ticks, 1e-3
+    values = stepped(env, 14)[-1]
+    tolerance = env._episodes.settings.tolerance
+    run, simulation = env.run, env._episodes.episodes[0].simulation
+    errors = (run.commanded - run.encoder)[-2 * ticks :].reshape(2, ticks, 2).mean(axis=1)
+    sent = int(env._episodes._sent[0])
+    demand = simulation.position[sent - 1 : sent + ticks]
+    for a, axis in enumerate("xy"):
+        assert values[f"tracking_{axis}"] == pytest.approx(errors[1, a] / tolerance, rel=1e-5)
+        assert values[f"tracking_change_{axis}"] == pytest.approx((errors[1, a] - errors[0, a]) / tolerance, rel=1e-4)
+        velocity = (demand[-1, a] - demand[0, a]) / (ticks * period)
+        assert values[f"velocity_{axis}"] == pytest.approx(velocity / 100, rel=1e-5)
+    start = env._episodes.episodes[0].points[0]
+    distance = np.array([foot(nozzle, start)[1] for nozzle in run.nozzle[-ticks:]])
+    assert values["contour_mean"] == pytest.approx(distance.mean() / tolerance, abs=0.02)
+    assert 0 < values["progress"] < 1
+    assert values["progress"] == pytest.approx(sent / len(simulation.position), rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", [GainScheduleEnv, ServoTorqueEnv, BeadWidthEnv, SpeedOverrideEnv])
+def test_a_new_episode_has_measured_nothing_whatever_was_before(kind):
+    env = kind(**SPIRAL)
+    first = env.reset(seed=2)[0]
+    for _ in range(6):
+        env.step(0.3 * np.ones(env.action_space.shape, np.float32))
+    again = env.reset(seed=2)[0]
+    assert again.tobytes() == first.tobytes()
+    values = seen(env, again)
+    measured = [name for name in values if name.startswith(("tracking", "contour", "action", "width"))]
+    assert measured
+    assert [values[name] for name in measured] == [0.0] * len(measured)
+    assert values["progress"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_values_of_an_episode_do_not_depend_on_those_before():
+    env, fresh = GainScheduleEnv(**SPIRAL), GainScheduleEnv(**SPIRAL)
+    hold = np.zeros(4, np.float32)
+    env.reset(seed=4)
+    for _ in range(9):
+        env.step(hold)
+    ends = []
+    for one in (env, fresh):
+        one.reset(seed=5)
+        over = False
+        while not over:
+            *_, over, info = one.step(hold)
+        ends.append(info)
+    assert ends[0]["episode_contour_rms"] == ends[1]["episode_contour_rms"]
+    laid = fresh.run.dispense
+    start = fresh._episodes.episodes[0].points[0]
+    distance = np.array([foot(nozzle, start)[1] for nozzle in fresh.run.nozzle[laid][::10]])
+    assert ends[0]["episode_contour_rms"] == pytest.approx(np.sqrt((distance**2).mean()), rel=0.03)
+    assert ends[0]["episode_contour_max"] >= np.abs(distance).max() - 1e-3
+    assert ends[0]["episode_contour_max"] == pytest.approx(np.abs(distance).max(), rel=0.1)
