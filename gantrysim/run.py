@@ -18,6 +18,7 @@ from gantrysim.errors import InputError
 from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault
 from gantrysim.files import replaced
+from gantrysim.input_files import opened
 from gantrysim.named_columns import frame
 from gantrysim.run_file import read_record, write_record
 
@@ -140,7 +141,7 @@ class Run(Shown):
             InputError: no such file, no record in a format that is read, or a damaged one.
         """
         try:
-            with FilePath(file).open("rb") as stream:
+            with opened(FilePath(file)) as stream:
                 return cls(**read_record(stream))
         except (OSError, InputError) as error:
             reason = str(error.strerror if isinstance(error, OSError) else error)[:_LONGEST_REASON]

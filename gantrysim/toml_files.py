@@ -11,20 +11,26 @@ from pydantic import BaseModel, ValidationError
 
 from gantrysim.errors import InputError
 from gantrysim.files import settle
+from gantrysim.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
 _SHOWN = 80  # characters of a wrong value
+_INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_text(file: Path, errors: str = "strict") -> str:
-    """Return the text of a file in UTF-8, or raise InputError where it has no end, as a device may.
+    """Return the text of a file in UTF-8.
 
     Args:
         file: to be read.
         errors: what becomes of bytes that are no text, as `open` takes it.
+
+    Raises:
+        InputError: no regular file, or one that is too long.
+        OSError: a file that cannot be read.
     """
-    with file.open("rb") as stream:
+    with opened(file) as stream:
         content = stream.read(_MOST + 1)
     if len(content) > _MOST:
         raise InputError(f"{file}: is longer than {_MOST:.3g} bytes")
@@ -36,15 +42,50 @@ def read_toml(file: Path, label: str) -> dict[str, Any]:
     """Return the content of a TOML file."""
     settle(file.parent, label)
     try:
-        return tomllib.loads(read_text(file))
+        text = read_text(file)
     except FileNotFoundError:
         raise InputError(f"{label}: no such file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{label}: is not TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{label}: is nested too deeply") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{label}: cannot be read: {error}") from None
+    try:
+        return toml_content(text, label)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{label}: is not TOML: {error}") from None
+
+
+def toml_content(text: str, label: str) -> dict[str, Any]:
+    """Return the content of a TOML text, whose integers have at most 64 bits as TOML requires.
+
+    Raises:
+        InputError: an integer beyond, or values that are nested too deeply.
+        tomllib.TOMLDecodeError: a text that is not TOML.
+    """
+    beyond = f"{label}: has an integer beyond 64 bits: must be {-_INTEGERS} to {_INTEGERS - 1}"
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # Python reads no integer of more than 4,300 digits
+        raise InputError(beyond) from None
+    except RecursionError:
+        raise InputError(f"{label}: is nested too deeply") from None
+    if not _within_64_bits(content):
+        raise InputError(beyond)
+    return content
+
+
+def _within_64_bits(content: dict[str, Any]) -> bool:
+    """Whether every integer of a content has at most 64 bits; larger ones, if hexadecimal, cannot even be printed."""
+    waiting: list[Any] = [content]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += value.values()
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, int) and not -_INTEGERS <= value < _INTEGERS:
+            return False
+    return True
 
 
 def validated(model: type[Model], content: dict[str, Any], label: str) -> Model:

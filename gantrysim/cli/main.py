@@ -9,6 +9,7 @@ from importlib import metadata
 from typing import Annotated, Any
 
 import typer
+from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from gantrysim import signals
@@ -25,6 +26,9 @@ from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling,
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
 from gantrysim.errors import GantryError, InputError
+from gantrysim.toml_files import one_line
+
+_LONGEST = 2000  # characters of a message
 
 
 class _Commands(TyperGroup):
@@ -125,6 +129,12 @@ def info(
         show(table)
 
 
+def _shortened(text: str) -> str:
+    """Return a message in one line of a bounded length, whatever it quotes of the input; its end has the bound."""
+    line = " ".join(text.splitlines())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
+
+
 def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
     signals.forget()
@@ -134,7 +144,10 @@ def main() -> None:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        warn(text, "error")
+        warn(_shortened(text), "error")
+        status = INPUT_ERROR
+    except ValidationError as error:  # a job that a study or an environment makes of its options
+        warn(_shortened(one_line(error)), "error")
         status = INPUT_ERROR
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""

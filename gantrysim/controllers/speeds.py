@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-_NUMBER = r"\s*\+?([0-9]+\.?[0-9]*|\.[0-9]+)"
+_NUMBER = r"\s*\+?([0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _DIGITS = 8  # of a number
 
 

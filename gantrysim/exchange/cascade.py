@@ -98,7 +98,7 @@ class Fanuc(Dialect):
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
         found: list[dict[str, float]] = [{} for _ in axes]
         for (rest,) in by_name(r"N0*1825\s*(?:Q1)?\s*(.*)", text):
-            for number, value in re.findall(r"A(\d+)\s*P(\d+)", rest, re.IGNORECASE):
+            for number, value in re.findall(r"A(\d{1,4})\s*P(\d+)", rest, re.IGNORECASE):
                 if 1 <= int(number) <= len(found):
                     found[int(number) - 1]["1825"] = float(value)
         return found

@@ -100,7 +100,7 @@ class LinuxCNCIni(LinuxCNC):
         known = {term[1] for term in (*_TERMS, *_FOREIGN)}
         section: int | None = None
         for line in text.splitlines():
-            head = re.match(r"\s*\[(?:JOINT_(\d+)|AXIS_(\w+)|\w+)\]", line, re.IGNORECASE)
+            head = re.match(r"\s*\[(?:JOINT_(\d{1,4})|AXIS_(\w+)|\w+)\]", line, re.IGNORECASE)
             if head:
                 section = int(head[1]) if head[1] else names.get((head[2] or "").lower())
             given = re.match(rf"\s*(\w+)\s*=\s*({NUMBER})\s*(?:[#;].*)?$", line)

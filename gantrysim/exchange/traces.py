@@ -14,6 +14,7 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, expanded, positive, unknown
 from gantrysim.exchange.dialect import NUMBER
+from gantrysim.heads import name_and_unit
 from gantrysim.toml_files import read_text, read_toml
 
 # factors to s, mm and deg
@@ -24,8 +25,8 @@ UNITS = {
 }  # fmt: skip
 SAMPLES = "samples"  # unit of a time in sample periods
 
-_IN_NAME = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]|(.*)_(s|ms|us|mm|um|deg)")
-_MAPPED = re.compile(rf"(.+?)(?:\*({NUMBER}))?(?:\[([^\]]*)\])?")
+_SUFFIXES = ("s", "ms", "us", "mm", "um", "deg")  # units that may end a name without brackets, as in "time_ms"
+_NUMBER = re.compile(NUMBER)
 _PERIOD = re.compile(rf"Sampling period is ({NUMBER}) ns\s*")
 _LOST = "overrun"  # line of halsampler where samples are missing
 _SHOWN = 30  # characters of a wrong cell
@@ -126,10 +127,17 @@ class Assignment:
 
 
 def _source(key: str, text: str) -> Source:
-    found = _MAPPED.fullmatch(text.strip())
-    if not found:
+    column, unit, factor = text.strip(), "", 1.0
+    if column.endswith("]"):
+        bracket = column.find("[", column.rfind("]", 0, -1) + 1)
+        if bracket > 0:
+            column, unit = column[:bracket], column[bracket + 1 : -1]
+    name, star, number = column.rpartition("*")
+    if star and name and _NUMBER.fullmatch(number):
+        column, factor = name, float(number)
+    if not column:
         raise InputError(f"--columns {key}={text}: must be COLUMN, COLUMN*FACTOR or COLUMN[UNIT]")
-    return Source(found[1].strip(), float(found[2] or 1.0), found[3] or "")
+    return Source(column.strip(), factor, unit)
 
 
 def read_log(file: str | Path, blocks: int = 0) -> Log:
@@ -178,11 +186,13 @@ def _csv(label: str, rows: list[tuple[int, str]]) -> Log:
     units: dict[str, str] = {}
     plain = []
     for name in names:
-        found = _IN_NAME.fullmatch(name)
-        bare = name if found is None or found[3] else found[1]
+        bare, unit = name_and_unit(name)
+        _, underscore, suffix = name.rpartition("_")
         plain.append(bare)
-        if found and (unit := found[2] or found[4]):
+        if unit:
             units[bare] = unit
+        elif underscore and suffix in _SUFFIXES:
+            units[bare] = suffix
     if len(set(plain)) < len(plain):
         raise InputError(f"{label}: two columns have one name: {', '.join(plain)}")
     return Log(label, dict(zip(plain, values.T, strict=True)), units, lost=len(lines) < len(rows))

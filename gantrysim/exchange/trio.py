@@ -11,8 +11,8 @@ from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word
 FULL_SCALE = 2048.0  # of the DAC at the torque limit
 
 _WORDS = ("P_GAIN", "I_GAIN", "D_GAIN", "VFF_GAIN", "OV_GAIN")
-_LINE = re.compile(rf"([A-Z_]+)(?:\s+AXIS\s*\(\s*(\d+)\s*\))?\s*=\s*({NUMBER})", re.IGNORECASE)
-_BASE = re.compile(r"BASE\s*\(\s*(\d+)\s*\)", re.IGNORECASE)
+_LINE = re.compile(rf"([A-Z_]+)(?:\s+AXIS\s*\(\s*(\d{{1,4}})\s*\))?\s*=\s*({NUMBER})", re.IGNORECASE)
+_BASE = re.compile(r"BASE\s*\(\s*(\d{1,4})\s*\)", re.IGNORECASE)
 
 
 class Trio(Dialect):

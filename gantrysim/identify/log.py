@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ import numpy as np
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, expanded
 from gantrysim.files import replaced
+from gantrysim.heads import name_and_unit
+from gantrysim.input_files import opened
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
@@ -29,7 +32,6 @@ _SI = {"time": "s", "mm": "m", "deg": "rad", "torque": "N·m"}  # of a column wi
 _COUNTS = ("counts", "count", "edges")
 _EVEN = 1e-3  # largest deviation of a time step, of the mean
 _FEWEST = 100
-_HEAD = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]+?)\s*[\])])?\s*$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ def read_log(file: str | Path, machine: Machine, columns: Mapping[str, str] | No
     """
     path = expanded(file)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
+        with opened(path) as content, TextIOWrapper(content, encoding="utf-8-sig", newline="") as stream:
             rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"log {file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
@@ -142,22 +144,17 @@ def _heads(row: Sequence[str], machine: Machine, columns: Mapping[str, str]) -> 
     for name, head in columns.items():
         if name not in known:
             raise InputError(f"column {name!r}: must be one of {', '.join(known)}")
-        text, unit = _split(head)
+        text, unit = name_and_unit(head)
         fitting = [k for k, cell in enumerate(stripped) if cell in (head.strip(), text)]
         if not fitting:
             raise InputError(f"has no column {head!r} for {name}; it has: {', '.join(stripped)}")
-        heads[name] = fitting[0], unit or _split(stripped[fitting[0]])[1]
+        heads[name] = fitting[0], unit or name_and_unit(stripped[fitting[0]])[1]
     for k, cell in enumerate(stripped):
-        text, unit = _split(cell)
+        text, unit = name_and_unit(cell)
         name = " ".join(re.split(r"[\s_.]+", text.strip()))
         if name in known and name not in heads:
             heads[name] = k, unit
     return heads
-
-
-def _split(head: str) -> tuple[str, str]:
-    found = _HEAD.match(head)
-    return (found[1], found[2] or "") if found else (head, "")
 
 
 def _column(rows: Sequence[Sequence[str]], number: int, unit: str) -> Floats:

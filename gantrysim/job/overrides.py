@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 from gantrysim.bead import BeadSettings
@@ -15,8 +16,10 @@ from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.machine import builtin_models
+from gantrysim.toml_files import toml_content
 
 Content = dict[str, Any]  # of a job file
+_SHOWN = 200  # characters of an option
 
 # the tables of a job file besides the program's
 TABLES: dict[str, Any] = {
@@ -52,7 +55,7 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
     Raises:
         InputError: not "key=value", or an unknown or ambiguous key.
     """
-    option = f"--set {text}"
+    option = f"--set {shorten(text, _SHOWN)}"
     key, equals, right = text.partition("=")
     key = key.strip()
     if not equals:
@@ -65,11 +68,9 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
             raise unknown("key", key, known)
         key = matches[0]
     try:
-        value = tomllib.loads(f"value = {right}")["value"]
+        value = toml_content(f"value = {right}", f"--set {key}")["value"]
     except tomllib.TOMLDecodeError:
         value = right.strip()
-    except RecursionError:
-        raise InputError(f"--set {key}: is nested too deeply") from None
     if key == "machine" and isinstance(value, str):
         value = absolute_machine(value, Path())
     table, leaf = _table_of(content, key, option)

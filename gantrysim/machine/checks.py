@@ -8,23 +8,32 @@ import numpy as np
 from gantrysim.machine.machine import Machine
 
 _GAP = 5.0  # of a nozzle above its work [mm]
+_MOST_PAIRS = 3  # of geoms that touch, of which each has a line
 
 
 def notes(machine: Machine) -> tuple[str, ...]:
-    """Return a line for each contact at rest, and one for a nozzle that is not close above its work."""
+    """Return a line for each of the geoms that touch deepest at rest, and for a nozzle not close above its work."""
     model = machine.model
     data = mujoco.MjData(model)
     data.qpos[:] = machine.to_qpos(np.zeros(len(machine.axes)))
     mujoco.mj_forward(model, data)
     found = []
-    for contact in data.contact[: data.ncon]:
-        if contact.dist <= 0:
-            first, second = (_geom(model, int(one)) for one in contact.geom)
-            found.append(
-                f"machine {machine.name}: {first} and {second} touch with all axes at zero, by "
-                f"{-1e3 * contact.dist:.3g} mm"
-                ': move them apart, or give one contype="0" conaffinity="0"'
-            )
+    depth: dict[tuple[int, int], float] = {}
+    pairs = data.contact.geom.tolist()
+    for (first, second), distance in zip(pairs, data.contact.dist.tolist(), strict=True):
+        if distance <= 0:
+            depth[first, second] = max(depth.get((first, second), 0.0), -distance)
+    for first, second in sorted(depth, key=lambda pair: -depth[pair])[:_MOST_PAIRS]:
+        found.append(
+            f"machine {machine.name}: {_geom(model, first)} and {_geom(model, second)} touch with all axes at zero, by "
+            f"{1e3 * depth[first, second]:.3g} mm"
+            ': move them apart, or give one contype="0" conaffinity="0"'
+        )
+    if len(depth) > _MOST_PAIRS:
+        found.append(
+            f"machine {machine.name}: {len(depth)} pairs of geoms touch with all axes at zero, of which the "
+            f"{_MOST_PAIRS} deepest are listed"
+        )
     if not machine.over_work:
         found.append(
             f"machine {machine.name}: no geom of body 'work' lies below the nozzle with all axes at zero: a gap of "

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from gantrysim.arrays import Floats
 from gantrysim.display import table_html
 from gantrysim.errors import InputError, expanded, positive, unknown
+from gantrysim.input_files import check_regular
 from gantrysim.machine.axis import (
     PER_SI,
     Axis,
@@ -413,6 +414,7 @@ def _find(model: str | Path) -> Path:
     if text in builtin:
         return Path(str(files("gantrysim.models") / f"{text}.xml"))
     path = expanded(text)
+    check_regular(path, f"model {text}")
     if path.is_file():
         return path.resolve()
     if path.suffix or path.parent != Path():

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gantrysim.errors import InputError, expanded
 from gantrysim.files import settle
+from gantrysim.input_files import opened
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
@@ -101,7 +102,8 @@ def _written(folder: Path) -> int:
 def _machine_digest(summary: Path, label: str) -> str | None:
     """Return the digest of the machine in a summary, None without one."""
     try:
-        content = json.loads(summary.read_text(encoding="utf-8"))
+        with opened(summary) as stream:
+            content = json.load(stream)
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:

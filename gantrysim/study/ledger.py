@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 
 from gantrysim.errors import InputError
 from gantrysim.files import held
+from gantrysim.input_files import check_regular
 from gantrysim.study.cases import Row
 
 LEDGER = ".study-progress.jsonl"
@@ -49,6 +50,7 @@ class Ledger:
         with ExitStack() as stack:
             stack.enter_context(held(folder, f"--out {folder}"))
             try:
+                check_regular(self._file, f"--out {folder}: {LEDGER}")
                 self._stream = stack.enter_context(self._file.open("r+b" if self._file.exists() else "w+b"))
                 good = self._read(self._stream.read())
                 self._stream.truncate(good)

@@ -16,7 +16,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.cad.fitting import arc_to, middle
-from gantrysim.controllers.paths.pieces import XY, Coil, Line, vector
+from gantrysim.controllers.paths.pieces import SHORTEST, XY, Coil, Line, vector
 
 SMOOTH = 1e-5  # turn that is no corner [rad]
 _SHARPEST = math.radians(175)  # turn that is rounded
@@ -25,6 +25,8 @@ _SAFETY = 0.99  # share of the tolerance at the samples
 _SHRINK = 0.85
 _TRIALS = 60
 _LEVEL = 1e-9  # [mm]
+# Least distance from a corner at which a piece is left: the sharpest blend is then still longer than SHORTEST [mm].
+_LEAST_CUT = 1e-7
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
     for k, leg in enumerate(legs):
         if cut[k].any():
             low, high = cut[k, 0] / lengths[k], 1 - cut[k, 1] / lengths[k]
-            if high - low > 1e-9:
+            if (high - low) * lengths[k] > SHORTEST:  # as the chain drops what is not
                 made.append(replace(leg, piece=part(leg.piece, low, high)))
         else:
             made.append(leg)
@@ -159,6 +161,8 @@ def _blend(
 ) -> tuple[float, list[Line | Coil]] | None:
     """Distance from the corner at which the pieces are left, and the arcs between, or None."""
     distance = min(room, tolerance / math.tan(0.25 * theta))
+    if distance < _LEAST_CUT:
+        return None
     z = _level(before)
     level = z is not None and _level(after) == z
     if isinstance(before, Line) and isinstance(after, Line):
@@ -166,7 +170,7 @@ def _blend(
     if not level or z is None:
         return None
     for _ in range(_TRIALS):
-        if distance < 1e-7:
+        if distance < _LEAST_CUT:
             return None
         first, last = part(before, 1 - distance / length(before), 1.0), part(after, 0.0, distance / length(after))
         arcs = _arcs(first, last, z)

@@ -300,7 +300,7 @@ def _hex(name: str) -> str:
     """A colour of CSS as "#rrggbb", any other name as it is."""
     from svgelements import Color
 
-    if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-zA-Z]*[g-zG-Z][a-zA-Z]*", name):
+    if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-fA-F]*[g-zG-Z][a-zA-Z]*", name):
         return name
     try:
         colour = Color(name)

@@ -73,6 +73,8 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     Raises:
         InputError: no path of positive length, or too many pieces.
     """
+    # before any is fitted: each shape becomes one piece at least
+    _check_pieces(sum(len(stroke.shapes) for stroke in strokes))
     stretches = _joined(strokes, manner)
     if manner.nearest:
         stretches = _joined(_by_distance(stretches, manner.reverse), manner)
@@ -96,13 +98,17 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
             legs[-1] = replace(legs[-1], pause=legs[-1].pause + manner.dot_time, dot=bool((stretch[0].glue or (1,))[0]))
         legs += drawn
         here = first if stretch[0].dot is not None else drawn[-1].end
-        if len(legs) > MOST_PIECES:
-            raise InputError(f"drawing of more than {MOST_PIECES} pieces: must be simpler, or chord_tolerance larger")
+        _check_pieces(len(legs))
     if here is None or not legs:
         raise InputError("drawing: must have a line of positive length that is traced")
     if manner.lift > 0:
         legs.append(Leg(Line(vector(here), vector(here + up)), False, manner.travel_speed, travel=True))
     return Route(tuple(legs), Chain(leg.piece for leg in legs), len(stretches), count)
+
+
+def _check_pieces(count: int) -> None:
+    if count > MOST_PIECES:
+        raise InputError(f"drawing of more than {MOST_PIECES} pieces: must be simpler, or chord_tolerance larger")
 
 
 def _joined(strokes: list[Stroke] | list[list[Stroke]], manner: Manner) -> list[list[Stroke]]:
@@ -173,6 +179,7 @@ def _drawn(stretch: list[Stroke], manner: Manner) -> list[Leg]:
             _append(legs, _smooth(space, manner))
             space = []
             _append(legs, made)
+            _check_pieces(len(legs))
         _append(legs, _smooth(space, manner))
     return legs
 

@@ -19,8 +19,12 @@ _SPACE = "{http://www.w3.org/2000/svg}"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _DEEPEST = 100  # nested elements
 _MOST = 100_000  # elements, those that are reused counted each time
-_ABSOLUTE = re.compile(r"\s*[+]?((?:\d+\.?\d*|\.\d+)(e[+-]?\d+)?)\s*(px|pt|pc|mm|cm|in)?\s*", re.IGNORECASE)
+_MOST_NUMBERS = 400_000  # of all paths and points: twice as many as a drawing may have pieces
+_MOST_DIGITS = 100  # of one of them
+_LONGEST = 10_000  # characters of any other attribute that is read
+_ABSOLUTE = re.compile(r"\s*[+]?((?:\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?)(?:\s*(px|pt|pc|mm|cm|in))?\s*", re.IGNORECASE)
 _IN_PX = {"px": 1.0, "pt": 96 / 72, "pc": 16.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "in": 96.0}
+_DIGITS = re.compile(r"[0-9.]+")
 _CONTAINERS = {"svg", "g", "a", "switch", "symbol", "use", "defs", "style", "title", "desc", "metadata"}
 _SHAPES = {"path", "rect", "circle", "ellipse", "line", "polyline", "polygon"}
 
@@ -46,6 +50,9 @@ def read_svg(text: str, unit: float | None) -> Sheet:
     if not root.tag.startswith(_SPACE):
         raise InputError('svg: must state its namespace, xmlns="http://www.w3.org/2000/svg"')
     ignored = _check(root)
+    _check_lengths(root)
+    for item in root.iter(f"{_SPACE}style"):
+        item.text = _rules(item.text or "")
     remarks, px = _size(root, unit)
     _hide_symbols(root)
     plain = ElementTree.tostring(root, encoding="unicode")
@@ -97,6 +104,48 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
             if target is not None:
                 waiting.append((target, depth + 1))
     return ignored
+
+
+def _check_lengths(root: ElementTree.Element) -> None:
+    """Raise InputError where a document would take the library minutes: its time grows faster than some attributes.
+
+    What is not traced may be long, as an image is in its attribute, and is left out.
+    """
+    numbers = 0
+    for item in root.iter():
+        traced = str(item.tag).removeprefix(_SPACE) in _CONTAINERS | _SHAPES
+        for name, value in list(item.attrib.items()):
+            if name in ("d", "points"):
+                item.set(name, " ".join(value.split()))
+                runs = list(map(len, _DIGITS.findall(value)))
+                numbers += len(runs)
+                if max(runs, default=0) > _MOST_DIGITS:
+                    raise InputError(
+                        f"svg: number of {max(runs)} characters in {name}: must have at most {_MOST_DIGITS}"
+                    )
+            elif len(value) > _LONGEST and (not traced or name.startswith("{")):
+                del item.attrib[name]
+            elif len(value) > _LONGEST:
+                raise InputError(
+                    f"svg: {name[:40]} of {len(value)} characters: must have at most {_LONGEST}, as only d and points "
+                    "may have more"
+                )
+    if numbers > _MOST_NUMBERS:
+        raise InputError(
+            f"svg: {numbers} numbers in paths and points: must be at most {_MOST_NUMBERS}; simplify or divide the "
+            "drawing"
+        )
+
+
+def _rules(style: str) -> str:
+    """Return the rules of a style sheet, "selector{body}" each, without comments, rests and runs of blanks.
+
+    On a text that is none, the library's regular expressions would take a time of the third power of its length.
+    """
+    parts = style.split("/*")
+    plain = " ".join([parts[0], *(part.partition("*/")[2] for part in parts[1:])])
+    rules = [" ".join(part.split()) for part in plain.split("}")[:-1]]
+    return "".join(f"{rule}}}\n" for rule in rules if rule.count("{") == 1)
 
 
 def _size(root: ElementTree.Element, unit: float | None) -> tuple[tuple[str, ...], float]:

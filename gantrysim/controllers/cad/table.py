@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from string import whitespace
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from gantrysim.errors import InputError, positive
 
 COLUMNS = ("x", "y", "z", "glue", "speed")
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _SAME = 1e-6  # distance of two points that are one [mm]
 _COMMENT = "#"
 
@@ -42,7 +43,7 @@ class _Layout:
     """How a text is divided.
 
     Attributes:
-        separator: regular expression.
+        separator: regular expression; blanks around it belong to no cell.
         comma: whether a comma is the decimal sign.
         columns: their names.
         header: number of the header's line, 0 for none.
@@ -54,7 +55,7 @@ class _Layout:
     header: int
 
     def cells(self, line: str) -> list[str]:
-        found = re.split(self.separator, line.strip())
+        found = [cell.strip() for cell in re.split(self.separator, line.strip())]
         while len(found) > 2 and not found[-1]:
             found.pop()
         return found
@@ -97,7 +98,8 @@ def with_speeds(text: str, change: Callable[[float], float]) -> str | None:
         data = number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at
         if data and parts[2 * at].strip():
             speed = f"{change(_number(number, 'speed', parts[2 * at], layout.comma)):.9g}"
-            parts[2 * at], found = speed.replace(".", ",") if layout.comma else speed, True
+            shown = speed.replace(".", ",") if layout.comma else speed
+            parts[2 * at], found = parts[2 * at].replace(parts[2 * at].strip(), shown), True
         made.append("".join(parts))
     return "\n".join(made) if found else None
 
@@ -109,9 +111,9 @@ def _layout(text: str) -> _Layout:
         separator, comma = next(
             (pattern, comma)
             for sign, pattern, comma in (
-                (";", r"\s*;\s*", True),
-                ("\t", r"[ ]*\t[ ]*", True),
-                (",", r"\s*,\s*", False),
+                (";", ";", True),
+                ("\t", "\t", True),
+                (",", ",", False),
                 ("", r"\s+", True),
             )
             if sign in line
@@ -125,13 +127,19 @@ def _layout(text: str) -> _Layout:
 
 
 def _named(number: int, cells: list[str]) -> tuple[str, ...]:
-    names = tuple(re.sub(r"[\s_]*[\[(].*", "", cell.strip().strip('"')).lower() for cell in cells)
+    names = tuple(_bare(cell.strip().strip('"')).lower() for cell in cells)
     for name in names:
         if name not in COLUMNS:
             raise InputError(f"line {number}: {name[:40]!r}: must be a number, or a column of {', '.join(COLUMNS)}")
     if len(set(names)) < len(names) or not {"x", "y"} <= set(names):
         raise InputError(f"line {number}: columns {', '.join(names)}: must have x and y, and each once")
     return names
+
+
+def _bare(head: str) -> str:
+    """The name in a column's head, without what begins with a bracket."""
+    name = head.partition("[")[0].partition("(")[0]
+    return name if name == head else name.rstrip("_" + whitespace)
 
 
 def _row(number: int, layout: _Layout, line: str, factor: float) -> _Row:

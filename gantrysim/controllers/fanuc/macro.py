@@ -16,6 +16,7 @@ from gantrysim.controllers.gcode.parameters import Parameters, Scope, System
 from gantrysim.errors import InputError
 
 _DEEPEST = 10  # calls
+_MOST_DIGITS = 20  # of a block's or program's number
 _LOCAL, _HIGHEST = 33, 9999
 _MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
 _LABEL = re.compile(r"N\s*([0-9]+)")
@@ -64,7 +65,7 @@ class Macro:
                     plain = plain[1:].lstrip()
                 program = _PROGRAM.match("".join(plain.split()))
                 if program:
-                    self._programs.setdefault(int(program[1]), len(self._blocks))
+                    self._programs.setdefault(_numbered(program[1]), len(self._blocks))
                 self._blocks.append(_Block(f"block {len(self._blocks) + 1}", line, plain))
         self._starts = sorted({0, *self._programs.values()})
         self._variables = Parameters(system, _LOCAL, _HIGHEST)
@@ -228,7 +229,7 @@ class Macro:
         if key not in self._found:
             for k in range(first, last):
                 label = _LABEL.match(self._blocks[k].text)
-                if label and int(label[1]) == number:
+                if label and _numbered(label[1]) == number:
                     self._found[key] = k
                     break
             else:
@@ -246,3 +247,8 @@ class Macro:
                 raise block.fail(124, f"{word}: must be in the program, to match this block")
             self._found[at, word] = k
         return self._found[at, word]
+
+
+def _numbered(digits: str) -> int:
+    """Return the number of a block or program; one of more digits than Python reads is that of no other."""
+    return int(digits) if len(digits) <= _MOST_DIGITS else -1

@@ -9,6 +9,7 @@ from gantrysim.controllers.fanuc.alarm import Source
 
 COMMENT = r"\([^)]*\)?"
 LETTERS = "ABCDFGHIJKLMNOPQRSTXYZ"
+_SHOWN = 20  # characters of a number in a message
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _DIGITS = 8
 
@@ -36,7 +37,7 @@ def words_of(text: str, name: str, line: int) -> Words:
     """
     label = re.match(r"N\s*([0-9]+)", text)
     if label:
-        name = f"N{label[1]}"
+        name = f"N{label[1][:_SHOWN]}"
     codes: list[float] = []
     auxiliary: list[float] = []
     values: dict[str, float] = {}
@@ -49,9 +50,9 @@ def words_of(text: str, name: str, line: int) -> Words:
             at += 1
             continue
         if letter in "+-" and at > 0 and text[at - 1] in ".0123456789":
-            raise fail(6, f"{text[at:]!r} after a number: must be one sign at most, before the number")
+            raise fail(6, f"{text[at : at + _SHOWN]!r} after a number: must be one sign at most, before the number")
         if letter in "+-.0123456789":
-            raise fail(4, f"{text[at:]!r} has no address: must begin with a letter")
+            raise fail(4, f"{text[at : at + _SHOWN]!r} has no address: must begin with a letter")
         if letter not in LETTERS:
             raise fail(9, f"address {letter!r}: must be one of {', '.join(LETTERS)}")
         found = _NUMBER.match(text, at + 1)
@@ -62,9 +63,9 @@ def words_of(text: str, name: str, line: int) -> Words:
             raise fail(5, f"address {letter} has no number")
         at = found.end()
         if text[at : at + 1] == ".":
-            raise fail(7, f"{letter}{found[1]}.: must have one decimal point at most")
+            raise fail(7, f"{letter}{found[1][:_SHOWN]}.: must have one decimal point at most")
         if sum(digit.isdigit() for digit in found[1]) > _DIGITS:
-            raise fail(3, f"{letter}{found[1]}: must have {_DIGITS} digits at most")
+            raise fail(3, f"{letter}{found[1][:_SHOWN]}: must have {_DIGITS} digits at most")
         value = float(found[1])
         if letter == "G":
             codes.append(value)

@@ -14,7 +14,7 @@ from gantrysim.errors import InputError, unknown
 _DEEPEST = 10  # calls
 _ARGUMENTS = 30
 _O_LINE = re.compile(
-    r"^[^\S\n]*/?[^\S\n]*(?:[nN][^\S\n]*[0-9.]+)?[^\S\n]*(?:\([^()\n]*\)[^\S\n]*)*[oO].*", re.MULTILINE
+    r"^[^\S\n]*(?:/[^\S\n]*)?(?:[nN][^\S\n]*[0-9.]+[^\S\n]*)?(?:\([^()\n]*\)[^\S\n]*)*[oO].*", re.MULTILINE
 )
 
 

@@ -14,8 +14,8 @@ Words = list[tuple[str, float]]
 
 LONGEST = 1000  # characters of a line
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
-_PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
-_PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
+_PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))")
+_PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))+")
 _KEYWORD = re.compile(r"SUB|ENDSUB|RETURN|CALL|IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|DO|REPEAT|ENDREPEAT|BREAK|CONTINUE")
 _LABEL = re.compile(r"O(<[^<>]*>|[0-9]+)")
 _MACRO = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
@@ -129,7 +129,7 @@ _KEYWORD_LONGEST = re.compile("|".join(sorted(_KEYWORD.pattern.split("|"), key=l
 
 
 def _key(text: str) -> str:
-    return text[1:-1].lower() if text.startswith("<") else str(int(text))
+    return text[1:-1].lower() if text.startswith("<") else text.lstrip("0") or "0"
 
 
 def _control(scanner: Scanner) -> Statement:

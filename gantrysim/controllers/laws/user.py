@@ -13,6 +13,7 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, text_of
+from gantrysim.input_files import check_regular
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import UnknownLoopError
 
@@ -78,6 +79,7 @@ def resolved(law: LawName) -> UserLaw:
 
 def _file(path: Path) -> Any:
     """Return the module in a file, imported once as long as the file does not change."""
+    check_regular(path)
     name = f"gantrysim_law_{path.resolve()}_{path.stat().st_mtime_ns}"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, path)

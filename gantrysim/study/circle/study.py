@@ -16,6 +16,7 @@ from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, measure
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
+from gantrysim.toml_files import validated
 
 Link = Literal["radial", "motor"]  # the nozzle's or the motors' path, by the name of its curve
 
@@ -103,16 +104,17 @@ class CircleStudy(Study):
 
     def _job(self) -> Job:
         """Return the job that runs the circle counter-clockwise."""
-        job = Job(
-            name="circle",
-            program={
+        content = {
+            "name": "circle",
+            "program": {
                 "controller": "softmc.Program",
                 "program": self._program(1.0),
                 "start": [self.radius, 0.0],
                 "group": {"velocity": self.speed, "acceleration": _ACCELERATION},
             },
-            servo={"integral_time": 0.03},  # type: ignore[arg-type]
-        )
+            "servo": {"integral_time": 0.03},
+        }
+        job = validated(Job, content, f"circle of radius {self.radius:g} mm at {self.speed:g} mm/s")
         return job.overridden([f"machine={self.machine}", *self.overrides])
 
     @cached_property

@@ -1,0 +1,20 @@
+"""Heads of a table's columns: a name, and often a unit in brackets."""
+
+from __future__ import annotations
+
+_OPENING, _CLOSING = "[(", "])"
+
+
+def name_and_unit(head: str) -> tuple[str, str]:
+    """Return the name and the unit of a head such as "x position [mm]"; the unit is "" where none is in brackets.
+
+    The time is linear in the head's length, whatever brackets and blanks it has.
+    """
+    text = head.strip()
+    if not text.endswith(tuple(_CLOSING)):
+        return text, ""
+    inside = max(text.rfind(bracket, 0, -1) for bracket in _CLOSING) + 1
+    begins = [place for bracket in _OPENING if (place := text.find(bracket, inside)) >= 0]
+    if not begins:
+        return text, ""
+    return text[: min(begins)].rstrip(), text[min(begins) + 1 : -1].strip()
