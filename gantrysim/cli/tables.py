@@ -16,7 +16,7 @@ from gantrysim.job.plan import Plan
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
-from gantrysim.metrics.parts import PartValues
+from gantrysim.metrics.parts import CORNER, PartValues
 from gantrysim.run import Run
 from gantrysim.stability.margins import NO_LOOP, Margins
 
@@ -44,6 +44,8 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         if link == "tracking":
             for axis, own in budget.tracking_by_axis(machine).items():
                 add(f"  by {axis}", budget.values_of(own))
+    if values.corner is not None:
+        add(CORNER, values.corner, DESCRIPTIONS[CORNER])
     table.add_section()
     contour, (x, y, _) = values.contour, values.contour.point
     add("contour", contour, DESCRIPTIONS["contour"])

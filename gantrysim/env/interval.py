@@ -123,7 +123,7 @@ def _measure(log, axes, first, last, position, dispense, points, spacing, foot, 
         column[2] /= max(ticks, 1)
         column[3] /= peak[a]
         column[4] = np.sqrt(0.5 * column[4] / max(pairs, 1)) / peak[a]
-    feet = along(points, tips[:laid], spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
+    feet = along(points, tips[:laid], np.zeros(laid), spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
     square, largest, sideways = 0.0, 0.0, 0.0
     for k in range(laid):
         foot = feet[k]

@@ -33,7 +33,7 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     """
     kinematics, position = machine.kinematics, program_positions(machine, setpoints).copy()
     tip, on = machine.tip(kinematics.inverse(position)), np.flatnonzero(setpoints.dispense)
-    foot = setpoints.requested.follow(tip[on], begin=0.0)
+    foot = setpoints.requested.follow(tip, begin=0.0, rows=on)
     if foot.distance.max() < _ON_THE_PATH:
         return setpoints
     spans = np.split(np.arange(on.size), np.flatnonzero(np.diff(on) > 1) + 1)

@@ -28,17 +28,17 @@ from __future__ import annotations
 
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
 from gantrysim.columns import blocks, by_blocks, table_by_blocks
-from gantrysim.controllers.paths.path import Projection
 from gantrysim.display import table_html
 from gantrysim.metrics.analysis import Analysis, ErrorSize
-from gantrysim.metrics.parts import BudgetValues, Part, PartValues, TurnValues, difference
+from gantrysim.metrics.links import Trace, links, offset_of
+from gantrysim.metrics.parts import CORNER, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
 from gantrysim.run import Run
 
@@ -51,6 +51,7 @@ DESCRIPTIONS = {
     "measurement": "encoder to motor",
     GEOMETRY: "motor to true axes",
     "structure": "motor to nozzle",
+    CORNER: "change of leg at a sharp corner",
     "contour": "requested path to nozzle",
 }
 
@@ -63,6 +64,20 @@ _UM = 1e3
 def links_of(run: Run) -> tuple[str, ...]:
     """Return the links of a run's chain in their order: `LINKS`, and where it has errors of geometry that link."""
     return LINKS if run.geometric_tip is None else (*LINKS[:-1], GEOMETRY, LINKS[-1])
+
+
+class Stretch(NamedTuple):
+    """Ticks in a row.
+
+    Attributes:
+        number: of the turn, from 1; 0 before the first turn, and one more than the last after it.
+        name: "turn 1" and so on, "before" or "after".
+        ticks: of the analysis.
+    """
+
+    number: int
+    name: str
+    ticks: slice
 
 
 class RigidMachine(Protocol):
@@ -99,14 +114,14 @@ class Budget:
                 f"{100 * part.share:z.1f} %",
                 DESCRIPTIONS[name],
             ]
-            for name, part in {**self.values.parts, "contour": self.values.contour}.items()
+            for name, part in self.values.rows.items()
         ]
         return table_html("error normal to the requested path [µm]", heads, rows)
 
     def __str__(self) -> str:
         fault = "" if self.analysis.run.fault is None else ", until the fault"
         rows = [f"{'link':11} {'rms':>8} {'95 %':>8} {'max':>8} {'share':>9}"]
-        for name, part in {**self.values.parts, "contour": self.values.contour}.items():
+        for name, part in self.values.rows.items():
             sizes = " ".join(f"{_UM * size:8.1f}" for size in (part.rms, part.p95, part.max))
             rows.append(f"{name:11} {sizes} {100 * part.share:z7.1f} %  {DESCRIPTIONS[name]}")
         return "\n".join([f"error normal to the requested path [µm]{fault}", *rows])
@@ -114,23 +129,57 @@ class Budget:
     @cached_property
     def contour(self) -> Part:
         """The nozzle's error normal to the path."""
-        return _normal(self.analysis.nozzle)
+        return offset_of(self.analysis.nozzle)
 
     @cached_property
     def parts(self) -> dict[str, Part]:
-        """The part of every link of `links_of`; they add up to `contour`."""
-        names = links_of(self.analysis.run)
-        chain = [self.analysis.commanded, self.analysis.encoder, self.analysis.motor]
-        if GEOMETRY in names:
-            chain.append(self.analysis.geometric)
-        errors = [*(_normal(foot) for foot in chain), self.contour]
-        links = [errors[0], *(difference(after, before) for before, after in pairwise(errors))]
-        return dict(zip(names, links, strict=True))
+        """The part of every link of `links_of`; with `corner`, where there is one, they add up to `contour`."""
+        return self._links[0]
+
+    @property
+    def corner(self) -> Part | None:
+        """What changing legs at sharp corners adds, see `gantrysim.metrics.links`; None where that is nothing."""
+        return self._links[1]
+
+    @cached_property
+    def _links(self) -> tuple[dict[str, Part], Part | None]:
+        analysis = self.analysis
+        run = analysis.run
+        chain = [
+            Trace(analysis.commanded, run.commanded_tip, analysis.ticks),
+            Trace(analysis.encoder, run.encoder_tip, analysis.ticks),
+            Trace(analysis.motor, run.motor_tip, analysis.ticks),
+        ]
+        if run.geometric_tip is not None:
+            chain.append(Trace(analysis.geometric, run.geometric_tip, analysis.ticks))
+        chain.append(Trace(analysis.nozzle, run.nozzle, analysis.ticks))
+        parts, corner = links(run.requested, chain)
+        return dict(zip(links_of(run), parts, strict=True)), corner
 
     @property
     def lag(self) -> Floats:
-        """Lag of the nozzle behind the command along the path, (m,) [mm]."""
-        return self.analysis.commanded.s - self.analysis.nozzle.s
+        """Lag of the nozzle behind the command along the path, (m,) [mm].
+
+        It is the difference of the arc lengths of their feet; where a corner lies between these, at most the distance
+        of the two points, as inside a corner the foot jumps from one leg to the other.
+        """
+        run = self.analysis.run
+        on = self.analysis.ticks
+        commanded = self.analysis.commanded.s
+        nozzle = self.analysis.nozzle.s
+        path = run.requested
+        if not path.corners.size:
+            return commanded - nozzle
+
+        def lag(block: slice) -> Floats:
+            along = commanded[block] - nozzle[block]
+            rows = np.flatnonzero(path.legs.between(commanded[block], nozzle[block]))
+            apart = run.commanded_tip[on[block][rows]] - run.nozzle[on[block][rows]]
+            distance = np.linalg.norm(apart, axis=1)
+            along[rows] = np.clip(along[rows], -distance, distance)
+            return along
+
+        return by_blocks(lag, on.size)
 
     @property
     def turn(self) -> NDArray[np.intp]:
@@ -158,6 +207,7 @@ class Budget:
         """The values of the budget."""
         return BudgetValues(
             parts={name: self.values_of(part) for name, part in self.parts.items()},
+            corner=None if self.corner is None else self.values_of(self.corner),
             contour=self.values_of(self.contour),
             lag=ErrorSize.of(self.lag),
             turns=self._turns(),
@@ -167,31 +217,57 @@ class Budget:
         """Return each axis' contribution to the tracking part, to first order.
 
         It is the displacement of a rigid machine's nozzle along the path's normals as this axis alone moves from its
-        commanded to its encoder position. The contributions add up to the tracking part, but for second order.
+        commanded to its encoder position. The contributions add up to the tracking part, but for second order. Where a
+        corner lies between the feet of command, encoder and nozzle, the normals are corrected by the least amount that
+        makes the contributions add up there too (Broyden's formula for a secant).
 
         Args:
             machine: the machine of the run.
         """
-        run, on, foot = self.analysis.run, self.analysis.ticks, self.analysis.commanded
+        run = self.analysis.run
+        on = self.analysis.ticks
 
         @lru_cache(maxsize=1)
-        def frame(first: int, last: int) -> tuple[Floats, Floats]:
-            """The path's normal and binormal at the feet of some ticks."""
-            s = foot.s[first:last]
-            normal = run.requested.normal(s)
-            return normal, np.cross(run.requested.tangent(s), normal)
+        def normals(first: int, last: int) -> tuple[Floats, Floats, Floats]:
+            """Directions along which a displacement counts as lateral, vertical and beyond, at some ticks."""
+            return self._tracking_normals(slice(first, last))
 
         def part(a: int, block: slice) -> Part:
-            normal, binormal = frame(block.start, block.stop)
+            lateral, vertical, beyond = normals(block.start, block.stop)
             position = run.commanded[on[block]]
             position[:, a] = run.encoder[on[block], a]
             shift = machine.tip(position) - run.commanded_tip[on[block]]
-            return Part(dot(shift, normal), dot(shift, binormal), np.zeros(len(shift)))
+            return Part(dot(shift, lateral), dot(shift, vertical), dot(shift, beyond))
 
         return {
             name: table_by_blocks((part(a, block) for block in blocks(on.size)), on.size)
             for a, name in enumerate(run.axes)
         }
+
+    def _tracking_normals(self, block: slice) -> tuple[Floats, Floats, Floats]:
+        """Return the directions of `tracking_by_axis` at some of the ticks, (n, 3) each."""
+        run = self.analysis.run
+        path = run.requested
+        s = self.analysis.commanded.s[block]
+        lateral = path.normal(s)
+        vertical = np.cross(path.tangent(s), lateral)
+        beyond = np.zeros_like(lateral)
+        if path.corners.size:
+            corner = path.legs.between(s, self.analysis.encoder.s[block])
+            corner |= path.legs.between(s, self.analysis.nozzle.s[block])
+            rows = np.flatnonzero(corner)
+            on = self.analysis.ticks[block][rows]
+            displacement = run.encoder_tip[on] - run.commanded_tip[on]
+            tracking = self.parts["tracking"].at(block)
+            for normal, component in (
+                (lateral, tracking.lateral),
+                (vertical, tracking.vertical),
+                (beyond, tracking.beyond),
+            ):
+                missing = component[rows] - dot(normal[rows], displacement)
+                square = np.maximum(dot(displacement, displacement), _NO_ERROR**2)
+                normal[rows] += (missing / square)[:, None] * displacement
+        return lateral, vertical, beyond
 
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a part of the error."""
@@ -209,29 +285,38 @@ class Budget:
             point=(x, y, z),
         )
 
-    def _turns(self) -> tuple[TurnValues, ...]:
+    @cached_property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The turns of a spiral and what lies before and after them; together they hold every tick. None without turns.
+
+        A path is a spiral if some turn of it lies beside another.
+        """
         turns = self.turn
         count = int(turns.max()) + 1
-        if count < 2:
+        if count < 2 or not self.analysis.spacing.distance.size:
             return ()
         inside = np.flatnonzero(turns >= 0)  # a stretch of ticks in the order of the turns
         edges = inside[0] + np.searchsorted(turns[inside], np.arange(count + 1))
-        del turns, inside
-        stretches = [slice(low, high) for low, high in pairwise(edges.tolist())]
+        edges = np.concatenate([[0], edges, [turns.size]])
+        names = ["before", *(f"turn {number}" for number in range(1, count + 1)), "after"]
+        stretches = [
+            Stretch(number, names[number], slice(low, high))
+            for number, (low, high) in enumerate(pairwise(edges.tolist()))
+        ]
+        return tuple(stretch for stretch in stretches if stretch.ticks.start < stretch.ticks.stop)
+
+    def _turns(self) -> tuple[TurnValues, ...]:
         sizes: dict[str, list[ErrorSize]] = {}
         for name, part in {**self.parts, "contour": self.contour}.items():
             size = part.size
-            sizes[name] = [ErrorSize.of(size[here]) for here in stretches]
+            sizes[name] = [ErrorSize.of(size[stretch.ticks]) for stretch in self.stretches]
         s = self.analysis.nozzle.s
         return tuple(
             TurnValues(
-                turn + 1,
-                (float(s[here].min()), float(s[here].max())),
-                {name: every[turn] for name, every in sizes.items()},
+                turn=stretch.number,
+                name=stretch.name,
+                s=(float(s[stretch.ticks].min()), float(s[stretch.ticks].max())),
+                parts={name: by_stretch[k] for name, by_stretch in sizes.items()},
             )
-            for turn, here in enumerate(stretches)
+            for k, stretch in enumerate(self.stretches)
         )
-
-
-def _normal(foot: Projection) -> Part:
-    return Part(*(vars(foot)[name] for name in ("lateral", "vertical", "beyond")))  # in a file where they are

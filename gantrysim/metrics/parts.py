@@ -10,6 +10,8 @@ from gantrysim.arrays import Floats
 from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.metrics.analysis import ErrorSize
 
+CORNER = "corner"  # name of what belongs to no link
+
 
 @dataclass(frozen=True)
 class Part:
@@ -73,15 +75,17 @@ class PartValues:
 
 @dataclass(frozen=True)
 class TurnValues:
-    """The errors within one turn.
+    """The errors within one turn of a spiral, or before its first or after its last.
 
     Attributes:
-        turn: number of the turn, from 1.
+        turn: number of the turn, from 1; 0 before the first turn, and one more than the last after it.
+        name: "turn 1" and so on, "before" or "after".
         s: arc length on the requested path at its first and last tick [mm].
         parts: size of every link's part, and of the whole as "contour" [mm].
     """
 
     turn: int
+    name: str
     s: tuple[float, float]
     parts: dict[str, ErrorSize]
 
@@ -92,15 +96,23 @@ class BudgetValues:
 
     Attributes:
         parts: the part of every link, in the order of the chain.
-        contour: the whole error normal to the path, the sum of the parts.
+        corner: what changing legs at sharp corners adds, None where that is nothing; see `gantrysim.metrics.links`.
+        contour: the whole error normal to the path, the sum of all these.
         lag: lag of the nozzle behind the command along the path [mm].
-        turns: the errors within each turn, for a path of more than one.
+        turns: the errors within each turn of a spiral, and before and after them; empty for a path without turns.
     """
 
     parts: dict[str, PartValues]
+    corner: PartValues | None
     contour: PartValues
     lag: ErrorSize
     turns: tuple[TurnValues, ...]
+
+    @property
+    def rows(self) -> dict[str, PartValues]:
+        """The rows of the budget's table: the parts by their links, the corners' where there is one, and the whole."""
+        corner = {} if self.corner is None else {CORNER: self.corner}
+        return {**self.parts, **corner, "contour": self.contour}
 
 
 def difference(after: Part, before: Part) -> Part:

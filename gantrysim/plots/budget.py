@@ -46,7 +46,9 @@ def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
             axes, number, {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}, upright=True
         )
         axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms contour error by turn, split by the links' shares")
-        axes.xaxis.get_major_locator().set_params(integer=True)
+        every = -(-number.size // _MOST_NAMED)
+        named = [turn for turn in turns if turn.turn % every == 0 or not turn.name.startswith("turn")]
+        axes.set_xticks([turn.turn for turn in named], [turn.name.removeprefix("turn ") for turn in named])
         axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
         axes.grid(visible=False, axis="x")
     return (whole, *below)
@@ -86,8 +88,8 @@ def draw_budget_along(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes,
 
 
 def _turn_starts(budget: Budget) -> Floats:
-    """Return the starts of the turns on the requested path; none for a single turn, (t,) [mm]."""
-    return np.array([turn.s[0] for turn in budget.values.turns])
+    """Return the starts of the turns on the requested path; none for a path without turns, (t,) [mm]."""
+    return np.array([turn.s[0] for turn in budget.values.turns if turn.name.startswith("turn")])
 
 
 def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:
@@ -113,12 +115,11 @@ def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style
 
 
 def _shares_by_turn(budget: Budget) -> dict[str, Floats]:
-    """The links' shares of the contour error's mean square within each turn, (turns,)."""
-    whole, turn = budget.contour, budget.turn
-    inside = turn >= 0
-    turn = turn[inside]
-    square = np.bincount(turn, whole.dot(whole)[inside])
-    products = {name: np.bincount(turn, part.dot(whole)[inside]) for name, part in budget.parts.items()}
+    """The links' shares of the contour error's mean square within each stretch of `Budget.stretches`, (k,)."""
+    starts = [stretch.ticks.start for stretch in budget.stretches]
+    whole = budget.contour
+    square = np.add.reduceat(whole.dot(whole), starts)
+    products = {name: np.add.reduceat(part.dot(whole), starts) for name, part in budget.parts.items()}
     return {
         name: np.divide(product, square, out=np.zeros_like(product), where=square > 0)
         for name, product in products.items()

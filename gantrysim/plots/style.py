@@ -31,6 +31,7 @@ COLOURS = {
     "measurement": "#cc79a7",
     "geometry": "#56b4e9",
     "structure": "#009e73",
+    "corner": "#a6761d",
     "contour": INK,
     "fault": "#d1203f",
 }

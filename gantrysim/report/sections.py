@@ -53,10 +53,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
 
     links = Table(
         ["link", "span", *numbers],
-        [
-            *(row(part, link, DESCRIPTIONS[link]) for link, part in values.parts.items()),
-            row(values.contour, "contour", DESCRIPTIONS["contour"]),
-        ],
+        [row(part, name, DESCRIPTIONS[name]) for name, part in values.rows.items()],
         "Error normal to the requested path, its share of the mean square, and where it is largest",
         COLOURS,
     )
@@ -84,17 +81,17 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
 def _turns(budget: Budget) -> Table:
     names = [*budget.parts, "contour"]
     columns: list[str | Column] = [
-        "turn",
+        "stretch",
         Column("from s [mm]", ".1f"),
         Column("to s [mm]", ".1f"),
         *(Column(f"{name}, rms [µm]", ".1f") for name in names),
         Column("contour, max [µm]", ".1f"),
     ]
     rows = [
-        [turn.turn, *turn.s, *(_UM * turn.parts[name].rms for name in names), _UM * turn.parts["contour"].max]
+        [turn.name, *turn.s, *(_UM * turn.parts[name].rms for name in names), _UM * turn.parts["contour"].max]
         for turn in budget.values.turns
     ]
-    return Table(columns, rows, "By turn of the path's tangent")
+    return Table(columns, rows, "By turn of the path's tangent, and before and after the turns")
 
 
 def errors_section(analysis: Analysis) -> Section:

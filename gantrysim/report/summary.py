@@ -120,13 +120,13 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
     values = budget.values
     by_axis = budget.tracking_by_axis(machine)
     return {
-        **{link: part(of) for link, of in values.parts.items()},
-        "contour": part(values.contour),
+        **{name: part(of) for name, of in values.rows.items()},
         "tracking_by_axis": {axis: part(budget.values_of(of)) for axis, of in by_axis.items()},
         "lag_um": _thousandths(values.lag),
         "turns": [
             {
                 "turn": turn.turn,
+                "name": turn.name,
                 "s_mm": list(turn.s),
                 **{name: _thousandths(size, "_um") for name, size in turn.parts.items()},
             }

@@ -19,10 +19,10 @@ from gantrysim.engine.simulate import perfect_follower
 from gantrysim.fault import Fault
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
-from gantrysim.run import Run
+from gantrysim.metrics.budget import CORNER, DESCRIPTIONS, GEOMETRY, LINKS, Budget
 
 from support.jobs import job_run
+from support.links import record
 from support.runs import PERIOD, plain
 
 SUM = 1e-12  # of the parts against the whole [mm]
@@ -34,37 +34,6 @@ UNIFORM = 0.1  # rms of rounding to counts against q / sqrt(12), relative
 INVOLUTE = Involute(60, 10, 4)
 CIRCLE = ArcChain((40.0, 0.0), math.pi / 2, [1 / 40], [2 * math.pi * 40])
 CONE = Chain([Coil((0, 0, 0), (40, 10), 0.3, 8 * math.pi, 24)])
-
-
-def record(path, s, *, commanded=0.0, encoder=0.0, motor=0.0, nozzle=0.0):
-    """A run at arc lengths s; every link adds its offset to that of the link before it, (n, 3)."""
-    tips = path.position(s) + np.cumsum(
-        [np.broadcast_to(offset, (len(s), 3)) for offset in (commanded, encoder, motor, nozzle)], axis=0
-    )
-    nothing = np.zeros((len(s), 2))
-    return Run(
-        machine="none",
-        axes=("x", "y"),
-        units=("mm", "mm"),
-        requested=path,
-        period=PERIOD,
-        time=np.arange(len(s)) * PERIOD,
-        commanded=tips[0][:, :2],
-        commanded_tip=tips[0],
-        encoder=tips[1][:, :2],
-        encoder_tip=tips[1],
-        motor=tips[2][:, :2],
-        motor_tip=tips[2],
-        nozzle=tips[3],
-        demand=nothing,
-        torque=nothing,
-        current=nothing,
-        voltage=nothing,
-        flow=np.zeros(len(s)),
-        flow_demand=np.zeros(len(s)),
-        gap=0.5,
-        dispense=np.ones(len(s), bool),
-    )
 
 
 def budget(run):
@@ -170,8 +139,7 @@ def test_the_parts_of_every_job_add_up(name):
         (analysis.values.generation, values.parts[LINKS[0]]),
     ):
         assert (part.rms, part.max) == pytest.approx((error.rms, error.max), abs=EXACT)
-    # the counts of the first are of arms; at the second's sharp corners the feet of two traces may lie on other legs
-    if name not in ("delta-arc", "linuxcnc-flanges"):
+    if name != "delta-arc":  # its counts are of arms
         assert values.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
 
 
@@ -276,7 +244,7 @@ def test_a_budget_prints_as_the_table_of_its_links():
         ["contour", "200.0", "200.0", "200.0", "100.0", "%", "requested path to nozzle"],
     ]
     assert max(map(len, rows)) < 80
-    assert list(DESCRIPTIONS) == [*LINKS[:-1], GEOMETRY, LINKS[-1], "contour"]
+    assert list(DESCRIPTIONS) == [*LINKS[:-1], GEOMETRY, LINKS[-1], CORNER, "contour"]
     faulted = replace(run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm"))
     assert str(Budget(faulted)).startswith("error normal to the requested path [µm], until the fault\n")
 
@@ -337,7 +305,7 @@ def test_turns_are_those_of_the_stretch_that_turns_furthest_one_way():
     path = ArcChain((0, 0), 0.0, [0.0, 1 / 20, 0.0, -1 / 30], [50, 2.5 * 2 * math.pi * 20, 30, math.pi * 30])
     s = inner(path, 5001)
     found = budget(record(path, s, encoder=0.01 * path.normal(s)))
-    assert [turn.turn for turn in found.values.turns] == [1, 2, 3]
+    assert [turn.name for turn in found.values.turns] == ["turn 1", "turn 2", "turn 3", "after"]
     assert found.turn[0] == 0  # a straight lead-in goes with the turning after it
     assert found.turn[-1] == -1
     assert found.values.turns[0].s[1] == pytest.approx(50 + 40 * math.pi, abs=0.2)

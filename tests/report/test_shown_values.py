@@ -100,15 +100,15 @@ def part_entry(part):
 
 def test_the_error_budget_in_page_table_and_summary(shown):
     tables, values = shown.page.tables(), shown.budget
-    links = {**values.parts, "contour": values.contour}
+    links = values.rows
     table = tables["Error normal to the requested path, its share of the mean square, and where it is largest"]
     assert table == {link: {"span": DESCRIPTIONS[link], **part_cells(part)} for link, part in links.items()}
     table = tables["Tracking part by axis, to first order"]
     assert table == {axis: part_cells(part) for axis, part in shown.by_axis.items()}
     lag = f"not part of the contour error: {um(values.lag.rms)} µm rms, max {um(values.lag.max)} µm."
     assert lag in shown.page.section("error-budget")
-    assert tables["By turn of the path&#39;s tangent"] == {
-        str(turn.turn): {
+    assert tables["By turn of the path&#39;s tangent, and before and after the turns"] == {
+        turn.name: {
             "from s [mm]": f"{turn.s[0]:.1f}",
             "to s [mm]": f"{turn.s[1]:.1f}",
             **{f"{link}, rms [µm]": um(turn.parts[link].rms) for link in links},
@@ -133,6 +133,7 @@ def test_the_error_budget_in_page_table_and_summary(shown):
         "turns": [
             {
                 "turn": turn.turn,
+                "name": turn.name,
                 "s_mm": list(turn.s),
                 **{link: {"rms_um": 1e3 * size.rms, "max_um": 1e3 * size.max} for link, size in turn.parts.items()},
             }

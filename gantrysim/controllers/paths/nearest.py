@@ -15,6 +15,11 @@ _BACK = 1.0
 _KEPT = 8
 _AROUND = 12  # entries about the first foot that are searched for a nearer one
 _WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
+# Between two points with others left out between them the path may go with the trace, or leave that motion out: any
+# progress from the distance of the two to the length of the trace between them is likely, and that length the likelier.
+_LEFT_OUT = 0.1  # weight of the rest of the length against a progress beyond either
+_ROUNDING = 1e-9  # of lengths [mm]
+_CANDIDATES = 1024  # minima about a point that are looked at
 
 
 @inner_jit
@@ -109,12 +114,28 @@ def _start(table, point, spacing, begin):
 
 
 @inner_jit
-def _extend(table, trace, spacing, index, origin, kept, cost, at):
+def _misfit(advance, step, length):
+    """Return by how much a foot's progress differs from that of the trace [mm].
+
+    Args:
+        advance: progress of the foot along the path [mm].
+        step: distance of the two points [mm].
+        length: of the trace between them where points are left out, else 0 [mm].
+    """
+    if length <= step + _ROUNDING:
+        return abs(advance - step)
+    beyond = max(step - advance, 0.0) + max(advance - length, 0.0)
+    return _LEFT_OUT * abs(advance - length) + (1.0 - _LEFT_OUT) * beyond
+
+
+@inner_jit
+def _extend(table, trace, travel, spacing, index, origin, kept, cost, at):
     """Extend the best sequences of feet from the first point of a trace to all others.
 
     Args:
         table: points along the path, (m, 3) [mm].
         trace: points, (n, 3) [mm].
+        travel: as in `along`, (n,) [mm].
         spacing: of the table [mm].
         index: candidates of every point, (n, _KEPT), the first row given, the others written.
         origin: which of the candidates of the point before each of them follows, (n, _KEPT), likewise.
@@ -124,23 +145,25 @@ def _extend(table, trace, spacing, index, origin, kept, cost, at):
     """
     last_entry = len(table) - 1
     extended, reached = np.zeros(_KEPT), np.zeros(_KEPT)
-    candidate, place, distance = np.zeros(4 * _KEPT, np.int64), np.zeros(4 * _KEPT), np.zeros(4 * _KEPT)
+    candidate = np.zeros(_CANDIDATES, np.int64)
+    place, distance = np.zeros(_CANDIDATES), np.zeros(_CANDIDATES)
     count, lowest = 0, 0.0
     for k in range(1, len(trace)):
         step = np.sqrt(_square(trace[k], trace[k - 1]))
+        length = max(travel[k], step)
         before = kept[k - 1]
         first, last = _range(index[k - 1], before)
-        low = max(first - int((_BACK + step) / spacing), 0)
+        low = max(first - int((_BACK + length) / spacing), 0)
         for ahead in (_BACK, _REACH):  # far ahead only where no foot nearby advances as the trace does
-            high = min(last + int((ahead + 4 * step) / spacing) + 1, last_entry)
+            high = min(last + int((ahead + 4 * length) / spacing) + 1, last_entry)
             count = 0
             for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
                 best, least = 0, np.inf
                 for j in range(before):
-                    total = cost[j] + abs((place[c] - at[j]) * spacing - step)
+                    total = cost[j] + _misfit((place[c] - at[j]) * spacing, step, travel[k])
                     if total < least:
                         best, least = j, total
-                least += _WEIGHT * distance[c] * step
+                least += _WEIGHT * distance[c] * length
                 slot = count if count < _KEPT else int(np.argmax(extended))
                 if count < _KEPT:
                     count += 1
@@ -149,7 +172,7 @@ def _extend(table, trace, spacing, index, origin, kept, cost, at):
                 extended[slot], reached[slot] = least, place[c]
                 index[k, slot], origin[k, slot] = candidate[c], best
             lowest = _range(extended, count)[0]
-            if lowest <= 0.5 * step:
+            if lowest <= 0.5 * length:
                 break
         alive = 0
         for c in range(count):  # those far behind the best do not come back
@@ -169,7 +192,7 @@ def _trace_back(index, origin, slot, found):
 
 
 @jit
-def along(table, trace, spacing, begin):
+def along(table, trace, travel, spacing, begin):
     """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
 
     Candidates are the points of the path that are nearer than their neighbours. Among all sequences of candidates s_k
@@ -183,6 +206,8 @@ def along(table, trace, spacing, begin):
     Args:
         table: points along the path, (m, 3) [mm].
         trace: points, (n, 3) [mm].
+        travel: length of the trace from the point before where others between them are left out, 0 elsewhere, (n,)
+            [mm]. It stands for l_k there, see `_misfit`.
         spacing: of the table [mm].
         begin: index at which the trace begins; -1 to search the whole table.
     """
@@ -191,19 +216,20 @@ def along(table, trace, spacing, begin):
     cost, at = np.zeros(_KEPT), np.zeros(_KEPT)
     index[0, 0] = _start(table, trace[0], spacing, begin)
     at[0] = index[0, 0]
-    _extend(table, trace, spacing, index, origin, kept, cost, at)
+    _extend(table, trace, travel, spacing, index, origin, kept, cost, at)
     found = np.empty(n, np.int64)
     _trace_back(index, origin, int(np.argmin(cost[: kept[n - 1]])), found)
     return found
 
 
 @jit
-def _next_block(table, trace, spacing, index, origin, kept, cost, at, found, last):
+def _next_block(table, trace, travel, spacing, index, origin, kept, cost, at, found, last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
 
     Args:
         table: as in `along`.
         trace: the block, after the last point of the one before, (k + 1, 3) [mm].
+        travel: as in `along`, (k + 1,) [mm].
         spacing: as in `along`.
         index: of the points that are not decided, the last is the first of `trace`, (u, _KEPT).
         origin: likewise, see `_extend`.
@@ -220,7 +246,7 @@ def _next_block(table, trace, spacing, index, origin, kept, cost, at, found, las
     indices, origins = np.zeros((u + n, _KEPT), np.int32), np.zeros((u + n, _KEPT), np.int8)
     counts = np.ones(u + n, np.int64)
     indices[: u + 1], origins[: u + 1], counts[: u + 1] = index, origin, kept
-    _extend(table, trace, spacing, indices[u:], origins[u:], counts[u:], cost, at)
+    _extend(table, trace, travel, spacing, indices[u:], origins[u:], counts[u:], cost, at)
     k = u + n - 1
     slots = np.arange(counts[k])
     if last:
@@ -239,25 +265,30 @@ def along_blocks(table, blocks, count, spacing, begin):
 
     Args:
         table: as in `along`.
-        blocks: iterator of the trace's points in their order, (k, 3) each [mm].
+        blocks: iterator of the trace's points in their order, (k, 3) each, and their `travel`, (k,) each [mm].
         count: number of points, n.
         spacing: as in `along`.
         begin: as in `along`.
     """
-    trace = next(blocks)
+    trace, travel = next(blocks)
     if len(trace) == count:
-        return along(table, trace, spacing, begin)
+        return along(table, trace, travel, spacing, begin)
     found, decided, seen = np.empty(count, np.int64), 0, 0
     index, origin, kept = np.zeros((1, _KEPT), np.int32), np.zeros((1, _KEPT), np.int8), np.ones(1, np.int64)
     cost, at = np.zeros(_KEPT), np.zeros(_KEPT)
-    index[0, 0] = at[0] = along(table, trace[:1], spacing, begin)[0]
+    index[0, 0] = at[0] = along(table, trace[:1], travel[:1], spacing, begin)[0]
     while seen < count:
         seen = decided + len(kept) + len(trace) - 1
         part = found[decided:seen]
-        k, index, origin, kept = _next_block(table, trace, spacing, index, origin, kept, cost, at, part, seen == count)
+        k, index, origin, kept = _next_block(
+            table, trace, travel, spacing, index, origin, kept, cost, at, part, seen == count
+        )
         decided += k
         if seen < count:
-            trace = np.concatenate([trace[-1:], next(blocks)])
+            last = trace[-1:]
+            trace, travel = next(blocks)
+            trace = np.concatenate([last, trace])
+            travel = np.concatenate([[0.0], travel])
     return found
 
 

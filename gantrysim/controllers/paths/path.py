@@ -21,19 +21,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats, dot
 from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.controllers.paths.corners import Corners
 from gantrysim.controllers.paths.nearest import along_blocks, longer_steps, vertices
 from gantrysim.errors import InputError
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
 # of two differ by less than spacing^2 / (8 distance).
 _TABLE_SPACING = 0.05  # [mm]
-_TABLE_SIZE = (256, 1_000_000)
+_TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
+_WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
+_LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
 _STEPS = 60
 # Within so many entries of the table the feet on both sides of a corner are compared; of a trace and a corner so sharp
 # that the path nearly retraces itself within two entries and a step of the trace, where it cannot tell the two apart.
 _NEAR_CORNER = 12
 _NEAR_SHARP = 2
-_SHARP = -0.8  # cosine of the angle between the tangents
+# Where a path does not nearly retrace itself, the foot of a point at a distance d inside a corner lies at most
+# d tan(alpha / 2) from it, alpha being the angle by which the tangent turns there, at most 143 degrees.
+_INSIDE_CORNER = 3.1
 _TOLERANCE = 1e-11  # [mm]
 _INSIDE = 1e-11  # [mm]
 _LAST_STEP = 1e-7  # of Newton's method, after which the error is of the order of its square [mm]
@@ -48,7 +53,7 @@ class Projection:
         offset: point minus foot point, (n, 3) [mm].
         lateral: component along the left normal, (n,) [mm].
         vertical: component along the binormal, tangent x left normal, up on a level path, (n,) [mm].
-        beyond: distance along the tangent, ahead positive: 0 but at an end of the path or outside a corner, (n,) [mm].
+        beyond: distance along the tangent, ahead positive: 0 but at an end of the path, (n,) [mm].
         distance: distance to the path, (n,) [mm].
     """
 
@@ -154,8 +159,15 @@ class Path(ABC):
 
     @cached_property
     def table(self) -> tuple[Floats, Floats]:
-        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3) [mm]."""
-        count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE)) + 1
+        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3) [mm].
+
+        Raises:
+            InputError: a path too long for the table.
+        """
+        if self.length > _LONGEST:
+            raise InputError(f"path length = {self.length:.4g} mm: must be at most {_LONGEST:g} mm to find feet on it")
+        count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
+        count = max(count, int(np.ceil(self.length / _WIDEST_SPACING))) + 1
         s = np.linspace(0.0, self.length, count)
         return s, self.position(s)
 
@@ -183,24 +195,37 @@ class Path(ABC):
             rows: of the trace that count, ascending, (m,); by default all.
         """
         every = np.atleast_2d(np.asarray(trace, float))
-        count = len(every) if rows is None else rows.size
+        if rows is None:
+            rows = np.arange(len(every))
+        led_in = begin is not None and rows.size > 0 and rows[0] > 0
+        followed = np.concatenate([[0], rows]) if led_in else rows
+        travel = _travel(every, followed)
+        sharp = self._reach_of_sharp(every, followed)
 
         def points(block: slice) -> Floats:
-            return _points(every[block] if rows is None else every[rows[block]])
+            return _points(every[followed[block]])
 
         s_table, p_table = self.table
         first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / s_table[1])
-        parts = map(points, blocks(count))
+        count = followed.size
+        parts = ((points(block), travel[block]) for block in blocks(count))
         entries = along_blocks(p_table, parts, count, s_table[1], first)  # type: ignore[no-untyped-call]
-        sharp = np.zeros(0)
-        if self.corners.size:
-
-            def steps(block: slice) -> Floats:
-                return np.sqrt(np.sum(np.diff(points(slice(block.start, block.stop + 1)), axis=0) ** 2, axis=1))
-
-            sharp = _NEAR_SHARP * s_table[1] + longer_steps(by_blocks(steps, count - 1))  # type: ignore[no-untyped-call]
-
+        if led_in:
+            followed, entries, sharp = rows, entries[1:], sharp[1:]
+        count = rows.size
         return table_by_blocks((self._foot(points(b), entries[b], sharp[b]) for b in blocks(count)), count)
+
+    def _reach_of_sharp(self, trace: Floats, rows: NDArray[np.intp]) -> Floats:
+        """Return the distance from a sharp corner within which both its legs are searched, for some points, [mm]."""
+        if not self.corners.size:
+            return np.zeros(0)
+
+        def steps(block: slice) -> Floats:
+            points = trace[rows[block.start : block.stop + 1]]
+            return np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
+
+        longer: Floats = longer_steps(by_blocks(steps, rows.size - 1))  # type: ignore[no-untyped-call]
+        return _NEAR_SHARP * self.table[0][1] + longer
 
     @cached_property
     def corners(self) -> Floats:
@@ -208,9 +233,9 @@ class Path(ABC):
         return np.zeros(0)
 
     @cached_property
-    def _sharp(self) -> NDArray[np.bool_]:
-        """Whether the path nearly retraces itself from each corner, (m,)."""
-        return dot(self.tangent(self.corners - _INSIDE), self.tangent(self.corners + _INSIDE)) < _SHARP
+    def legs(self) -> Corners:
+        """The corners, and the frames of the legs between them."""
+        return Corners.of(self)
 
     def _foot(self, p: Floats, nearest: NDArray[np.intp], sharp: Floats | float = np.inf) -> Projection:
         """Project points, given the nearest entries of the table.
@@ -222,22 +247,58 @@ class Path(ABC):
             nearest: entries of the table, (n,).
             sharp: distance from a sharp corner within which that is done, (n,) [mm].
         """
-        (s_table, p_table), corners = self.table, self.corners
+        s_table, p_table = self.table
         low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
         guess = vertices(p_table, p, nearest) * s_table[1]  # type: ignore[no-untyped-call]
         found = self._between(p, low, high, guess)
-        if corners.size:
-            edges = np.concatenate([[0.0], corners, [self.length]])
-            k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
-            reach = np.minimum(_NEAR_CORNER * s_table[1], np.where(self._sharp[k - 1], sharp, np.inf))
-            near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
-            at, before, after, reach = edges[k[near]], edges[k[near] - 1], edges[k[near] + 1], reach[near]
-            for low, high in ((np.maximum(before, at - reach), at), (at, np.minimum(after, at + reach))):
-                other = self._between(p[near], low, high, 0.5 * (low + high))
-                closer = other.distance < found.distance[near] - _INSIDE  # of two that are as near, the one there is
-                for name, values in vars(found).items():
-                    values[near[closer]] = getattr(other, name)[closer]
+        if self.corners.size:
+            self._compare_legs(p, found, sharp)
+            rows, outside = self.legs.about(found.s, found.offset)
+            for name, values in vars(outside).items():
+                vars(found)[name][rows] = values
         return found
+
+    def project_on_leg(self, points: ArrayLike, leg: NDArray[np.intp]) -> Projection:
+        """Project points onto one leg each, between two corners or ends of the path.
+
+        At the leg's ends `beyond` is the distance along its tangent, at a corner too.
+
+        Args:
+            points: (n, 3) [mm].
+            leg: numbers of the legs from 0, (n,).
+        """
+        p = _points(points)
+        edges = np.concatenate([[0.0], self.corners, [self.length]])
+        low = edges[leg]
+        high = edges[leg + 1]
+        return self._between(p, low, high, 0.5 * (low + high))
+
+    def _compare_legs(self, p: Floats, found: Projection, sharp: Floats | float) -> None:
+        """Replace feet near a corner whose other leg is nearer.
+
+        Args:
+            p: points, (n, 3) [mm].
+            found: their projection, updated.
+            sharp: see `_foot`.
+        """
+        corners = self.corners
+        edges = np.concatenate([[0.0], corners, [self.length]])
+        k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), found.s)
+        reach = np.maximum(_NEAR_CORNER * self.table[0][1], _INSIDE_CORNER * found.distance)
+        reach = np.where(self.legs.sharp[k - 1], np.minimum(_NEAR_CORNER * self.table[0][1], sharp), reach)
+        near = np.flatnonzero(np.abs(edges[k] - found.s) <= reach)
+        corner = edges[k[near]]
+        before = np.maximum(edges[k[near] - 1], corner - reach[near])
+        after = np.minimum(edges[k[near] + 1], corner + reach[near])
+        # the last step to a foot may have crossed the corner, with the frame of the leg that it left
+        crossed = np.abs(found.s[near] - corner) <= 2 * _LAST_STEP
+        ahead = found.s[near] > corner
+        for side, low, high in ((~ahead, before, corner), (ahead, corner, after)):
+            other = self._between(p[near], low, high, 0.5 * (low + high))
+            closer = other.distance < found.distance[near] - _INSIDE  # of two that are as near, the one there is
+            closer |= crossed & side
+            for name, values in vars(found).items():
+                values[near[closer]] = getattr(other, name)[closer]
 
     def _between(self, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
         """Project points onto the parts of the path between two arc lengths, from a guess, (n,) [mm].
@@ -282,6 +343,24 @@ class Path(ABC):
         s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
         vertical = dot(offset, np.cross(tangent, normal))
         return Projection(s, offset, dot(offset, normal), vertical, dot(offset, tangent), np.sqrt(dot(offset, offset)))
+
+
+def _travel(trace: Floats, rows: NDArray[np.intp]) -> Floats:
+    """Return the length of a trace from each of some points to the next, where others lie between, else 0.
+
+    Args:
+        trace: points, (n, 3) [mm].
+        rows: of the points, ascending, (m,).
+
+    Returns:
+        The length from the point before each, (m,) [mm].
+    """
+    travel = np.zeros(rows.size)
+    for k in np.flatnonzero(np.diff(rows) > 1):
+        between = trace[rows[k] : rows[k + 1] + 1]
+        steps = np.linalg.norm(np.diff(between, axis=0), axis=1)
+        travel[k + 1] = steps.sum()
+    return travel
 
 
 def _points(points: ArrayLike) -> Floats:
