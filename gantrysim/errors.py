@@ -13,9 +13,11 @@ from reprlib import Repr
 import numpy as np
 
 _WHOLE = 2.0**53  # up to which floats tell whole numbers apart
+_NEAR = 3  # names that are listed first
+_CLOSE = 0.5  # ratio of similarity from which a name may be meant
 _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
-_shown = _shortened.repr
+shown = _shortened.repr
 
 
 class GantryError(Exception):
@@ -52,7 +54,7 @@ def expanded(path: str | os.PathLike[str]) -> Path:
     except RuntimeError:
         raise InputError(f"{os.fspath(path)}: there is no such home folder") from None
     except OSError as error:
-        raise InputError(f"{_shown(os.fspath(path))}: {error.strerror}") from None
+        raise InputError(f"{shown(os.fspath(path))}: {error.strerror}") from None
     return found
 
 
@@ -63,7 +65,7 @@ def finite(name: str, value: float, unit: str = "") -> float:
         if isinstance(value, bool):
             raise TypeError
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {_shown(value)}: must be a number") from None
+        raise InputError(f"{name} = {shown(value)}: must be a number") from None
     except OverflowError:  # of an integer of more than 308 digits
         raise InputError(f"{name}: must be finite, at most {sys.float_info.max:.4g}") from None
     if not math.isfinite(number):
@@ -122,12 +124,30 @@ def whole(name: str, value: float, bound: int) -> int:
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     """Return the error for a `name` that is none of the `known` ones, with the nearest first."""
+    return InputError(unknown_text(kind, name, known))
+
+
+def unknown_text(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return the text of `unknown`, for errors of other types."""
     names = sorted(known)
     if not names:
-        return InputError(f"unknown {kind} {_shown(name)}: there are none")
-    near = get_close_matches(name, names, n=1, cutoff=0.5)
+        return f"unknown {kind} {shown(name)}: there are none"
+    near = nearest(name, names)
     hint = f"did you mean {near[0]}? " if near else ""
-    return InputError(f"unknown {kind} {_shown(name)}: {hint}known: {', '.join(names)}")
+    listed = [*near, *(other for other in names if other not in near)]
+    return f"unknown {kind} {shown(name)}: {hint}known: {', '.join(listed)}"
+
+
+def nearest(name: str, names: Iterable[str]) -> list[str]:
+    """Return the names nearest to a wrong one, nearest first; in any case, and dotted ones by their last part too."""
+    wrong = name.casefold()
+    spellings: dict[str, list[str]] = {}  # as they are compared
+    for known in names:
+        whole = known.casefold()
+        for spelling in dict.fromkeys((whole, whole.rpartition(".")[2])):
+            spellings.setdefault(spelling, []).append(known)
+    close = get_close_matches(wrong, spellings, n=_NEAR, cutoff=_CLOSE)
+    return list(dict.fromkeys(known for spelling in close for known in spellings[spelling]))[:_NEAR]
 
 
 def _at_most(name: str, number: float, most: float, unit: str) -> float:

@@ -152,3 +152,14 @@ def _writable(array: NDArray[Any]) -> bool:
     """Return whether anyone can write to the memory of an array."""
     memory = array.base if isinstance(array.base, np.ndarray) else array
     return bool(array.flags.writeable or memory.flags.writeable or not memory.flags.owndata)
+
+
+def check_run(value: Any) -> None:
+    """Raise InputError for what is likely to be given instead of a run: a file or folder, or a job."""
+    advice = ""
+    if isinstance(value, str | os.PathLike):
+        advice = "a record is read by gantrysim.Run.load"
+    elif not isinstance(value, Run) and callable(getattr(value, "run", None)):  # a job
+        advice = "write .run() behind it"
+    if advice:
+        raise InputError(f"run is of type {type(value).__name__}: must be a Run; {advice}")

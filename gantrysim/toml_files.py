@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from textwrap import shorten
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, nearest
 from gantrysim.files import settle
 from gantrysim.input_files import opened
 
@@ -89,15 +91,36 @@ def _within_64_bits(content: dict[str, Any]) -> bool:
 
 
 def validated(model: type[Model], content: dict[str, Any], label: str) -> Model:
-    """Return a model with these values."""
+    """Return a model with these values.
+
+    Where its keys depend on its content, it has a class method `keys_of` that returns their dotted names.
+    """
     try:
         return model(**content)
     except ValidationError as error:
-        raise InputError(f"{label}: {one_line(error)}") from None
+        keys_of = getattr(model, "keys_of", None)
+        known = field_names(model) if keys_of is None else keys_of(content)
+        raise InputError(f"{label}: {one_line(error, known)}") from None
 
 
-def one_line(error: ValidationError) -> str:
-    """Return the problems that pydantic found, in one line."""
+def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of the fields of a model or dataclass, those of nested ones included."""
+    hints = get_type_hints(kind)
+    for name in getattr(kind, "model_fields", None) or [field.name for field in fields(kind)]:
+        yield f"{prefix}{name}"
+        for part in (hints[name], *get_args(hints[name])):
+            if isinstance(part, type) and (is_dataclass(part) or issubclass(part, BaseModel)):
+                yield from field_names(part, f"{prefix}{name}.")
+
+
+def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
+    """Return the problems that pydantic found, in one line.
+
+    Args:
+        error: of a model.
+        known: dotted names of its keys, of which the nearest to an unknown one is named.
+    """
+    names = tuple(known)
     problems: dict[str, str] = {}
     for item in error.errors():
         where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))
@@ -105,10 +128,25 @@ def one_line(error: ValidationError) -> str:
         if item["type"] == "value_error" and isinstance(cause, Exception):
             text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            text = f"unknown key {where}"
+            text = f"unknown key {where}{_meant(where, names)}"
         elif item["type"] in ("missing", "missing_argument"):
             text = f"{where} is missing"
         else:
             text = f"{where} = {shorten(repr(item['input']), _SHOWN)}: {item['msg'][:1].lower()}{item['msg'][1:]}"
         problems.setdefault(where or text, text)
     return "; ".join(dict.fromkeys(problems.values()))
+
+
+def _meant(where: str, known: Sequence[str]) -> str:
+    """Return the end of a message on an unknown key: which one of the same table is nearest, or else all of them."""
+    *tables, wrong = where.split(".")
+    beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)  # pydantic names a fault's kind after its number
+    if near := nearest(wrong, sorted(beside)):
+        return f": did you mean {near[0]}?"
+    return f": known: {', '.join(sorted(beside))}" if beside else ""
+
+
+def _keys_in(tables: Iterable[str], known: Iterable[str]) -> set[str]:
+    """Return the keys of a table, given its name by the tables around it."""
+    prefix = "".join(f"{table}." for table in tables)
+    return {name.removeprefix(prefix).partition(".")[0] for name in known if name.startswith(prefix)}

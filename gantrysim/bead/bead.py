@@ -129,12 +129,27 @@ class Bead(BeadTrace, Shown):
     """The bead of a run: stations along the nozzle's trace, the height map, and its values; see `BeadTrace`."""
 
     def facts(self) -> dict[str, str]:
+        remark = {"remark": self._no_values} if self._no_values else {}
         return {
+            **remark,
             "machine": self.run.machine,
             "section": f"{self.nominal:.3g} mm²",
             "volume": f"{self.total_volume:.4g} mm³",
             "requested": f"{self.requested_volume:.4g} mm³",
         }
+
+    @property
+    def _no_values(self) -> str:
+        """Why the bead has no values; empty where it has some."""
+        run = self.run
+        if self.nominal > 0:
+            return ""
+        if run.fault is not None and run.flow_demand.any():
+            return "the fault came before the path speed was steady: the requested section is unknown"
+        remedy = (
+            "" if run.flow_demand.any() else "; run it with a dispenser, as dispenser=gantrysim.Dispenser(flow=100)"
+        )
+        return f"the run requests no glue while the nozzle moves: its bead has no values{remedy}"
 
     @cached_property
     def map(self) -> HeightMap:
@@ -149,10 +164,8 @@ class Bead(BeadTrace, Shown):
             InputError: no glue is requested while the nozzle moves, or a fault came before the speed was steady.
         """
         run = self.run
-        if not self.nominal > 0:
-            if run.fault is not None and run.flow_demand.any():
-                raise InputError("the fault came before the path speed was steady: the requested section is unknown")
-            raise InputError("the run requests no glue while the nozzle moves: its bead has no values")
+        if self._no_values:
+            raise InputError(self._no_values)
         on, parts = self.dispensing, self._parts
         clearance, weight = self.clearance(), self._turn_lengths
         length = float(weight.sum())

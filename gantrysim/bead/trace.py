@@ -18,7 +18,7 @@ from gantrysim.bead.section import Section
 from gantrysim.columns import by_blocks
 from gantrysim.errors import InputError, at_least, finite, whole
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.run import Run
+from gantrysim.run import Run, check_run
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
@@ -86,6 +86,7 @@ class BeadTrace:
         analysis: Analysis | None = None,
         stations: int | None = None,
     ) -> None:
+        check_run(run)
         self.run = run
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap

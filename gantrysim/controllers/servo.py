@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from inspect import signature
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +60,7 @@ from gantrysim.controllers.servo_values import (
     whole_ratio,
 )
 from gantrysim.display import Shown
-from gantrysim.errors import InputError, at_least, between, finite, positive
+from gantrysim.errors import InputError, at_least, between, finite, positive, unknown_text
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import MODES, Drives
 
@@ -294,9 +296,10 @@ class Servo(LawParameters, Shown):
             velocity_bandwidth: of velocity loops in the drives, by default the highest that keeps the margins [Hz].
             given: any of `DERIVED` to override, one value or one per axis.
         """
-        axes = tuple(axes)
+        axes = _tuple_of(axes)
         if not axes:
             raise InputError("a servo must have at least one axis")
+        _check_keywords(given)
         check_period(period)
         zeta = between("damping", damping, *DAMPINGS)
         share = at_least("feedforward", feedforward, 0)
@@ -348,8 +351,6 @@ class Servo(LawParameters, Shown):
         for name, value in given.items():
             if PD in names and name in NOT_PD and value is not None and np.any(value):
                 raise InputError(f"{name} = {value}: must be 0 in law 'pd'; use 'pid'")
-            if name not in derived:
-                raise TypeError(f"unknown argument {name!r}; known: {', '.join(derived)}")
             if value is None:
                 continue
             derived[name] = list(per_axis(name, value, len(axes)))
@@ -370,3 +371,21 @@ class Servo(LawParameters, Shown):
             drive_period=inner,
             **{name: tuple(values) for name, values in derived.items()},
         )
+
+
+def _check_keywords(given: Iterable[str]) -> None:
+    """Raise TypeError, as Python does, for a keyword that `Servo.derive` does not have."""
+    derived = [parameter.name for parameter in DERIVED]
+    for name in given:
+        if name not in derived:
+            named = [key for key, one in signature(Servo.derive).parameters.items() if one.kind is one.KEYWORD_ONLY]
+            raise TypeError(f"Servo.derive: {unknown_text('keyword', name, [*named, *derived])}")
+
+
+def _tuple_of(axes: Any) -> tuple[AxisDynamics, ...]:
+    """Return the axes of a machine, or raise InputError for what is likely to be given instead: machine or name."""
+    if isinstance(axes, str) or not isinstance(axes, Iterable):
+        raise InputError(
+            f"axes is of type {type(axes).__name__}: must be the axes of a machine; write Servo.derive(machine.axes)"
+        )
+    return tuple(axes)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from numbers import Real
 from pathlib import Path
-from types import NoneType
 from typing import Any, NamedTuple
 
 import mujoco
@@ -14,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import MOST_STEPS, advance
+from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
@@ -33,7 +33,7 @@ from gantrysim.run import Run
 def simulate_batch(
     machine: Machine | Sequence[Machine],
     servo: Servo | Sequence[Servo],
-    setpoints: Setpoints | Sequence[Setpoints],
+    setpoints: Setpoints | Controller | Sequence[Setpoints | Controller],
     *,
     physics_step: float | Sequence[float | None] | NDArray[Any] | None = None,
     dispenser: Dispenser | Sequence[Dispenser | None] | None = None,
@@ -49,7 +49,7 @@ def simulate_batch(
     Args:
         machine: the machines.
         servo: the servos.
-        setpoints: the commanded positions.
+        setpoints: the commanded positions, or controllers, see `simulate`.
         physics_step: longest physics step, see `simulate` [s].
         dispenser: dispenser of the glue, see `simulate`.
         faults: faults on purpose of all simulations, or a sequence of them for each.
@@ -99,6 +99,7 @@ def simulate_batch(
 
 def _per_simulation(faults: Sequence[Any]) -> Any:
     """Return the faults of all simulations as one value, those of each as a list."""
+    check_argument("faults", faults)
     each = any(isinstance(one, list | tuple) for one in faults)
     return [_Faults(one) if isinstance(one, list | tuple) else one for one in faults] if each else _Faults(faults)
 
@@ -113,15 +114,11 @@ class _Faults:
 def _simulations(**arguments: Any) -> list[Simulation]:
     several: dict[str, list[Any]] = {}
     for name, value in arguments.items():
-        types, words = _TYPES[name]
         if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
             several[name] = list(value)
         for number, one in enumerate(several.get(name, [value])):
-            if not isinstance(one, types) or isinstance(one, bool):
-                where, more = (
-                    (f"[{number}]", "") if name in several else ("", ", or a list, a tuple or an array of them")
-                )
-                raise InputError(f"{name}{where} is of type {type(one).__name__}: must be {words}{more}")
+            place, more = (f"[{number}]", "") if name in several else ("", ", or a list, a tuple or an array of them")
+            check_argument(name, one.faults if isinstance(one, _Faults) else one, place, more)
     lengths = {name: len(values) for name, values in several.items()}
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
@@ -137,16 +134,6 @@ def _simulations(**arguments: Any) -> list[Simulation]:
         except InputError as error:
             raise InputError(f"simulation {k} of the batch: {error}") from None
     return simulations
-
-
-_TYPES: dict[str, tuple[tuple[type, ...], str]] = {
-    "machine": ((Machine,), "a Machine"),
-    "servo": ((Servo,), "a Servo"),
-    "setpoints": ((Setpoints,), "Setpoints"),
-    "physics_step": ((Real, NoneType), "a number or None"),
-    "dispenser": ((Dispenser, NoneType), "a Dispenser or None"),
-    "faults": ((_Faults,), "a sequence of faults"),
-}
 
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run

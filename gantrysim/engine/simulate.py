@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.law import PlainLaw
 from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
+from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, checked_dispenser
 from gantrysim.engine.started import Started
+from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
@@ -23,7 +26,7 @@ from gantrysim.run import Run
 def simulate(
     machine: Machine,
     servo: Servo,
-    setpoints: Setpoints,
+    setpoints: Setpoints | Controller,
     *,
     physics_step: float | None = None,
     dispenser: Dispenser | None = None,
@@ -39,7 +42,8 @@ def simulate(
     Args:
         machine: the machine.
         servo: the servo, with as many axes as the machine and the setpoints' period.
-        setpoints: commanded positions; axes of the machine that they leave out are held at zero.
+        setpoints: commanded positions; axes of the machine that they leave out are held at zero. A controller with
+            its program stands for its setpoints at the servo's period.
         physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; it is reduced so
             as to divide the servo period evenly [s].
         dispenser: dispenser of the glue, by default none.
@@ -51,9 +55,9 @@ def simulate(
         The record, longer than the setpoints by the ticks of waiting at their gates; a fault ends it early.
 
     Raises:
-        InputError: setpoints with an unknown axis, a position outside the travel or a speed above the limit, or a
-            dispenser's start lead longer than the time before the first dispensing, or a fault on purpose that the
-            machine cannot have.
+        InputError: an argument of a wrong type, setpoints with an unknown axis, a position outside the travel or a
+            speed above the limit, or a dispenser's start lead longer than the time before the first dispensing, or a
+            fault on purpose that the machine cannot have.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     runs = servo.learning_repeats + 1 if LEARNING in servo.law and law is None else 1
@@ -78,12 +82,17 @@ def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispe
 
     Args:
         machine: the machine.
-        setpoints: commanded positions.
+        setpoints: commanded positions; of a controller, those at a servo period, `controller.setpoints(period)`.
         dispenser: dispenser of the glue, by default none.
 
     Raises:
         InputError: as by `simulate`.
     """
+    check_argument("machine", machine)
+    if isinstance(setpoints, Controller):
+        raise InputError("setpoints is a controller: must be Setpoints; write .setpoints(period) behind it")
+    check_argument("setpoints", setpoints)
+    check_argument("dispenser", dispenser)
     return perfect_record(
         machine, setpoints, axis_positions(machine, setpoints), checked_dispenser(dispenser, setpoints)
     )

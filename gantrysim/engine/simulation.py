@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.arrays import Floats
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.laws.parameters import CONTOUR, PREVIEW
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.shaping import shaped
+from gantrysim.engine.arguments import check_argument, sent
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
 from gantrysim.engine.laws import law_entries
@@ -74,14 +76,17 @@ class Simulation:
         cls,
         machine: Machine,
         servo: Servo,
-        setpoints: Setpoints,
+        setpoints: Setpoints | Controller,
         *,
         physics_step: float | None = None,
         dispenser: Dispenser | None = None,
         faults: Sequence[InjectedFault] = (),
     ) -> Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
-        setpoints = shaped(servo, setpoints)
+        given = {"machine": machine, "servo": servo, "setpoints": setpoints, "dispenser": dispenser, "faults": faults}
+        for name, value in given.items():
+            check_argument(name, value)
+        setpoints = shaped(servo, sent(setpoints, servo.period))
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
         if machine.kinematics.followers:

@@ -21,7 +21,7 @@ from gantrysim.errors import InputError, finite, positive, unknown, whole
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
-from gantrysim.toml_files import one_line
+from gantrysim.toml_files import field_names, one_line
 
 Bounds = float | tuple[float, float]  # a fixed value, or the lowest and the highest value drawn
 
@@ -76,7 +76,7 @@ class PathSettings(BaseModel):
         try:
             return cls(**{name: _plain(value) for name, value in values.items()})
         except ValidationError as error:
-            raise InputError(one_line(error)) from None
+            raise InputError(one_line(error, field_names(cls))) from None
 
     @field_validator("job", mode="before")
     @classmethod

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, expanded
+from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.files import replaced
 from gantrysim.heads import name_and_unit
 from gantrysim.input_files import opened
@@ -143,7 +143,7 @@ def _heads(row: Sequence[str], machine: Machine, columns: Mapping[str, str]) -> 
     heads: dict[str, tuple[int, str]] = {}
     for name, head in columns.items():
         if name not in known:
-            raise InputError(f"column {name!r}: must be one of {', '.join(known)}")
+            raise unknown("column", name, known)
         text, unit = name_and_unit(head)
         fitting = [k for k, cell in enumerate(stripped) if cell in (head.strip(), text)]
         if not fitting:

@@ -39,6 +39,12 @@ class JobContent(BaseModel):
     faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
 
+    @classmethod
+    def keys_of(cls, content: Mapping[str, Any]) -> list[str]:
+        """Return the dotted keys of a job file with this content, for messages on others."""
+        tables = content if isinstance(content.get("program"), dict) else {**content, "program": {}}
+        return ["source", *known_keys(dict(tables))]
+
     @model_validator(mode="before")
     @classmethod
     def _reject_booleans(cls, values: Any) -> Any:

@@ -20,7 +20,7 @@ from gantrysim.controllers.paths.path import Projection
 from gantrysim.display import Shown
 from gantrysim.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
-from gantrysim.run import Run
+from gantrysim.run import Run, check_run
 
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # unit of an axis' errors, by the axis' own
 
@@ -91,6 +91,7 @@ class Analysis(Shown):
     """
 
     def __init__(self, run: Run) -> None:
+        check_run(run)
         self.run = run
         self.ticks = _dispensing_ticks(run)
 

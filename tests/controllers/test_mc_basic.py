@@ -235,7 +235,7 @@ def test_comments_and_continued_lines():
         ("vmx = 3", "line 1: unknown name 'vmx': did you mean vmax?"),
         ("print foo(1)", "line 1: unknown function 'foo': known: abs, acos, asin, atan2, atn, cos, exp, int, log, "
             "sgn, sin, sqrt, tan, and those of the program"),
-        ("call Foo", "line 1: unknown sub 'Foo': known: none"),
+        ("call Foo", "line 1: unknown sub 'Foo': there are none"),
         ("dim a[3] as long\na[4] = 2", "line 2: index of a = 4: must be 1 to 3"),
         ("dim a[3] as long\na = 2", "line 2: a is an array: must have an index"),
         ("dim a as const long = 3\na = 2", "line 2: a is a constant: must not be assigned"),

@@ -76,7 +76,7 @@ from gantrysim.errors import InputError
         ("Move {0, inf}", "coordinate of target = inf: must be finite"),
         (
             "Circle Angel=90",
-            "unknown word 'Angel': did you mean Angle? known: Abs, Acc, Angle, CircleCenter, CirclePlane, CirclePoint, "
+            "unknown word 'Angel': did you mean Angle? known: Angle, Abs, Acc, CircleCenter, CirclePlane, CirclePoint, "
             "Dec, Dispense, Jerk, PrfType, Smooth, TargetPoint, VCruise, Vtran",
         ),
         ("Cirle Angle=90", "unknown command 'Cirle': did you mean Circle? known: Circle, Move"),
@@ -180,7 +180,7 @@ def test_an_invalid_command_is_reported_with_its_number(commands, start, message
         (
             lambda: Group(profile="cosine"),
             "unknown profile 'cosine': did you mean sine? "
-            "known: constant, sine, smooth, trapezoid, trapezoidal acceleration",
+            "known: sine, constant, smooth, trapezoid, trapezoidal acceleration",
         ),
         (lambda: Move((1, 2), velocity=0), "velocity = 0 mm/s: must be greater than 0 mm/s"),
         (

@@ -74,7 +74,7 @@ def test_written_and_read_again_the_record_is_the_same(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ((5, 1, ("PFX",)), "unknown expression 'PFX': did you mean PFB? known: PCMD, PE, PFB, SETPOINT, VCMD, VFB"),
+        ((5, 1, ("PFX",)), "unknown expression 'PFX': did you mean PFB? known: PFB, PCMD, PE, SETPOINT, VCMD, VFB"),
         ((0,), "points = 0: must be at least 1"),
         ((5, 0.5), "gap = 0.5: must be at least 1"),
         ((5, 1.5), "gap = 1.5: must be a whole number"),

@@ -167,6 +167,9 @@ def test_a_batch_whose_parts_do_not_fit_is_refused(xy, servo, counts, said):
 
 
 ONE = ", or a list, a tuple or an array of them"
+WRITE_MACHINE = "write gantrysim.Machine('xy')"
+WRITE_SERVO = "write gantrysim.Servo.derive(machine.axes)"
+SETPOINTS = "must be Setpoints or a controller with its program"
 
 
 @pytest.mark.parametrize(
@@ -181,13 +184,13 @@ ONE = ", or a list, a tuple or an array of them"
         ({"physics_step": ["1e-4"]}, "physics_step[0] is of type str: must be a number or None"),
         ({"physics_step": [None, [1e-4]]}, "physics_step[1] is of type list: must be a number or None"),
         ({"physics_step": np.ones((2, 2))}, "physics_step[0] is of type ndarray: must be a number or None"),
-        ({"machine": "xy"}, f"machine is of type str: must be a Machine{ONE}"),
+        ({"machine": "xy"}, f"machine is of type str: must be a Machine{ONE}; {WRITE_MACHINE}"),
         ({"machine": (m for m in "xy")}, f"machine is of type generator: must be a Machine{ONE}"),
-        ({"machine": ["xy"]}, "machine[0] is of type str: must be a Machine"),
-        ({"servo": {}}, f"servo is of type dict: must be a Servo{ONE}"),
-        ({"servo": [None]}, "servo[0] is of type NoneType: must be a Servo"),
-        ({"setpoints": map(ramp, [50.0])}, f"setpoints is of type map: must be Setpoints{ONE}"),
-        ({"setpoints": np.zeros((3, 2))}, "setpoints[0] is of type ndarray: must be Setpoints"),
+        ({"machine": ["xy"]}, f"machine[0] is of type str: must be a Machine; {WRITE_MACHINE}"),
+        ({"servo": {}}, f"servo is of type dict: must be a Servo{ONE}; {WRITE_SERVO}"),
+        ({"servo": [None]}, f"servo[0] is of type NoneType: must be a Servo; {WRITE_SERVO}"),
+        ({"setpoints": map(ramp, [50.0])}, f"setpoints is of type map: {SETPOINTS}{ONE}"),
+        ({"setpoints": np.zeros((3, 2))}, f"setpoints[0] is of type ndarray: {SETPOINTS}"),
         ({"dispenser": "none"}, f"dispenser is of type str: must be a Dispenser or None{ONE}"),
     ],
 )

@@ -344,7 +344,7 @@ def test_invalid_actions_are_rejected(env, action, text):
         ({"spread": 0.3}, "spread = 0.3: input should be a dictionary or an instance of Tolerances"),
         ({"spread": "payload=a"}, "tolerance payload=a: must be payload= and a number"),
         ({"servo": {"bandwidth": 30}}, "unknown key servo.bandwidth"),
-        ({"speeed": 100.0}, "unknown setting 'speeed': did you mean speed? known: acceleration, "),
+        ({"speeed": 100.0}, "unknown setting 'speeed': did you mean speed? known: speed, "),
         ({"per_axis": "maybe"}, "per_axis = 'maybe': input should be a valid boolean"),
         ({"tolerance": math.nan}, "tolerance = nan mm: must be finite"),
         ({"size": (0, 480)}, "width of the picture = 0: must be at least 1"),

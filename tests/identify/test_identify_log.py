@@ -65,7 +65,7 @@ def test_columns_of_any_name(tmp_path):
     assert np.allclose(log.position[:, 0], position, atol=1e-9)
     with pytest.raises(InputError, match=r"has no column 'MPOS' for x position; it has: Tick, DAC, MPOS AXIS\(0\)"):
         read_log(file, MACHINE, {"x position": "MPOS"})
-    with pytest.raises(InputError, match="column 'z position': must be one of time, x position"):
+    with pytest.raises(InputError, match="unknown column 'z position': did you mean y position"):
         read_log(file, MACHINE, {"z position": "DAC"})
 
 

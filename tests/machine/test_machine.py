@@ -217,7 +217,7 @@ def test_a_plain_motor_is_an_ideal_torque_source(rigid):
 @pytest.mark.parametrize(
     ("model", "text"),
     [
-        ("yx", "unknown model 'yx': did you mean xy\\? known: .*xy, xyz"),
+        ("yx", "unknown model 'yx': did you mean xy\\? known: xy, .*xyz"),
         ("no/such.xml", r"model no/such.xml: no such file; built-in models: .*xy, xyz"),
     ],
 )

@@ -22,6 +22,7 @@ from gantrysim.controllers.softmc.basic.values import (
     text_of,
 )
 from gantrysim.controllers.softmc.commands import SoftMCError
+from gantrysim.errors import unknown_text
 
 _MOST_COORDINATES = 10
 
@@ -160,7 +161,7 @@ def _call(tree: Node) -> Expression:
             return builtin(key, [argument(frame) for argument in arguments])
         if key == "vesexecute":
             return executed([argument(frame) for argument in arguments], frame)
-        raise SoftMCError(f"unknown function {name!r}: known: {', '.join(sorted(FUNCTIONS))}, and those of the program")
+        raise SoftMCError(f"{unknown_text('function', name, FUNCTIONS)}, and those of the program")
 
     return value
 

@@ -23,7 +23,7 @@ from gantrysim.controllers.softmc.basic.syntax import Node, parse
 from gantrysim.controllers.softmc.basic.task import Block, Expression, Frame, Statement
 from gantrysim.controllers.softmc.basic.values import Element, Value, compare, number
 from gantrysim.controllers.softmc.commands import SoftMCError
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, unknown_text
 
 
 class LocatedError(SoftMCError):
@@ -112,8 +112,8 @@ def _call_sub(tree: Node) -> Statement:
     def do(frame: Frame) -> None:
         found = frame.task.routines.get(name.lower())
         if found is None:
-            known = ", ".join(sorted(one.name for one in frame.task.routines.values())) or "none"
-            raise SoftMCError(f"unknown sub {name!r}: known: {known}")
+            known = [one.name for one in frame.task.routines.values()]
+            raise SoftMCError(unknown_text("sub", name, known))
         called(found, arguments, names, frame)
 
     return do

@@ -1,0 +1,80 @@
+"""The arguments of a run by type: what is refused in one line that says what to write."""
+
+from __future__ import annotations
+
+import os
+from numbers import Real
+from types import NoneType
+from typing import Any
+
+from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.errors import InputError, shown
+from gantrysim.faults import InjectedFault
+from gantrysim.machine.dispenser import Dispenser
+from gantrysim.machine.machine import Machine
+
+_KINDS: dict[str, tuple[tuple[type, ...], str]] = {
+    "machine": ((Machine,), "a Machine"),
+    "servo": ((Servo,), "a Servo"),
+    "setpoints": ((Setpoints, Controller), "Setpoints or a controller with its program"),
+    "physics_step": ((Real, NoneType), "a number or None"),
+    "dispenser": ((Dispenser, NoneType), "a Dispenser or None"),
+    "faults": ((list, tuple), "a list of faults"),
+}
+
+
+def check_argument(name: str, value: Any, place: str = "", more: str = "") -> None:
+    """Check the type of an argument of a run.
+
+    Args:
+        name: of the argument.
+        value: given.
+        place: of the value in a list, as "[2]".
+        more: what else it may be, in words.
+
+    Raises:
+        InputError: another type, with what to write instead where that is known.
+    """
+    kinds, words = _KINDS[name]
+    if isinstance(value, kinds) and not isinstance(value, bool):
+        return
+    advice = _advice(name, value)
+    raise InputError(
+        f"{name}{place} is of type {type(value).__name__}: must be {words}{more}{f'; {advice}' if advice else ''}"
+    )
+
+
+def sent(setpoints: Setpoints | Controller, period: float) -> Setpoints:
+    """Return setpoints, those of a controller at a servo period [s]."""
+    return setpoints.setpoints(period) if isinstance(setpoints, Controller) else setpoints
+
+
+def _advice(name: str, value: Any) -> str:
+    """Return what to write for a value of a wrong type; nothing where that is not known."""
+    text = isinstance(value, str | os.PathLike)
+    if name == "machine" and text:
+        return f"write gantrysim.Machine({shown(os.fspath(value))})"
+    if name == "servo":
+        return "write gantrysim.Servo.derive(machine.axes)"
+    if name == "setpoints":
+        return _advice_on_setpoints(value, text)
+    if name == "dispenser" and isinstance(value, Real) and not isinstance(value, bool):
+        return f"write gantrysim.Dispenser(flow={value}) for a flow in mm³/s"
+    if name == "faults" and isinstance(value, InjectedFault):
+        return "write faults=[fault]"
+    return ""
+
+
+def _advice_on_setpoints(value: Any, text: bool) -> str:
+    if text:
+        return f"a job or program file is run by gantrysim.Job.load({shown(os.fspath(value))}).run()"
+    if isinstance(value, type) and issubclass(value, Controller):
+        return f"write {value.__name__}(...) with its arguments"
+    if isinstance(value, Path):
+        return "a path has no speed: write Setpoints.along(path, speed, servo.period)"
+    if callable(getattr(value, "run", None)):  # a job
+        return f"a {type(value).__name__} has a machine and a servo of its own: write .run() behind it"
+    return ""
