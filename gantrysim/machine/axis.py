@@ -13,12 +13,13 @@ import numpy as np
 
 from gantrysim.arrays import Floats
 from gantrysim.controllers.laws.friction import Friction
-from gantrysim.errors import InputError
+from gantrysim.errors import InputError, between
 from gantrysim.machine.linear_motion import linear_motion
 from gantrysim.stability.motion import MODES, Motion, UnknownLoopError
 
 EFFICIENCY = "efficiency"  # custom numeric
 _PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load
+_GEARS = 1e-6, 1e9  # from a lead of 6,000 km to one of 6 nm
 _HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
 
@@ -217,6 +218,7 @@ def _read_axis(model: mujoco.MjModel, i: int) -> tuple[Axis, AxisAddress]:
     if not gear > 0:
         meaning = {"mm": "2 pi / lead in rad/m", "deg": "turns of the motor per turn of the axis"}[unit]
         raise InputError(f"gear of {name!r} = {gear:g}: must be greater than 0 ({meaning})")
+    between(f"gear of {name!r}", gear, *_GEARS)
     per_si = PER_SI[unit]
     scale = per_si / gear
     low, high = (float(end) * per_si for end in model.jnt_range[joint])

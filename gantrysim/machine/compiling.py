@@ -10,6 +10,7 @@ import numpy as np
 
 from gantrysim.errors import InputError, between
 from gantrysim.machine.naming import rename
+from gantrysim.machine.sizes import check_sizes
 from gantrysim.native.row import ROW_NUMBERS
 
 _TIMESTEPS = 1e-7, 1.0  # [s]
@@ -51,6 +52,7 @@ def _read(source: Path) -> mujoco.MjSpec:
         from gantrysim.design.build import mjcf_in  # slow to import, and for tables alone
 
         return mujoco.MjSpec.from_string(mjcf_in(source))
+    check_sizes(source)
     return mujoco.MjSpec.from_file(str(source))
 
 

@@ -112,6 +112,8 @@ class Machine:
                 self._build(self.source)
         except InputError as error:
             raise InputError(f"model {self.source}: {error}") from None
+        except (ArithmeticError, np.linalg.LinAlgError) as error:  # numbers that are finite, but not their products
+            raise InputError(f"model {self.source}: has numbers too large or too small: {error}") from None
         self.geometry = self._stated_geometry()
         if said:  # of a number that is none, or of a file that is not right
             raise InputError(f"model {self.source}: MuJoCo warns: {said[0]}")

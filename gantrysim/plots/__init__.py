@@ -73,7 +73,8 @@ def save_plots(
                 figure.savefig(new)
             written.append(file)
         except Exception as error:  # the others are worth having
-            failed.append(f"{file.name}: {text_of(error)}")
+            text = text_of(error)
+            failed.append(text if file.name in text else f"{file.name}: {text}")
         if progress is not None:
             progress(done / len(drawings))
     if failed:

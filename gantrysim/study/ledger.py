@@ -92,9 +92,13 @@ class Ledger:
             self._file.unlink(missing_ok=True)
 
     def _write(self, content: object) -> None:
-        if self._stream is not None:
+        if self._file is None or self._stream is None:
+            return
+        try:
             self._stream.write(json.dumps(content, allow_nan=False).encode() + b"\n")
             self._stream.flush()
+        except OSError as error:  # of a stream, which has no name
+            raise InputError(f"{self._file}: cannot be written: {error.strerror}") from None
 
     def _read(self, content: bytes) -> int:
         """Take over the rows of an earlier run, and return the length of their complete lines in bytes."""

@@ -203,3 +203,11 @@ def test_a_program_of_too_many_ticks_is_refused():
         program.setpoints(1e-3)
     with pytest.raises(InputError, match=r"^30000 s in periods of 1e-05 s: makes 3e\+09 ticks, at most 5e\+07$"):
         program.setpoints(1e-5)
+
+
+@pytest.mark.parametrize("rate", ["Jerk", "Acc", "Dec", "Vtran"])
+@pytest.mark.parametrize("value", ["1e-300", "1e-13", "1e16", "1e300"])
+@pytest.mark.parametrize("profile", ["PrfType=2", "PrfType=-1 Smooth=-1"])
+def test_rates_whose_products_are_no_numbers_are_refused(rate, value, profile):
+    with pytest.raises(SoftMCError, match=r'^line 1 ".*": \w+ = .*: must be at (least 1e-12|most 1e.15) mm/s'):
+        Program(f"Move G1 {{10, 0}} {rate}={value} {profile}")

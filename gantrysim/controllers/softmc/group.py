@@ -21,6 +21,9 @@ PROFILE_TYPES: dict[int, ProfileType] = {
 }
 
 _MAX_SMOOTH = 100
+# Bounds of speeds, accelerations and jerks in their units: products and roots of them are then numbers. A motion at the
+# least of them takes years, and is refused for its duration.
+_LEAST, _MOST = 1e-12, 1e15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +54,7 @@ class Nodal:
         for name, unit in _UNITS.items():
             value = getattr(self, name, None)
             if value is not None:
-                object.__setattr__(self, name, positive(name, value, unit))
+                object.__setattr__(self, name, _rate(name, value, unit))
         if self.profile is not None:
             _check_profile(self.profile)
         if self.smooth is not None:
@@ -106,7 +109,7 @@ class Group:
     def __post_init__(self) -> None:
         for name, unit in _UNITS.items():
             if name != "deceleration" or self.deceleration is not None:
-                object.__setattr__(self, name, positive(name, getattr(self, name), unit))
+                object.__setattr__(self, name, _rate(name, getattr(self, name), unit))
         for name, unit in _BOUNDS.items():
             value = getattr(self, name)
             object.__setattr__(self, name, math.inf if value == math.inf else positive(name, value, unit))
@@ -202,6 +205,11 @@ _BOUNDS = {
     "settle_error": "mm",
     "velocity_safety_limit": "mm/s",
 }
+
+
+def _rate(name: str, value: float, unit: str) -> float:
+    """Return a speed, acceleration or jerk, or raise InputError where it is not positive or out of bounds."""
+    return at_least(name, positive(name, value, unit, _MOST), _LEAST, unit)
 
 
 def _check_profile(profile: str) -> None:
