@@ -158,11 +158,18 @@ class Corners:
         """
         if self._plane:
             return components
-        start = self.carried[self.leg(s)]
-        end = self.carried[self.leg(to)]
-        across = np.stack([components.lateral, components.vertical], axis=1)
-        across = np.einsum("nji,njk,nk->ni", end, start, across)  # the inverse of an orthogonal matrix is its transpose
-        return Components(across[:, 0], across[:, 1], components.beyond)
+        start = self.leg(s)
+        end = self.leg(to)
+        rows = np.flatnonzero(start != end)
+        across = np.stack([components.lateral[rows], components.vertical[rows]], axis=1)
+        there = self.carried[end[rows]]
+        here = self.carried[start[rows]]
+        across = np.einsum("nji,njk,nk->ni", there, here, across)  # the inverse of `there` is its transpose
+        lateral = components.lateral.copy()
+        vertical = components.vertical.copy()
+        lateral[rows] = across[:, 0]
+        vertical[rows] = across[:, 1]
+        return Components(lateral, vertical, components.beyond)
 
     @cached_property
     def _plane(self) -> bool:
