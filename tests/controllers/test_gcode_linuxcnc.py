@@ -39,6 +39,8 @@ def ends(text, **settings):
         ("#1=1\n#1=5 G0 X#1\nX#1", [(1, 0, 0), (5, 0, 0)]),  # a line's parameters are set after its values are taken
         ("#1=2 #2=7\nG0 X##1", [(7, 0, 0)]),
         ("#<n>=1\nG0 X EXISTS[#<n>] Y EXISTS[#<m>]", [(1, 0, 0)]),
+        ("G0 X EXISTS[#1] Y EXISTS[#5602] Z1", [(1, 1, 1)]),
+        ("G0 X EXISTS[#0] Y EXISTS[#5603] Z1", [(0, 0, 1)]),
         ("G0 X[atan[1]/[1]] Y[2**3] Z[7 mod 4]", [(45, 8, 3)]),
         ("G0 X[fix[-1.5]] Y[fup[1.2]] Z[round[2.5]]", [(-2, 2, 3)]),
         ("G0 X[1 lt 2] Y[[1 gt 2] or [2 eq 2]] Z[1 xor 1]", [(1, 1, 0)]),

@@ -52,6 +52,21 @@ def test_move_is_a_trapezium_along_a_line(x, y, v, up, down, period):
     assert found.requested.length == pytest.approx(length)
 
 
+@given(st.floats(0.5, 30), st.floats(20, 200), st.floats(200, 5000), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_without_a_limit_of_accel_a_move_begins_at_the_speed_from_which_it_can_stop(length, v, down, merged):
+    """v jumps to SPEED, or to sqrt(2 d l) on a way too short for that; then it falls at DECEL to rest."""
+    parts = f"MERGE=ON: MOVE({0.4 * length:.17g}): MOVE({0.6 * length:.17g})" if merged else f"MOVE({length:.17g})"
+    position = moved(f"SPEED={v:.17g}: DECEL={down:.17g}: {parts}: WAIT IDLE")[:, 0]
+    top = min(v, math.sqrt(2 * down * length))
+    cruise = (length - 0.5 * top**2 / down) / top
+    t = np.arange(len(position)) * DT
+    braked = np.clip(t - cruise, 0, top / down)
+    expected = top * np.minimum(t, cruise) + top * braked - 0.5 * down * braked**2
+    assert position == pytest.approx(expected, abs=1e-8)
+    assert len(position) - 1 == pytest.approx((cruise + top / down) / DT, abs=2)
+
+
 def test_speed_changes_in_motion_take_effect_at_the_next_tick():
     position = moved("SPEED=100: ACCEL=1000: DECEL=500: FORWARD: WA(300): SPEED=50: WA(300): CANCEL: WAIT IDLE")[:, 0]
     t = np.arange(len(position)) * DT

@@ -21,7 +21,7 @@ from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Margins, Plant, _factors, margins_of
-from gantrysim.stability.motion import Motion
+from gantrysim.stability.motion import Drives, Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
 
@@ -490,6 +490,22 @@ def test_a_motion_beyond_all_numbers_is_refused(driven):
     B = np.array([[0.0], [1.0], [1.0 if driven else 0.0]])
     with pytest.raises(InputError, match=r"over a period of 0\.001 s has no finite numbers"):
         Motion(A, B, np.array([[1.0, 0.0, 0.0]])).sampled(1e-3)
+
+
+@pytest.mark.parametrize("width", [0.0, 150.0, 2000.0])
+def test_a_current_loop_takes_the_place_of_the_winding_and_its_back_emf(width):
+    """From demand to position K i: w / (s + w) / (J s² + b s) with the loop, else that of R, L and K themselves."""
+    J, b, K, R, L = 2e-5, 1e-4, 0.05, 0.8, 4e-4
+    # the drive sets the voltage R / K u for a demand u
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -b / J, K / J], [0.0, -K / L, -R / L]])
+    motion = Motion(A, np.array([[0.0], [0.0], [R / K / L]]), np.array([[1.0, 0.0, 0.0]]), None, (2,))
+    driven = motion.driven(Drives(bandwidth=(width,)))
+    s = 2j * np.pi * np.geomspace(1, 5000, 12)
+    response = [(driven.C @ np.linalg.solve(at * np.eye(3) - driven.A, driven.B))[0, 0] for at in s]
+    w = 2 * np.pi * width
+    winding = K * (R / K) / ((J * s + b) * (L * s + R) + K**2) / s
+    assert response == pytest.approx(w / (s + w) / (J * s**2 + b * s) if width else winding, rel=1e-9)
+    assert motion.B[2, 0] == R / K / L  # the motion itself has not changed
 
 
 def test_the_factor_of_a_coupled_axis_scales_that_axis_alone():
