@@ -259,6 +259,13 @@ def test_a_start_in_position_waits_for_settling():
     assert gates("move {0, 0}\nmove {10, 0}\nwhile not issettled\nsleep 1\nend while\nmove {20, 0}") == [134]
 
 
+def test_without_a_settle_error_nothing_waits_for_it():
+    """Every position counts as settled at once, so a program that asks passes on without a gate."""
+    text = "move {0, 0}\nmove {10, 0}\nwhile not issettled\nsleep 1\nend while\nmove {20, 0} starttype = inposition"
+    assert Basic(text).setpoints(PERIOD).gates.size == 0
+    assert Basic(f"pesettle = 0.1\n{text}").setpoints(PERIOD).gates.size > 0
+
+
 def test_the_dispenser_stays_as_it_is_while_the_axes_settle():
     text = "pesettle = 0.1\nmove {0, 0}\nmove {10, 0}\nmove {20, 0} starttype = inposition dispense = 0"
     dispense = Basic(text, line_time=0.0).setpoints(PERIOD).dispense

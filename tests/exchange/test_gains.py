@@ -268,3 +268,11 @@ def test_masses_that_creep_back_are_no_mode_of_an_axis(xy, creep):
     mass, k, c = swinging if creep else creeping
     assert mode.frequency == pytest.approx(math.sqrt(k / mass) / (2 * math.pi), rel=1e-6)
     assert mode.damping == pytest.approx(c / (2 * math.sqrt(k * mass)), abs=1e-6)
+
+
+def test_joints_and_sections_beyond_the_axes_of_the_machine_are_left_alone(xy, servo):
+    """An INI of a larger machine: the gains of its third joint, its spindle and of no section at all are not read."""
+    text, _ = exported("linuxcnc-ini", xy.axes, servo)
+    more = f"P = 99\n[EMC]\nP = 98\n{text}\n[JOINT_2]\nP = 97\nFF1 = 3\n[SPINDLE_0]\nP = 96\n[AXIS_Z]\nP = 95\n"
+    plain, found = (imported("linuxcnc-ini", one, xy.axes, servo) for one in (text, more))
+    assert [getattr(found, name) for name in GAIN_NAMES] == [getattr(plain, name) for name in GAIN_NAMES]

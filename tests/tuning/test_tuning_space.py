@@ -2,15 +2,17 @@
 
 import dataclasses
 import math
+import tomllib
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim import InputError, Machine, Servo
+from gantrysim import InputError, Job, Machine, Servo
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Plant
+from gantrysim.tuning.servo import servo_toml
 from gantrysim.tuning.space import SPACES, SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability, phase_margin
 
@@ -222,3 +224,17 @@ def test_coupled_axes_keep_the_margin_together():
 def test_a_margin_below_one_is_refused(xyz, margin):
     with pytest.raises(InputError, match="margin = "):
         Stability([xyz], PERIOD, 0.0, margin)
+
+
+@pytest.mark.parametrize(
+    ("gains", "law"),
+    [({}, ["pd"]), ({"ki": (3.0, 0.0)}, ["pid"]), ({"velocity_ff": (0.0, 0.1)}, ["pid"])],
+)
+def test_a_tuned_servo_is_written_with_a_law_that_has_its_gains(gains, law):
+    """A search from PD that has found an integral or a feed-forward is PID; one that has not stays PD."""
+    job = Job.load("softmc-arc")
+    servo = dataclasses.replace(Servo.derive(job.built_machine.axes, PERIOD, law="pd"), **gains)
+    written = tomllib.loads(servo_toml(job, servo, ["by hand"]))["servo"]
+    assert written["law"] == law
+    assert written["kp"] == list(servo.kp)
+    assert written["ki"] == list(servo.ki)
