@@ -102,6 +102,17 @@ def test_a_vibration_that_the_model_lacks_is_named_by_its_frequency(run):
     assert peak.rms == pytest.approx(0.01 / math.sqrt(2), rel=0.15)  # (n.(1, 1))^2 is 1 in the mean over directions
 
 
+@pytest.mark.parametrize(("rate", "lost"), [(3.0, 1), (500.0, 7)])
+def test_few_or_uneven_samples_have_a_budget_but_no_spectrum(run, rate, lost):
+    """At 3 Hz some 46 samples fall on the bead; of 500 Hz every seventh is lost."""
+    time, nozzle = logged(run, "nozzle", rate, noise=1e-3)
+    kept = np.ones(len(time), bool) if lost == 1 else np.arange(len(time)) % lost != 3
+    found = Comparison.of(Trace(time[kept], {}, nozzle[kept]), run, MACHINE, ("offset",))
+    frequency, density = found.spectrum
+    assert (frequency.size, density.size, found.peaks) == (0, 0, [])
+    assert found.unexplained["contour"].rms == pytest.approx(math.sqrt(2) * 1e-3, rel=0.35 if lost == 1 else 0.05)
+
+
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
     encoder = Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE)
     assert list(encoder.parts) == ["tracking"]
