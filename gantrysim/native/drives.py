@@ -112,44 +112,91 @@ def turn_field(data, row, axis, drive):
     The driver wants the currents I cos p f and I sin p f of the field's angle f, counted in microsteps. Each of its two
     bridges sets the voltage, within the bus, at which L di/dt = v - R i - e takes the current there in one step of the
     circuit. At rest the torque is K I sin p (f - x).
+
+    The torque is the mean over half a physics step before and after its begin. Sampled there, microsteps that follow
+    each other faster than physics steps would fold into slow ripples, which shake the rotor in its field. The window is
+    centred, as a torque that is late or early by half a step would drive or damp the rotor.
     """
     at = row.output[axis]
-    angle = vector(data, row.actuator_length_at)[at] * row.scale[axis]
+    theta = drive.poles * vector(data, row.actuator_length_at)[at] * row.scale[axis]
     speed = vector(data, row.actuator_velocity_at)[at]
     _turn_target(row, axis, drive)
     amplitude = 0.0 if row.fault != 0 else drive.amplitude
     if drive.logged == 0:
         field = drive.poles * _stepped(drive.start, drive)
         drive.phases[0], drive.phases[1] = amplitude * np.cos(field), amplitude * np.sin(field)
-    first, second = drive.phases[0], drive.phases[1]
-    theta = drive.poles * angle
-    current = second * np.cos(theta) - first * np.sin(theta)
+    turn = drive.poles * speed * row.scale[axis] * row.period / row.substeps
+    current, mean = _step_circuit(row, drive, theta, turn, drive.constant * speed, amplitude)
     if row.current[axis] >= 0:
-        vector(data, row.act_at)[row.current[axis]] = current
-    vector(data, row.ctrl_at)[row.control[axis]] = drive.constant * current
+        vector(data, row.act_at)[row.current[axis]] = mean
+    vector(data, row.ctrl_at)[row.control[axis]] = drive.constant * mean
     if row.tick > drive.logged:
         drive.logged = row.tick
         entry = axis_log(row, row.tick - 1)[axis]
         entry.current, entry.demand = current, drive.volts
-    turn = drive.poles * speed * row.scale[axis] * row.period / row.substeps
-    gain, back, largest = drive.resistance / (1.0 - drive.left), drive.constant * speed, 0.0
-    for k in range(drive.circuit):
-        field = drive.poles * _stepped(_field(row, drive, (k + 1) / drive.circuit), drive)
-        middle = theta + turn * (k + 0.5) / drive.circuit
-        away, along = -back * np.sin(middle), back * np.cos(middle)
-        a = gain * (amplitude * np.cos(field) - drive.left * first) + away
-        b = gain * (amplitude * np.sin(field) - drive.left * second) + along
+
+
+@inner_jit
+def _step_circuit(row, drive, theta, turn, back, amplitude):
+    """Step the phase currents from half a physics step before now to half a step after it.
+
+    Returns:
+        The current that makes torque now, and its mean over the step [A].
+
+    Args:
+        row: the row.
+        drive: the drive, whose phases and largest voltage change.
+        theta: electrical angle of the rotor now [rad].
+        turn: of that angle in a physics step [rad].
+        back: back-EMF of a phase across the rotor [V].
+        amplitude: of the phase currents [A].
+    """
+    steps = drive.circuit
+    gain = drive.resistance / (1.0 - drive.left)
+    first, second = drive.phases[0], drive.phases[1]
+    # a winding reaches its current at the end of a step of the circuit, one without inductance has it throughout
+    ahead = 1.0 if drive.left > 0.0 else 0.5
+    remains = (drive.left - 1.0) / np.log(drive.left) if drive.left > 0.0 else 0.0
+    total = 0.0
+    current = 0.0
+    largest = 0.0
+    # the rotor's angle at the middles of the circuit's steps turns by the same each time
+    middle = theta + turn * (0.5 / steps - 0.5)
+    cosine, sine = np.cos(middle), np.sin(middle)
+    turn_cosine, turn_sine = np.cos(turn / steps), np.sin(turn / steps)
+    angle = np.inf
+    wanted_a = wanted_b = 0.0
+    for k in range(steps):
+        if 2 * k == steps:
+            current = second * np.cos(theta) - first * np.sin(theta)
+        share = (k + ahead) / steps - 0.5
+        low, high = _field(row, drive, share - 0.5 / steps), _field(row, drive, share + 0.5 / steps)
+        field = _mean_stepped(low, high, drive)
+        if field != angle:  # mostly it rests on a microstep
+            angle = field
+            wanted_a = amplitude * np.cos(drive.poles * angle)
+            wanted_b = amplitude * np.sin(drive.poles * angle)
+        away, along = -back * sine, back * cosine
+        a = gain * (wanted_a - drive.left * first) + away
+        b = gain * (wanted_b - drive.left * second) + along
         a, b = min(max(a, -drive.bus), drive.bus), min(max(b, -drive.bus), drive.bus)
+        settled_a, settled_b = (a - away) / drive.resistance, (b - along) / drive.resistance
+        mean_a = settled_a + (first - settled_a) * remains
+        mean_b = settled_b + (second - settled_b) * remains
+        total += mean_b * cosine - mean_a * sine
         first = drive.left * first + (a - away) / gain
         second = drive.left * second + (b - along) / gain
         largest = max(largest, abs(a), abs(b))
+        cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
     drive.phases[0], drive.phases[1], drive.volts = first, second, largest
+    return current, total / steps
 
 
 @inner_jit
 def _turn_target(row, axis, drive):
     """Take the setpoint that is due at this physics step as the target."""
     if row.phase == row.delay % row.substeps:
+        drive.came_from = drive.start if drive.logged > 0 else drive.target
         drive.start, drive.target = drive.target, row.commanded[axis]
         if row.delay == row.substeps:
             drive.target, drive.next = drive.next, row.commanded[axis]
@@ -243,12 +290,31 @@ def _left_by_reactance(drive, speed, side):
 def _field(row, drive, share):
     """Return where the field is at a share of a physics step, on its way from the last setpoint to this one [u]."""
     begun = (row.phase - row.delay) % row.substeps + share
+    if begun < 0.0:
+        return drive.start + (drive.start - drive.came_from) * begun / row.substeps
     return drive.start + (drive.target - drive.start) * begun / row.substeps
 
 
 @inner_jit
 def _stepped(field, drive):
     return drive.microstep * np.floor(field / drive.microstep + 0.5)
+
+
+@inner_jit
+def _mean_stepped(low, high, drive):
+    """Return the mean of a field in microsteps while it goes from one place to another.
+
+    With the integral of floor(w), n w - n (n + 1) / 2 where n = floor(w), from the first microstep on.
+    """
+    steps = (high - low) / drive.microstep
+    begin = low / drive.microstep + 0.5
+    first = np.floor(begin)
+    begin -= first
+    end = begin + steps
+    if np.floor(end) == 0.0:
+        return drive.microstep * first
+    whole = np.floor(end)
+    return drive.microstep * (first + (whole * end - 0.5 * whole * (whole + 1.0)) / steps)
 
 
 @inner_jit

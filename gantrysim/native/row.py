@@ -175,11 +175,12 @@ DRIVE = np.dtype(
         ("bus", np.float64),  # [V]
         # of a stepper in open loop
         ("counts", np.int64),  # 1 where its microsteps are counted in place of an encoder
-        ("circuit", np.int64),  # steps of the circuit per physics step
+        ("circuit", np.int64),  # steps of the circuit per physics step, even
         ("microstep", np.float64),  # [u]
         ("amplitude", np.float64),  # of the phase currents [A]
         ("left", np.float64),  # share of a phase current that is left after a step of the circuit
         ("start", np.float64),  # of the field or reference, on its way to the target during a servo period [u]
+        ("came_from", np.float64),  # start of the period before [u]
         ("target", np.float64),  # [u]
         ("next", np.float64),  # target of the next period where the servo's delay is a whole one [u]
         ("phases", np.float64, (2,)),  # currents [A]

@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from gantrysim.job.job import Job
 from gantrysim.job.steps import lost_steps
 from gantrysim.machine.ideal import without_winding
 from gantrysim.metrics.budget import Budget
+from gantrysim.native.drives import _mean_stepped
 from gantrysim.report.summary import summary
 
 from support.runs import ramp
@@ -312,6 +314,27 @@ def test_a_finer_physics_step_gives_the_same_motion(made):
     first, second = (np.abs(b - a).max() for a, b in pairwise(motors))
     assert second < 0.7 * first
     assert first < 0.02 * PERIOD_OF_FIELD
+
+
+@pytest.mark.parametrize(("name", "more"), [("softmc-arc", ()), ("an225", ("turns=1",))])
+def test_the_torque_at_the_default_physics_step_is_that_of_a_short_one(name, more):
+    """Microsteps come faster than physics steps: sampled there, they shook the rotor, with 10 to 13 % more torque."""
+    job = Job.load(name, list(more), machine=str(EXAMPLES / "stepper.toml"))
+    axis = job.built_machine.axis_names.index("x")
+    torques = [
+        simulate(job.built_machine, job.built_servo, job.setpoints, physics_step=step).torque[:, axis]
+        for step in (None, 1.25e-5)
+    ]
+    default, short = (math.sqrt(np.mean(torque**2)) for torque in torques)
+    assert default == pytest.approx(short, rel=0.01)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.0), (0.2, 1.7), (1.7, 0.2), (-3.2, 4.9), (1e5 + 0.3, 1e5 + 0.9)])
+def test_the_mean_of_a_field_in_microsteps_is_that_of_its_samples(low, high):
+    drive = SimpleNamespace(microstep=0.01)
+    field = np.linspace(low, high, 200001)
+    expected = 0.01 * np.floor(field + 0.5).mean()
+    assert _mean_stepped.py_func(0.01 * low, 0.01 * high, drive) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.fixture(scope="module")
