@@ -43,9 +43,10 @@ def gains(
     """Show a job's servo gains in the words and units of motion controllers; write or read them.
 
     Without --export or --from, a table gives every controller's words, their units, and how they follow from the
-    servo's gains. What a controller has no word for is told in notes, and in the file.
+    servo's gains. A gain, notch or law that a controller has no word for is refused, never dropped; what is set beside
+    the gains, such as limits, is listed in notes and in the file.
 
-    Exit status: 0, 2 for bad input.
+    Exit status: 0, 2 for bad input or a gain that the controller has no word for.
     """
     from gantrysim.exchange.gains import DIALECTS, dialect, exported, imported
     from gantrysim.exchange.shaper import klipper
@@ -95,6 +96,7 @@ def _table(job: Job) -> Table:
 
     from gantrysim.exchange.dialect import SYMBOLS, AxisServo
     from gantrysim.exchange.gains import DIALECTS
+    from gantrysim.exchange.unsaid import unsaid
 
     machine = job.built_machine
     own = AxisServo.of(machine.axes, job.built_servo)
@@ -115,5 +117,7 @@ def _table(job: Job) -> Table:
         for k, words in enumerate(rows):
             values = (f"{word.value:.4g}" for word in words)
             table.add_row(name if k == 0 else "", words[0].name, words[0].unit, words[0].formula, *values)
+        if lost := unsaid(one, own, job.built_servo):
+            table.add_row("", "", "", f"no export: no word for {', '.join(lost)}")
         table.add_section()
     return table

@@ -77,18 +77,22 @@ def tune(
     A trust region starts at the best of the job's gains and those derived from the machine. Every candidate keeps the
     margin on every axis and machine; candidates with too much torque ripple, or a fault, rank behind all others.
     The result is written as tuned.toml, for gantrysim run --servo, with a report that compares start and tuned. An
-    interrupted search resumes when rerun. --export trio adds tuned-trio.bas, for the controller.
+    interrupted search resumes when rerun. --export trio adds tuned-trio.bas, for the controller; gains that it has no
+    word for are not searched, and must be zero from the start.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
-    from gantrysim.exchange.gains import exported
+    from gantrysim.exchange.gains import dialect, exported
     from gantrysim.job.job import Job
     from gantrysim.machine.tolerances import Tolerances
+    from gantrysim.tuning.space import SEARCHED
     from gantrysim.tuning.study import TuningStudy
 
     loaded = Job.load(job, settings or (), model)
+    held: tuple[str, ...] = ()
     if export is not None:  # refused before the search, not after
         exported(export, loaded.built_machine.axes, loaded.built_servo)
+        held = tuple(gain for gain in SEARCHED if gain not in dialect(export).carries)
     study = TuningStudy(
         loaded,
         law=law,
@@ -103,6 +107,7 @@ def tune(
         spread=Tolerances.parse(spread),
         unseen=unseen,
         seed=seed,
+        held=held,
     )
     write_words(carry_out(study, out, workers, backend), export)
 

@@ -26,6 +26,7 @@ class SoftMC(Dialect):
     comment = "'"
     source = "public descriptions of the linear position loop of CDHD drives"
     assumes = "words and units, and both loops at the servo period"
+    carries = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
 
     def words(self, axis: AxisServo) -> list[Word]:
         gains = axis.on_error
@@ -80,7 +81,7 @@ class Fanuc(Dialect):
     comment = ";"  # before the first %, where the control skips all
     source = "FANUC parameter manuals (1825, servo loop gain per axis, unit 0.01 1/s)"
     assumes = "the velocity loop has the gain kv of the job's servo"
-    lacks = ("ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
+    carries = ("kp", "kd")  # kd by their ratio: the velocity loop is assumed
 
     def words(self, axis: AxisServo) -> list[Word]:
         gains = axis.on_error

@@ -49,7 +49,6 @@ class AxisServo:
         torque_limit: [N·m].
         resolution: axis travel per encoder edge [u].
         following_error_limit: [u].
-        notch_frequency: 0 for none [Hz].
         scale: axis travel per motor angle [u/rad].
         motor_constant: nan for an ideal torque source [N·m/A].
     """
@@ -61,7 +60,6 @@ class AxisServo:
     torque_limit: float
     resolution: float
     following_error_limit: float
-    notch_frequency: float
     scale: float
     motor_constant: float
 
@@ -82,7 +80,6 @@ class AxisServo:
                 servo.torque_limit[a],
                 servo.resolution[a],
                 servo.following_error_limit[a],
-                servo.notch_frequency[a],
                 axis.scale,
                 axis.motor_constant,
             )
@@ -115,7 +112,7 @@ class Dialect(ABC):
         comment: begins a comment in them.
         source: which public documents give words and units.
         assumes: what is assumed of controller and drive.
-        lacks: gains that the controller's law has no term for.
+        carries: fields of `Servo` that its words express.
     """
 
     name: ClassVar[str]
@@ -123,7 +120,7 @@ class Dialect(ABC):
     comment: ClassVar[str] = "#"
     source: ClassVar[str]
     assumes: ClassVar[str]
-    lacks: ClassVar[tuple[str, ...]] = ()
+    carries: ClassVar[tuple[str, ...]]
 
     @abstractmethod
     def words(self, axis: AxisServo) -> list[Word]:
@@ -135,11 +132,11 @@ class Dialect(ABC):
 
     @abstractmethod
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
-        """Return the servo's gains from an axis' words; those that the dialect lacks are 0.
+        """Return the servo's gains from an axis' words; those that it has no words for are 0.
 
         Args:
             words: those found; a missing one is 0.
-            axis: for units and, where the dialect lacks a gain it builds on, that gain.
+            axis: for units and, where the dialect builds on a gain without a word, that gain.
         """
 
     @abstractmethod
@@ -150,26 +147,19 @@ class Dialect(ABC):
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
         """Return the words that a text gives each axis, in their order; empty where it gives none."""
 
-    def losses(self, axes: Sequence[AxisServo]) -> list[str]:
-        """Return what the controller has no word for, in lines."""
-        lost = []
-        for axis in axes:
-            left = {name: axis.gains[name] for name in self.lacks} | {"notch_frequency": axis.notch_frequency}
-            lost += [
-                f"axis {axis.name}: {name} = {value:g} has no word in {self.name}: left out"
-                for name, value in left.items()
-                if value != 0
-            ]
-        return lost
+    def text(self, axes: Sequence[AxisServo], notes: Sequence[str] = ()) -> str:
+        """Return the file of these gains.
 
-    def text(self, axes: Sequence[AxisServo]) -> str:
-        """Return the file of these gains."""
+        Args:
+            axes: their servos.
+            notes: more lines for its head.
+        """
         head = [
             f"Servo gains for {self.name}. Source of words and units: {self.source}",
             *(f"{word.name} [{word.unit}] = {word.formula}" for word in self.words(axes[0])),
             f"with {SYMBOLS}",
             f"Assumed: {self.assumes}",
-            *self.losses(axes),
+            *notes,
         ]
         return "\n".join([*(f"{self.comment} {line}" for line in head), *self.body(axes)]) + "\n"
 

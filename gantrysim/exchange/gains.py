@@ -13,6 +13,7 @@ from gantrysim.exchange.cascade import Fanuc, SoftMC
 from gantrysim.exchange.dialect import AxisServo, Dialect
 from gantrysim.exchange.linuxcnc import LinuxCNC, LinuxCNCIni
 from gantrysim.exchange.trio import Trio
+from gantrysim.exchange.unsaid import beside, remedy, unsaid
 from gantrysim.machine.axis import Axis
 
 DIALECTS: dict[str, Dialect] = {one.name: one for one in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
@@ -30,15 +31,27 @@ def dialect(name: str) -> Dialect:
 
 
 def exported(name: str, axes: Iterable[Axis], servo: Servo) -> tuple[str, list[str]]:
-    """Return the gains as a text for a controller, and what the controller has no word for.
+    """Return the gains as a text for a controller, and what is to be set in the controller or its drives beside.
 
     Args:
         name: of the dialect.
         axes: of the machine.
         servo: with one value per axis.
+
+    Raises:
+        InputError: a gain, a notch or a law that the controller has no word for.
     """
-    chosen, own = dialect(name), AxisServo.of(axes, servo)
-    return chosen.text(own), chosen.losses(own)
+    chosen = dialect(name)
+    axis_servos = AxisServo.of(axes, servo)
+    if lost := unsaid(chosen, axis_servos, servo):
+        others = [other.name for other in DIALECTS.values() if not unsaid(other, axis_servos, servo)]
+        instead = f"; or export to {', '.join(others)}" if others else ""
+        raise InputError(
+            f"{name} has no word for {', '.join(lost.values())}: the controller would run another servo than this one; "
+            f"run and export the job without: {' '.join(f'--set {remedy(field)}' for field in lost)}{instead}"
+        )
+    notes = beside(chosen, servo)
+    return chosen.text(axis_servos, notes), notes
 
 
 def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: str = "gains") -> Servo:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 from gantrysim.errors import InputError
 from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
@@ -34,6 +35,17 @@ class LinuxCNC(Dialect):
     suffix = ".hal"
     source = "LinuxCNC manual page pid(9)"
     assumes = "the output of pid is the torque demand in N·m, machine units are mm or deg"
+    # each by its name: a gain that the package gains has no term here until somebody gives it one
+    carries: ClassVar[tuple[str, ...]] = (
+        "kp",
+        "ki",
+        "kd",
+        "velocity_ff",
+        "acceleration_ff",
+        "output_velocity",
+        "period",
+        "torque_limit",
+    )
     keys = 0  # which name of `_TERMS` is the dialect's
 
     def words(self, axis: AxisServo) -> list[Word]:
@@ -82,6 +94,7 @@ class LinuxCNCIni(LinuxCNC):
 
     name = "linuxcnc-ini"
     suffix = ".ini"
+    carries = (*LinuxCNC.carries, "following_error_limit")
     keys = 1
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word
 
 FULL_SCALE = 2048.0  # of the DAC at the torque limit
 
+_GAINS = ("kp", "ki", "kd", "velocity_ff", "output_velocity")  # in the order of the words
 _WORDS = ("P_GAIN", "I_GAIN", "D_GAIN", "VFF_GAIN", "OV_GAIN")
 _LINE = re.compile(rf"([A-Z_]+)(?:\s+AXIS\s*\(\s*(\d{{1,4}})\s*\))?\s*=\s*({NUMBER})", re.IGNORECASE)
 _BASE = re.compile(r"BASE\s*\(\s*(\d{1,4})\s*\)", re.IGNORECASE)
@@ -20,7 +20,7 @@ class Trio(Dialect):
 
         DAC = P_GAIN E + I_GAIN sum(E) + D_GAIN dE + VFF_GAIN dDPOS + OV_GAIN dMPOS
 
-    The law has no acceleration term and no notch.
+    The law has no acceleration term and no notch: an export of a servo with one is refused.
     """
 
     name = "trio"
@@ -28,7 +28,17 @@ class Trio(Dialect):
     comment = "'"
     source = "Motion Coordinator technical reference (gains per edge and servo period, DAC_OUT -2048 to 2047)"
     assumes = "the drive takes the DAC as its torque demand, full scale at torque_limit"
-    lacks = ("acceleration_ff",)
+    carries = (
+        "kp",
+        "ki",
+        "kd",
+        "velocity_ff",
+        "output_velocity",
+        "period",
+        "torque_limit",
+        "resolution",
+        "following_error_limit",
+    )
 
     def words(self, axis: AxisServo) -> list[Word]:
         values = (gain * factor for gain, factor in zip(self._known(axis), self._factors(axis), strict=True))
@@ -41,7 +51,7 @@ class Trio(Dialect):
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
         factors = self._factors(axis)
         found = [words.get(name, 0.0) / factor for name, factor in zip(_WORDS, factors, strict=True)]
-        return dict(zip(_gains(), found, strict=True)) | {"acceleration_ff": 0.0}
+        return dict(zip(_GAINS, found, strict=True)) | {"acceleration_ff": 0.0}
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         lines = [f"' SERVO_PERIOD={1e6 * axes[0].period:g} [us], set once and active after a restart"]
@@ -67,7 +77,7 @@ class Trio(Dialect):
 
     @staticmethod
     def _known(axis: AxisServo) -> list[float]:
-        return [axis.gains[name] for name in _gains()]
+        return [axis.gains[name] for name in _GAINS]
 
     @staticmethod
     def _factors(axis: AxisServo) -> list[float]:
@@ -75,7 +85,3 @@ class Trio(Dialect):
         limit = axis.has("torque_limit", axis.torque_limit, "the torque at full scale of the DAC")
         c, period = edge * FULL_SCALE / limit, axis.period
         return [c, period * c, c / period, c / period, c / period]
-
-
-def _gains() -> list[str]:
-    return [name for name in GAIN_NAMES if name != "acceleration_ff"]

@@ -35,6 +35,7 @@ from gantrysim.controllers.derivation import AxisDynamics
 from gantrysim.controllers.servo import Servo
 
 SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets
+_COORDINATES = {"ki": "n", "velocity_ff": "v", "acceleration_ff": "a"}  # of the gains that may be held at zero
 SPACES = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}
 
 _INTEGRAL = 5.0  # natural n: the integral term then takes atan(1 / n), 11 degrees, of the phase at w
@@ -60,6 +61,7 @@ class SearchSpace:
         derived: servo of the same period and delay with the gains of `Servo.derive`.
         start: servo at which the search starts.
         per_axis: whether every axis has numbers of its own.
+        held: gains held at zero, such as those that a controller has no word for: ki, velocity_ff or acceleration_ff.
     """
 
     name: str
@@ -67,11 +69,18 @@ class SearchSpace:
     derived: Servo
     start: Servo
     per_axis: bool = False
+    held: tuple[str, ...] = ()
 
     @property
     def gains(self) -> tuple[str, ...]:
         """Names of the gains that are searched."""
-        return tuple(gain for gain in SEARCHED if gain != "ki" or "n" in SPACES[self.name])
+        return tuple(gain for gain in SEARCHED if _COORDINATES.get(gain, "w") in self.coordinates)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Letters of the coordinates, see the module."""
+        held = [_COORDINATES.get(gain) for gain in self.held]
+        return tuple(letter for letter in SPACES[self.name] if letter not in held)
 
     @property
     def groups(self) -> int:
@@ -87,7 +96,7 @@ class SearchSpace:
         """
         numbers, natural = self._numbers(self.start), self._natural
         coordinates = {}
-        for name in SPACES[self.name]:
+        for name in self.coordinates:
             share = numbers[name] / natural[name]
             if name in "va":
                 coordinates[name] = np.arcsinh(np.maximum(share, 0) * math.sinh(_BEND)) / _BEND
@@ -101,7 +110,7 @@ class SearchSpace:
     @property
     def natural(self) -> Floats:
         """The shape of the natural numbers, within the bounds, (shapes,)."""
-        return np.repeat([1.0 if name in "va" else 0.0 for name in SPACES[self.name][1:]], self.groups)
+        return np.repeat([1.0 if name in "va" else 0.0 for name in self.coordinates[1:]], self.groups)
 
     @cached_property
     def bounds(self) -> Floats:
@@ -115,7 +124,7 @@ class SearchSpace:
             frequencies: (groups,).
             shape: (shapes,).
         """
-        names = SPACES[self.name][1:]
+        names = self.coordinates[1:]
         number = {"w": self._natural["w"] * 10.0**frequencies}
         for name, u in zip(names, shape.reshape(len(names), self.groups), strict=True):
             share = np.sinh(_BEND * u) / math.sinh(_BEND) if name in "va" else 10.0**u
@@ -125,8 +134,8 @@ class SearchSpace:
             "kp": kp,
             "ki": kp * w / number["n"] if "n" in number else 0.0 * kp,
             "kd": 2 * number["zeta"] * self._inertia * w,
-            "velocity_ff": number["v"] * self._viscous,
-            "acceleration_ff": number["a"] * self._inertia,
+            "velocity_ff": number.get("v", 0.0) * self._viscous,
+            "acceleration_ff": number.get("a", 0.0) * self._inertia,
             "output_velocity": 0.0 * kp,
         }
         rounded: dict[str, Any] = {
@@ -135,7 +144,7 @@ class SearchSpace:
         return replace(self.start, **rounded)
 
     def _bounds_of(self, shape: Floats) -> Floats:
-        names = np.repeat(SPACES[self.name][1:], self.groups)
+        names = np.repeat(self.coordinates[1:], self.groups)
         low, high = (math.asinh(share * math.sinh(_BEND)) / _BEND for share in _SHARES)
         linear = np.isin(names, ("v", "a"))
         return np.stack(

@@ -68,6 +68,7 @@ class TuningStudy(Study):
         spread: tolerances from which perturbed machines are drawn.
         unseen: number of machines for the final check, whose runs the budget does not count.
         seed: of the random numbers.
+        held: gains held at zero, see `SearchSpace`.
     """
 
     law: str | None = None
@@ -82,6 +83,7 @@ class TuningStudy(Study):
     spread: Tolerances = field(default_factory=Tolerances)
     unseen: int = 32
     seed: int = 1
+    held: tuple[str, ...] = ()
     _runs: dict[Servo, Run] = field(init=False, repr=False, compare=False, default_factory=dict)
     _histories: list[tuple[list[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
     _leaders: list[Candidate] = field(init=False, repr=False, compare=False, default_factory=list)
@@ -115,7 +117,10 @@ class TuningStudy(Study):
     def settings(self) -> dict[str, Any]:
         """The settings of the search."""
         named = ("metric", "budget", "robust", "guards", "batch", "margin", "ripple", "per_axis", "unseen", "seed")
-        return {"law": self.space.name, **{name: getattr(self, name) for name in named}, "spread": asdict(self.spread)}
+        settings = {"law": self.space.name, **{name: getattr(self, name) for name in named}}
+        if self.held:
+            settings["held"] = list(self.held)
+        return {**settings, "spread": asdict(self.spread)}
 
     @property
     def expected(self) -> int:
@@ -185,7 +190,7 @@ class TuningStudy(Study):
             drive[name] = getattr(start, name)
         start.check_torque("tuning")
         derived = Servo.derive(axes, start.period, mode="torque", **drive)
-        return SearchSpace(law, axes, derived, start, self.per_axis)
+        return SearchSpace(law, axes, derived, start, self.per_axis, self.held)
 
     def rounds(self) -> Rounds:
         """Yield the runs of the search, then those of the final check.

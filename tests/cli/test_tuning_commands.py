@@ -80,8 +80,14 @@ def test_another_search_with_other_settings_replaces_the_folder(gantrysim_comman
 def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_command, tmp_path, file):
     out = tmp_path / "a"
     few = ("--budget", 8, "--robust", 0, "--unseen", 0, "--workers", 1, "--out", out)
-    status, output, said = gantrysim_command("tune", file, *few, "--export", "trio")
+    status, _, said = gantrysim_command("tune", file, *few, "--export", "trio")
+    assert status == 2
+    assert said.startswith("error: trio has no word for acceleration_ff (")
+    assert not out.exists()
+    sayable = ("--set", "servo.acceleration_ff=0", "--set", "servo.notch_frequency=0")
+    status, output, said = gantrysim_command("tune", file, *sayable, *few, "--export", "trio")
     assert status == 0
+    assert "Trust region over kp, ki, kd, velocity_ff, one factor" in " ".join(output.split())
     words = out / "tuned-trio.bas"
     assert f"written to {words}" in " ".join(output.split())
     assert "note: assumed of trio: " in said
@@ -93,6 +99,7 @@ def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_comman
         gains, *(tuned[name] for name in ("kp", "resolution", "torque_limit")), strict=True
     ):
         assert gain == pytest.approx(kp * edge * 2048 / most, rel=1e-9)
+    assert tuned["acceleration_ff"] == [0, 0]
     status, _, _ = gantrysim_command("gains", file, "--from", "trio", words, "--out", tmp_path / "back.toml")
     assert status == 0
     back = tomllib.loads((tmp_path / "back.toml").read_text())["servo"]

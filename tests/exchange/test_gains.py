@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from dataclasses import fields
 from functools import cache, partial
 
 import numpy as np
@@ -11,8 +12,10 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo
 from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.parameters import LAW_PARAMETERS
 from gantrysim.exchange.gains import DIALECTS, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
+from gantrysim.exchange.unsaid import BESIDE, THROUGH
 from gantrysim.stability.motion import Motion
 
 PERIOD = 5e-4
@@ -127,9 +130,9 @@ def test_exported_and_imported_gains_give_the_same_torque(name, values):
     if name == "trio":
         own["acceleration_ff"] = [0.0, 0.0]
     own["kd"] = [20.0, 30.0]
-    before = Servo.derive(machine.axes, PERIOD, frequency=10.0, **own)
+    before = Servo.derive(machine.axes, PERIOD, frequency=10.0, notch_frequency=0.0, **own)
     text, lost = exported(name, machine.axes, before)
-    assert not any("_ff" in line for line in lost)
+    assert not any(gain in line for line in lost for gain in GAIN_NAMES)
     after = imported(name, text, machine.axes, before)
     for a in range(2):
         commanded, measured = history(a)
@@ -142,30 +145,113 @@ def test_exported_and_imported_gains_give_the_same_torque(name, values):
     )
 
 
-def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy, servo):
-    text, lost = exported("fanuc", xy.axes, servo)
-    assert any("ki" in line for line in lost)
+def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
+    servo = Servo.derive(xy.axes, PERIOD, feedforward=0.0, notch_frequency=0.0)
+    text, notes = exported("fanuc", xy.axes, servo)
+    assert any("torque_limit" in note for note in notes)
     after = imported("fanuc", text, xy.axes, servo)
     for a in range(2):
-        kv = servo.kd[a] - servo.output_velocity[a]
-        assert abs(after.kp[a] - servo.kp[a]) / kv <= 0.005 * (1 + 1e-9)
-        assert f"A{a + 1}P{round(100 * servo.kp[a] / kv)}" in text
+        assert abs(after.kp[a] - servo.kp[a]) / servo.kd[a] <= 0.005 * (1 + 1e-9)
+        assert f"A{a + 1}P{round(100 * servo.kp[a] / servo.kd[a])}" in text
     assert (after.kd, after.ki) == (servo.kd, servo.ki)
     doubled = imported("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
-    assert doubled.kp[0] / (servo.kd[0] - servo.output_velocity[0]) == pytest.approx(40)
+    assert doubled.kp[0] / servo.kd[0] == pytest.approx(40)
 
 
-def test_what_a_controller_has_no_word_for_is_told(xy, servo):
-    text, lost = exported("trio", xy.axes, servo)
-    assert [line.split(":")[0] for line in lost] == ["axis x", "axis y"]
-    assert all(line in text and "acceleration_ff" in line for line in lost)
+def test_what_a_controller_has_no_word_for_is_refused(xy, servo):
+    with pytest.raises(InputError) as refused:
+        exported("trio", xy.axes, servo)
+    text = str(refused.value)
+    assert "\n" not in text
+    for part in (
+        f"trio has no word for acceleration_ff (x {servo.acceleration_ff[0]:g}, y {servo.acceleration_ff[1]:g})",
+        "--set servo.acceleration_ff=0; or export to linuxcnc, linuxcnc-ini, softmc",
+    ):
+        assert part in text
+    with pytest.raises(InputError, match=r"fanuc has no word for ki \(x [\d.]+, y [\d.]+\), velocity_ff .*: the contr"):
+        exported("fanuc", xy.axes, servo)
+    resonant = Servo.derive(xy.axes, PERIOD, notch_frequency=[0.0, 120.0])
+    with pytest.raises(InputError, match=r"softmc has no word for notch_frequency \(y 120\): .*notch_frequency=0$"):
+        exported("softmc", xy.axes, resonant)
+
+
+# values that act, of the fields of a servo that the derived one does not have, with what they need beside
+ACTING = {
+    "delay": {"delay": 1e-4},
+    "feedback_delay": {"feedback_delay": 1},
+    "current_bandwidth": {"current_bandwidth": 900.0},
+    "encoder_noise": {"encoder_noise": 1e-4},
+    "interpolation_error": {"interpolation_error": 1e-4, "signal_period": 0.02},
+    "interpolation_error_twice": {"interpolation_error_twice": 1e-4, "signal_period": 0.02},
+    "signal_period": {"signal_period": 0.02},
+    "feedback": {"feedback": ["load", "motor"]},
+    "encoder_seed": {"encoder_seed": 7},
+    "mode": {"mode": "velocity"},
+    "velocity_gain": {"mode": "velocity", "velocity_gain": 0.01},
+    "velocity_time": {"mode": "velocity", "velocity_time": 0.01},
+    "drive_period": {"mode": "velocity", "drive_period": 2.5e-4},
+    "notch_frequency": {"notch_frequency": 120.0},
+    "notch_width": {"notch_frequency": 120.0, "notch_width": 0.3},
+    "notch_depth": {"notch_frequency": 120.0, "notch_depth": 0.2},
+    "law": {"law": ["pid", "observer"]},
+    "learning_repeats": {"law": ["pid", "learning"], "learning_repeats": 3},
+    "motions": {"law": ["pid", "preview"]},
+    **{one.name: {"law": ["pid", one.name.split("_")[0]]} for one in LAW_PARAMETERS if "shaper" not in one.name},
+    "shaper_frequency": {"law": ["pid", "zv"]},
+    "shaper_damping": {"law": ["pid", "zvd"]},
+    "period": {"period": 2.5e-4},
+    "torque_limit": {"torque_limit": 0.5},
+    "resolution": {"resolution": 2e-4},
+    "following_error_limit": {"following_error_limit": 2.0},
+    **{gain: {gain: 1e-3} for gain in GAIN_NAMES},
+}
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize("field", [field.name for field in fields(Servo)])
+def test_every_field_of_the_servo_is_exported_or_listed_or_refused(field, name):
+    """A servo that differs in one field gives another text, or none."""
+    machine = built()
+    plain = {"kp": 0.5, "kd": 6e-3, "ki": 0.0, "feedforward": 0.0, "notch_frequency": 0.0}
+    before, _ = exported(name, machine.axes, Servo.derive(machine.axes, PERIOD, frequency=10.0, **plain))
+    changes = {"period": PERIOD, **plain, **ACTING[field]}  # a field that the package gets needs its line here
+    other = Servo.derive(machine.axes, changes.pop("period"), frequency=10.0, **changes)
+    try:
+        after, _ = exported(name, machine.axes, other)
+    except InputError as refusal:
+        text = str(refusal)
+        assert "\n" not in text
+        assert field in text or THROUGH.get(field, field) in text
+    else:
+        assert after != before
+        carried = field in DIALECTS[name].carries
+        assert carried or f"{field} = " in after
+
+
+def test_the_groups_of_fields_hold_each_field_once():
+    refused = {*GAIN_NAMES, "notch_frequency", "law", "mode"}
+    groups = [refused, set(BESIDE), set(THROUGH)]
+    assert sum(map(len, groups)) == len(set().union(*groups))
+    assert set().union(*groups) == {field.name for field in fields(Servo)}
+    assert all(through in refused for through in THROUGH.values())
+
+
+def test_a_gain_that_the_package_gets_is_refused_until_a_dialect_carries_it(monkeypatch, xy, servo):
+    plain = Servo.derive(xy.axes, PERIOD, feedforward=0.0, notch_frequency=0.0)
+
+    monkeypatch.setattr("gantrysim.exchange.dialect.GAIN_NAMES", (*GAIN_NAMES, "notch_width"))
+    monkeypatch.setattr("gantrysim.exchange.unsaid.GAIN_NAMES", (*GAIN_NAMES, "notch_width"))
+    monkeypatch.delitem(THROUGH, "notch_width")  # as if it were a gain
+    for name in DIALECTS:
+        with pytest.raises(InputError, match=rf"^{name} has no word for notch_width \(x 0\.\d+, y 0\.\d+\)"):
+            exported(name, xy.axes, plain)
 
 
 def test_gains_that_cannot_be_converted_are_refused(xy, servo):
-    exact = Servo.derive(xy.axes, PERIOD, resolution=0.0)
+    exact = Servo.derive(xy.axes, PERIOD, resolution=0.0, acceleration_ff=0.0, notch_frequency=0.0)
     with pytest.raises(InputError, match="resolution of axis x = 0: must be finite and greater than 0"):
         exported("trio", xy.axes, exact)
-    soft = Servo.derive(xy.axes, PERIOD, kd=0.0, notch_frequency=0.0)
+    soft = Servo.derive(xy.axes, PERIOD, kd=0.0, notch_frequency=0.0, feedforward=0.0)
     with pytest.raises(InputError, match="kd - output_velocity of axis x = 0"):
         exported("fanuc", xy.axes, soft)
     with pytest.raises(InputError, match="did you mean trio"):
@@ -227,13 +313,14 @@ def test_klipper_gets_frequency_damping_and_pulses(xy):
 @pytest.mark.parametrize("name", [*DIALECTS, "klipper"])
 def test_the_command_writes_what_it_reads(gantrysim_command, tmp_path, name):
     file = tmp_path / "gains"
-    status, _, err = gantrysim_command("gains", "fanuc-spiral", "--export", name, "--out", file)
+    sayable = ("--set", "servo.notch_frequency=0", "--set", "servo.feedforward=0", "--set", "servo.ki=0")
+    status, _, err = gantrysim_command("gains", "fanuc-spiral", *sayable, "--export", name, "--out", file)
     assert status == 0, err
     if name == "klipper":
         assert "shaper_type_x: mzv" in file.read_text()
         return
     tuned = tmp_path / "servo.toml"
-    status, _, err = gantrysim_command("gains", "fanuc-spiral", "--from", name, file, "--out", tuned)
+    status, _, err = gantrysim_command("gains", "fanuc-spiral", *sayable, "--from", name, file, "--out", tuned)
     assert status == 0
     assert f"assumed of {name}: " in " ".join(err.split())
     status, out, err = gantrysim_command("gains", "fanuc-spiral", "--servo", tuned, "--export", name)
@@ -248,6 +335,10 @@ def test_the_command_shows_all_words_and_refuses_bad_ones(gantrysim_command):
     status, out, _ = gantrysim_command("gains", "an225")
     assert status == 0
     assert all(word in out for word in ("P_GAIN", "Pgain", "KPP", "1825"))
+    assert "no export: no word for ki, velocity_ff, acceleration_ff" in " ".join(out.split())
+    status, out, err = gantrysim_command("gains", "an225", "--export", "trio")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("error: trio has no word for acceleration_ff (x ")
     status, _, err = gantrysim_command("gains", "an225", "--export", "siemens")
     assert (status, "unknown controller 'siemens'" in err) == (2, True)
     status, _, err = gantrysim_command("gains", "an225", "--from", "trio", "absent.bas")

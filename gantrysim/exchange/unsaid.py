@@ -1,0 +1,82 @@
+"""What of a servo a controller's words cannot express.
+
+Every field of `Servo` is in one of three groups. A field of none of them counts as one that acts: a gain that the
+package gets is refused by every dialect that does not carry it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, PD, PID, words
+from gantrysim.controllers.servo import Servo
+from gantrysim.exchange.dialect import AxisServo, Dialect
+
+# Set in the controller, the drive or the encoder beside the gains: listed in the file and in notes, where not carried.
+BESIDE = {
+    "period": "servo period [s]",
+    "torque_limit": "torque limit of the drive [N·m]",
+    "resolution": "encoder count [u]",
+    "following_error_limit": "following error limit [u]",
+    "feedback": "place of the encoder",
+    "delay": "delay from sample to output [s]",
+    "feedback_delay": "delay from the encoder [servo periods]",
+    "current_bandwidth": "bandwidth of the drive's current loop [Hz]",
+    "encoder_noise": "noise of the simulated encoder [u]",
+    "interpolation_error": "error of the simulated encoder per signal period [u]",
+    "interpolation_error_twice": "error of the simulated encoder, twice per signal period [u]",
+    "signal_period": "signal period of the encoder [u]",
+    "encoder_seed": "seed of the simulated encoder's noise",
+}
+# Without effect but through another field, which is refused.
+THROUGH = {
+    "notch_width": "notch_frequency",
+    "notch_depth": "notch_frequency",
+    "velocity_gain": "mode",
+    "velocity_time": "mode",
+    "drive_period": "mode",
+    "learning_repeats": "law",
+    "motions": "law",
+    **{parameter.name: "law" for parameter in LAW_PARAMETERS},
+}
+# `AxisServo.of` refuses every mode but torque. The laws pd and pid are the gains themselves.
+_PLAIN = ((PID,), (PD,))
+_REMEDIES = {"law": "servo.law='\"pid\"'"}
+
+
+def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[str, str]:
+    """Return what a dialect has no word for although it acts, by the field of the servo, with the values."""
+    lost: dict[str, str] = {}
+    for field in fields(servo):
+        name = field.name
+        if name in dialect.carries or name in BESIDE or name in THROUGH or name == "mode":
+            continue
+        if name == "law":
+            if servo.law not in _PLAIN:
+                lost[name] = f"law = {words(servo.law)}"
+            continue
+        values = [axis.gains[name] for axis in axes] if name in GAIN_NAMES else getattr(servo, name)
+        acting = [f"{axis.name} {value:g}" for axis, value in zip(axes, values, strict=True) if value]
+        if acting:
+            lost[name] = f"{name} ({', '.join(acting)})"
+    return lost
+
+
+def beside(dialect: Dialect, servo: Servo) -> list[str]:
+    """Return the settings beside the gains that a dialect does not carry, in lines."""
+    lines = []
+    for name, meaning in BESIDE.items():
+        value = getattr(servo, name)
+        values = value if isinstance(value, tuple) else (value,)
+        if name in dialect.carries or not any(one and one != "motor" for one in values):
+            continue
+        shown = ", ".join(one if isinstance(one, str) else f"{one:g}" for one in values)
+        lines.append(f"not in these words, to be set beside: {name} = {shown}, {meaning}")
+    return lines
+
+
+def remedy(field: str) -> str:
+    """Return the setting of a job that removes a field's effect."""
+    return _REMEDIES.get(field, f"servo.{field}=0")
