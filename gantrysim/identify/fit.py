@@ -11,9 +11,10 @@ from scipy.optimize import least_squares, minimize
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
+from gantrysim.identify.checks.plausible import check_inertia
 from gantrysim.identify.model import AxisModel, innovations
 from gantrysim.identify.regression import in_motion, regression
-from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate
+from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate, Sensitivity
 from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
 
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
@@ -63,7 +64,7 @@ def fit_axis(
         progress: called now and then.
 
     Raises:
-        InputError: a log without motion, or one that no positive inertia fits.
+        InputError: a log without motion, or one whose inertia is not positive or far from the machine's.
     """
     start = regression(position, torque, period)
     if not start[0] > 0:
@@ -71,6 +72,7 @@ def fit_axis(
             f"axis {axis}: inertia = {start[0]:.3g} N·m·s²/{unit} by the log: must be greater than 0; check "
             "the columns of torque and position and their signs"
         )
+    check_inertia(axis, start[0], nominal)
     size = max(resolution / math.sqrt(12), 1e-3 * float(np.std(np.diff(position))), 1e-12)
     used = in_motion(position, period, resolution)
     first, last = np.flatnonzero(used)[[0, -1]]
@@ -141,6 +143,10 @@ def fit_axis(
         innovations(best.model, best.noise / size, period, position, torque, held),
         start[:3],
         (_HELD if held else _SAMPLED) / period,
+        position,
+        torque,
+        held,
+        best.sensitivity,
     )
 
 
@@ -153,6 +159,7 @@ class _Best:
     names: list[str]
     covariance: Floats
     cost: float
+    sensitivity: Sensitivity
 
     def estimates(self) -> dict[str, Estimate]:
         both = [self.names.index(name) for name in ("coulomb", "excess")]
@@ -227,7 +234,8 @@ def _refined(
     best, found = unpacked(done.x)
     slopes = np.array([_slope(best, name, unit) for name, unit in zip(names, units, strict=True)])
     covariance = covariance_of(done.jac, done.fun)[: len(names), : len(names)] * np.outer(slopes, slopes)
-    return _Best(best, found, names, covariance, float(2 * done.cost))
+    sensitivity = Sensitivity(tuple(names), np.asarray(done.jac), slopes, np.asarray(done.fun))
+    return _Best(best, found, names, covariance, float(2 * done.cost), sensitivity)
 
 
 def _step(model: AxisModel, name: str, period: float, size: float) -> float:

@@ -22,7 +22,7 @@ _LEAST = 1e-12  # inertia of a body [kg·m²]
 
 
 def fitted_machine(found: Identification) -> Machine:
-    """Return the machine with the fitted values in its MJCF.
+    """Return the machine with the identified values in its MJCF; what is not identified stays as it was.
 
     Friction goes to motor and joint, inertia to the load's body and the motor's armature, the mode to the spring's
     joint. Torques are those of the log: a motor constant other than the nominal is part of all values. Delay, offset
@@ -33,7 +33,7 @@ def fitted_machine(found: Identification) -> Machine:
     """
     machine = found.machine
     for attempt in range(_ROUNDS):
-        machine = machine.edited(_edit(machine, found.fits, first=attempt == 0))
+        machine = machine.edited(_edit(machine, found.accepted, first=attempt == 0))
     return machine
 
 

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import welch
 
 from gantrysim.arrays import Floats
 from gantrysim.errors import InputError
+from gantrysim.identify.checks.encoder import check_encoder
+from gantrysim.identify.checks.excitation import check_excitation
+from gantrysim.identify.checks.judgement import Judgement, judged
+from gantrysim.identify.checks.sampling import check_sampling
+from gantrysim.identify.checks.torque import check_torque
 from gantrysim.identify.fit import fit_axis
 from gantrysim.identify.log import Log
-from gantrysim.identify.model import model_of
-from gantrysim.identify.result import KNOWN, MODE, AxisFit
+from gantrysim.identify.model import AxisModel, model_of
+from gantrysim.identify.result import MODE, AxisFit
 from gantrysim.identify.whiteness import correlation
-from gantrysim.machine.axis import PER_SI
+from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 
 _SEGMENT = 256  # samples of a spectrum's segment
@@ -47,7 +53,7 @@ class Found:
         value: fitted.
         low, high: ends of the 95 % confidence interval.
         nominal: that of the MJCF.
-        identified: whether half the interval is within 15 % of the value and the model's structure holds.
+        identified: whether half the interval is within 15 % of the value and no check forbids it.
     """
 
     axis: str
@@ -58,6 +64,7 @@ class Found:
     high: float
     nominal: float
     identified: bool
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,21 +81,31 @@ class Identification:
     period: float
     fits: tuple[AxisFit, ...]
 
+    @cached_property
+    def judgements(self) -> tuple[Judgement, ...]:
+        """What the checks leave of each fit.
+
+        Raises:
+            InputError: a log whose torque has not made its motion.
+        """
+        return tuple(judged(fit, self.period) for fit in self.fits)
+
     @property
     def found(self) -> list[Found]:
         """The parameters of all axes."""
-        return [one for fit in self.fits for one in self._of(fit)]
+        return [
+            one for fit, judgement in zip(self.fits, self.judgements, strict=True) for one in self._of(fit, judgement)
+        ]
 
-    def _of(self, fit: AxisFit) -> list[Found]:
+    def _of(self, fit: AxisFit, judgement: Judgement) -> list[Found]:
         rows = []
         for name, units in TOLD.items():
             if name not in fit.estimates:
                 continue
-            estimate = fit.estimates[name]
+            estimate = judgement.estimates[name]
             factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
             value, (low, high) = estimate.value, estimate.interval
-            seen = fit.shows_mode or name not in MODE
-            identified = seen and fit.holds and 0.5 * (high - low) <= KNOWN * abs(value)
+            reason = judgement.reason(name) if fit.shows_mode or name not in MODE else "beyond the log's rate"
             rows.append(
                 Found(
                     fit.axis,
@@ -98,7 +115,8 @@ class Identification:
                     factor * low,
                     factor * high,
                     factor * float(getattr(fit.nominal, name)),
-                    bool(identified),
+                    not reason,
+                    reason,
                 )
             )
         return rows
@@ -106,7 +124,35 @@ class Identification:
     @property
     def notes(self) -> list[str]:
         """What the log does not show of each axis, and whether the model's structure holds."""
-        return [note for fit in self.fits for note in (*self._unseen(fit), verdict(fit, self.period))]
+        return [
+            note
+            for fit, judgement in zip(self.fits, self.judgements, strict=True)
+            for note in (
+                *self._unseen(fit),
+                *judgement.notes(fit.axis),
+                verdict(fit, self.period, doubted=bool(judgement.findings)),
+            )
+        ]
+
+    @property
+    def accepted(self) -> tuple[AxisFit, ...]:
+        """The fits with the identified values alone; the others are those of the MJCF."""
+        return tuple(self._accepted(fit, judged) for fit, judged in zip(self.fits, self.judgements, strict=True))
+
+    def _accepted(self, fit: AxisFit, judgement: Judgement) -> AxisFit:
+        model, table = fit.model, fit.nominal
+        names = {name for name in judgement.estimates if not judgement.reason(name)}
+        values = {name: getattr(model, name) for name in ("inertia", "viscous", "coulomb") if name in names}
+        accepted = replace(table, **values)
+        if "static" in names:
+            accepted = replace(accepted, excess=max(model.static - accepted.coulomb, 0.0))
+        estimates = fit.estimates
+        if {"share", "stiffness"} <= names and fit.shows_mode:
+            damping = model.damping if "damping" in names else table.damping
+            accepted = replace(accepted, share=model.share, stiffness=model.stiffness, damping=damping)
+        else:
+            estimates = {name: estimate for name, estimate in estimates.items() if name not in MODE}
+        return replace(fit, model=accepted, estimates=estimates)
 
     def _unseen(self, fit: AxisFit) -> list[str]:
         if fit.nominal.share and not fit.shows_mode:
@@ -146,6 +192,7 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         def counted(done: int = len(fits)) -> None:
             progress(done / len(log.axes))
 
+        _check_log(axis, nominal, log, column)
         try:
             fits.append(
                 fit_axis(
@@ -163,7 +210,17 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         except InputError as error:
             text = str(error)
             raise InputError(text if text.startswith("axis") else f"axis {name}: {text}") from None
-    return Identification(machine, log.period, tuple(fits))
+    found = Identification(machine, log.period, tuple(fits))
+    _ = found.judgements  # an unusable log is refused here
+    return found
+
+
+def _check_log(axis: Axis, table: AxisModel, log: Log, column: int) -> None:
+    position, torque = log.position[:, column], log.torque[:, column]
+    check_excitation(axis, position, torque)
+    check_torque(axis, torque)
+    check_sampling(axis, position, log.period)
+    check_encoder(axis, table, position, torque, log.period)
 
 
 def spectrum(fit: AxisFit, period: float) -> tuple[Floats, Floats]:
@@ -173,8 +230,14 @@ def spectrum(fit: AxisFit, period: float) -> tuple[Floats, Floats]:
     return frequency[1:], power[1:]
 
 
-def verdict(fit: AxisFit, period: float) -> str:
-    """Return a sentence on whether the model's structure holds, from the whiteness and the size of the residual."""
+def verdict(fit: AxisFit, period: float, *, doubted: bool) -> str:
+    """Return a sentence on whether the model's structure holds, from the whiteness and the size of the residual.
+
+    Args:
+        fit: of an axis.
+        period: of the log [s].
+        doubted: whether a check of the fit failed.
+    """
     residual = fit.residual
     size = float(np.std(residual)) / fit.expected
     coloured = float(np.abs(correlation(residual)).max())
@@ -182,7 +245,8 @@ def verdict(fit: AxisFit, period: float) -> str:
     unit, factor = ("µm", 1e3) if fit.unit == "mm" else ("mdeg", 1e3)
     backlash = f"backlash of about {factor * fit.model.gap:.2g} {unit}" if "gap" in fit.estimates else ""
     if fit.holds:
-        text += f" and white (correlation at most {coloured:.2f}): the structure of the model holds"
+        text += f" and white (correlation at most {coloured:.2f})"
+        text += ", but a check above doubts the model" if doubted else ": the structure of the model holds"
         return f"{text}, with a {backlash}" if backlash else text
     frequency, power = spectrum(fit, period)
     text += f" and not white (correlation up to {coloured:.2f}): the structure of the model is wrong"

@@ -16,6 +16,7 @@ from gantrysim.arrays import Floats
 from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.files import replaced
 from gantrysim.heads import name_and_unit
+from gantrysim.identify.checks.times import even_period
 from gantrysim.input_files import opened
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
@@ -30,7 +31,6 @@ _ANGLES = {"rad": 180 / math.pi, "deg": 1.0, "°": 1.0}
 _TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3}
 _SI = {"time": "s", "mm": "m", "deg": "rad", "torque": "N·m"}  # of a column without a unit
 _COUNTS = ("counts", "count", "edges")
-_EVEN = 1e-3  # largest deviation of a time step, of the mean
 _FEWEST = 100
 
 
@@ -113,7 +113,7 @@ def _parsed(rows: Sequence[Sequence[str]], machine: Machine, columns: Mapping[st
     if "time" not in heads:
         raise InputError(f"has no column time; it has: {', '.join(rows[0])}")
     time = _column(rows, *heads["time"]) * _factor(heads["time"][1], "time", _TIMES, "time")
-    period = _period(time)
+    period = even_period(time)
     axes = [axis for axis in machine.axes if f"{axis.name} position" in heads]
     found = [axis for axis in axes if f"{axis.name} {DEMAND}" in heads or f"{axis.name} {TORQUE}" in heads]
     if not found:
@@ -187,14 +187,3 @@ def _travel(heads: Mapping[str, tuple[int, str]], axis: Axis) -> float:
             raise InputError(f"column {name}: in counts, but the machine's {axis.name} has no encoder")
         return axis.resolution
     return _factor(unit, name, _LENGTHS if axis.unit == "mm" else _ANGLES, axis.unit)
-
-
-def _period(time: Floats) -> float:
-    steps = np.diff(time)
-    period = float(np.mean(steps))
-    if not period > 0 or not (steps > 0).all():
-        raise InputError("time does not rise")
-    worst = int(np.argmax(np.abs(time - time[0] - period * np.arange(time.size))))
-    if abs(steps - period).max() > 0.5 * period or abs(time[worst] - time[0] - period * worst) > 0.5 * period:
-        raise InputError(f"its samples are not even: near t = {time[worst]:g} s some are missing")
-    return period

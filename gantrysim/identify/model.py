@@ -211,14 +211,14 @@ def innovations(model: AxisModel, noise: float, period: float, position: Floats,
         inputs = np.ascontiguousarray(np.stack([B, E], axis=1))
         free = np.concatenate([kalman_gain(*sampled(A, inputs, period), noise), np.zeros(2)])
     friction = (model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time)
-    means = _effective(model, period, torque, count, held)
+    means = effective_torque(model, period, torque, count, held)
     return _predict(
         position, means, F, G, gain, free, friction, model.scale, model.stiffness, model.gap,
         period / count,
     )  # fmt: skip
 
 
-def _effective(model: AxisModel, period: float, torque: Floats, count: int, held: bool) -> Floats:
+def effective_torque(model: AxisModel, period: float, torque: Floats, count: int, held: bool) -> Floats:
     """Return the mean of the late and lagged torque over each step between samples, (n, count) [N·m]."""
     step, n = period / count, torque.size
     following = torque if held else np.append(torque[1:], torque[-1])

@@ -33,15 +33,15 @@ def values_table(found: Identification) -> Table:
     """Return the fitted values with their intervals."""
     caption = (
         "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
-        "confidence; not seen: half the interval exceeds 15 %"
+        "confidence; not identified (interval): half the interval exceeds 15 % of the value; not identified otherwise: "
+        "the check named, see the notes; the machine written keeps the nominal value of what is not identified"
     )
     table = Table(title="identified", title_justify="left", caption=caption, caption_justify="left")
     table.add_column("axis", no_wrap=True)
     table.add_column("quantity")
-    for column in ("nominal", "identified", "±", "unit"):
+    for column in ("nominal", "fitted", "±", "unit"):
         table.add_column(column, justify="left" if column == "unit" else "right", no_wrap=True)
     table.add_column("")
-    wrong = {fit.axis for fit in found.fits if not fit.holds}
     last = ""
     for one in found.found:
         if last and one.axis != last:
@@ -53,7 +53,7 @@ def values_table(found: Identification) -> Table:
             f"{one.value:.4g}",
             f"{0.5 * (one.high - one.low):.2g}",
             one.unit,
-            "" if one.identified else "uncertain" if one.axis in wrong else "not seen",
+            "identified" if one.identified else f"not identified ({one.reason})",
         )
         last = one.axis
     return table
@@ -69,6 +69,7 @@ def content(found: Identification) -> dict[str, Any]:
             "nominal": float(one.nominal),
             "unit": one.unit,
             "identified": one.identified,
+            **({} if one.identified else {"reason": one.reason}),
         }
     for fit in found.fits:
         if fit.model.share:

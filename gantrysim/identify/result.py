@@ -16,7 +16,7 @@ KNOWN = 0.15  # largest half interval of an identified parameter, of its value
 WHITE = 0.25  # correlation of a residual from which the model's structure counts as wrong
 # standard deviation that counts of the encoder and steps of the predictor leave, of the value: round trips show it
 SYSTEMATIC = {
-    "inertia": 0.001,
+    "inertia": 0.003,
     "viscous": 0.015,
     "coulomb": 0.005,
     "static": 0.01,
@@ -65,6 +65,23 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Answer of the residual to the parameters at the minimum.
+
+    Attributes:
+        names: of the fitted parameters, (p,).
+        jacobian: derivatives of the scaled residual by the fit's variables, the torque noise's the last, (k, p + 1).
+        slopes: change of a parameter per change of its variable, (p,).
+        residual: scaled, (k,).
+    """
+
+    names: tuple[str, ...]
+    jacobian: Floats
+    slopes: Floats
+    residual: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class AxisFit:
     """The identification of an axis.
 
@@ -80,6 +97,10 @@ class AxisFit:
         innovations: of all samples, (n,) [u].
         start: inertia, viscous and Coulomb friction of the linear regression.
         highest: frequency up to which the log shows a mode [Hz].
+        position: fitted part of the log, (n,) [u].
+        torque: likewise, (n,) [N·m].
+        held: whether the torque is a demand, held until the next sample.
+        sensitivity: of the residual of the samples in motion to the parameters.
     """
 
     axis: str
@@ -93,6 +114,10 @@ class AxisFit:
     innovations: Floats
     start: tuple[float, float, float]
     highest: float
+    position: Floats
+    torque: Floats
+    held: bool
+    sensitivity: Sensitivity
 
     @property
     def residual(self) -> Floats:

@@ -18,7 +18,12 @@ def correlation(residual: Floats) -> Floats:
 
 
 def covariance_of(J: Floats, residual: Floats) -> Floats:
-    """Return the covariance of the variables: (J'J)^-1 S (J'J)^-1, S with the residual's correlation.
+    """Return the covariance of the variables with the residual's own correlation over `LAGS`, (p, p)."""
+    return long_run_covariance(J, residual, LAGS)
+
+
+def long_run_covariance(J: Floats, residual: Floats, lags: int) -> Floats:
+    """Return the covariance of the variables: (J'J)^-1 S (J'J)^-1, S with the residual's correlation over some lags.
 
     S sums the products of neighbours over lags with falling weights (W. Newey and K. West, Econometrica 55, 1987); for
     a white residual it is s² J'J, and this the covariance of Gauss and Newton.
@@ -26,8 +31,8 @@ def covariance_of(J: Floats, residual: Floats) -> Floats:
     inverse = np.linalg.pinv(J.T @ J)
     scores = J * residual[:, None]
     S = scores.T @ scores
-    for lag in range(1, LAGS + 1):
+    for lag in range(1, min(lags, len(residual) - 1) + 1):
         cross = scores[lag:].T @ scores[:-lag]
-        S += (1 - lag / (LAGS + 1)) * (cross + cross.T)
+        S += (1 - lag / (lags + 1)) * (cross + cross.T)
     n, p = J.shape
     return np.asarray(inverse @ S @ inverse * n / max(n - p, 1))

@@ -1,0 +1,56 @@
+"""Check of the log: encoder and torque must move enough to tell inertia, friction and delay apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.errors import InputError
+from gantrysim.machine.axis import Axis
+
+COUNTS = 200.0  # least travel, in encoder counts: 0.5 % of it is one
+REVERSALS = 6  # least number: a constant torque and friction differ by direction alone
+SPEEDS = 3.0  # least ratio of fast to slow speed: viscous and Coulomb friction differ by speed alone
+_ENOUGH = 500  # samples; a shorter log is refused by the regression
+
+
+def check_excitation(axis: Axis, position: Floats, torque: Floats) -> None:
+    """Refuse a log of an axis that hardly moves.
+
+    Raises:
+        InputError: with what is missing.
+    """
+    if position.size < _ENOUGH:
+        return
+    cure = "gantrysim identify --plan writes moves that do"
+    travel = float(np.ptp(position))
+    if travel < COUNTS * axis.resolution or travel == 0:
+        raise InputError(
+            f"axis {axis.name}: the axis hardly moves, by {travel:.3g} {axis.unit}: must be at least "
+            f"{COUNTS * axis.resolution:.3g} {axis.unit}, {COUNTS:.0f} encoder counts; {cure}"
+        )
+    if float(np.ptp(torque)) == 0:
+        raise InputError(f"axis {axis.name}: its torque is {torque[0]:.3g} N·m throughout; {cure}")
+    lengths = strokes(position, axis.resolution)
+    if lengths.size <= REVERSALS:
+        raise InputError(
+            f"axis {axis.name}: it reverses {max(lengths.size - 1, 0)} times: must reverse at least {REVERSALS} times; "
+            f"{cure}"
+        )
+    steps = np.abs(np.diff(position))
+    slow, fast = np.quantile(steps[steps > axis.resolution], (0.1, 0.95)) if (steps > axis.resolution).any() else (1, 1)
+    if fast < SPEEDS * slow:
+        raise InputError(
+            f"axis {axis.name}: its fast moves are {fast / slow:.2g} times as fast as its slow ones: must be at least "
+            f"{SPEEDS:g} times; {cure}"
+        )
+
+
+def strokes(position: Floats, resolution: float) -> Floats:
+    """Return the numbers of moving samples between reversals, (k,); steps of up to two counts are none."""
+    steps = np.diff(position)
+    ways = np.sign(steps[np.abs(steps) > max(2 * resolution, 1e-12)])
+    if not ways.size:
+        return np.empty(0)
+    turns = np.flatnonzero(np.diff(ways) != 0) + 1
+    return np.diff(np.concatenate([[0], turns, [ways.size]])).astype(np.float64)

@@ -1,0 +1,81 @@
+"""The checks of a fit, and what they leave of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from gantrysim.identify.checks.balance import check_balance
+from gantrysim.identify.checks.finding import Doubt, Finding
+from gantrysim.identify.checks.plausible import check_plausible
+from gantrysim.identify.checks.residual import check_residual
+from gantrysim.identify.checks.segments import check_segments
+from gantrysim.identify.result import KNOWN, AxisFit, Estimate
+
+# standard deviations that no log undercuts
+_DELAY = 0.01  # of the period
+_OFFSET = 0.01  # of the Coulomb friction
+_EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
+_STATIC = 0.05  # of the static friction, of the Coulomb friction: encoder counts are coarse where it shows
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What the checks leave of the fit of an axis.
+
+    Attributes:
+        estimates: with deviations that hold the disagreements which the checks found.
+        findings: checks that failed.
+    """
+
+    estimates: dict[str, Estimate]
+    findings: tuple[Finding, ...]
+
+    def reason(self, name: str) -> str:
+        """Return why a value is not identified: the checks that forbid it, or its interval; empty if it is."""
+        checks = [finding.check for finding in self.findings if not finding.values or name in finding.values]
+        if checks:
+            return ", ".join(dict.fromkeys(checks))
+        low, high = self.estimates[name].interval
+        wide = 0.5 * (high - low) > KNOWN * abs(self.estimates[name].value)
+        return "interval" if wide else ""
+
+    def notes(self, axis: str) -> list[str]:
+        """Return the failed checks of an axis in sentences."""
+        return [
+            f"{axis}: {', '.join(finding.values) or 'no value'} {_verb(finding)} identified: {finding.check}: "
+            f"{finding.reason}"
+            for finding in self.findings
+        ]
+
+
+def _verb(finding: Finding) -> str:
+    if not finding.values:
+        return "is"
+    return "is not" if len(finding.values) == 1 else "are not"
+
+
+def judged(fit: AxisFit, period: float) -> Judgement:
+    """Return what the checks leave of a fit.
+
+    Args:
+        fit: of an axis.
+        period: of the log [s].
+
+    Raises:
+        InputError: the log's torque has not made the log's motion.
+    """
+    doubts = [
+        check_residual(fit),
+        check_plausible(fit, period),
+        check_segments(fit, period),
+        check_balance(fit, period),
+    ]
+    model = fit.model
+    static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
+    floors = Doubt({"delay": _DELAY * period, "offset": _OFFSET * model.coulomb, "static": static}, [])
+    estimates = {}
+    for name, estimate in fit.estimates.items():
+        added = [doubt.deviations.get(name, 0.0) for doubt in (*doubts, floors)]
+        estimates[name] = replace(estimate, deviation=math.hypot(estimate.deviation, *added))
+    return Judgement(estimates, tuple(finding for doubt in doubts for finding in doubt.findings))

@@ -1,0 +1,42 @@
+"""Parts of a log that differ in time, direction, speed, place or torque."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from gantrysim.arrays import Floats
+from gantrysim.identify.result import AxisFit
+
+_SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]
+
+
+def partitions(fit: AxisFit, period: float) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return masks over all samples, (n,) each, by what the parts differ in; those at rest are in none."""
+    width = max(_SMOOTH / period, 1.0)
+    speed = gaussian_filter1d(np.gradient(fit.position, period), width)
+    torque = np.abs(gaussian_filter1d(fit.torque, width))
+    time = np.arange(fit.used.size, dtype=np.float64)
+    used = fit.used
+    return {
+        "time": _as_many(time, used, 3),
+        "direction": [used & (speed < 0), used & (speed >= 0)],
+        "speed": _as_many(np.abs(speed), used, 3),
+        "position": _as_wide(fit.position, used, 4),
+        "torque": _as_many(torque, used, 3),
+    }
+
+
+def _as_many(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
+    """Return masks of parts with as many samples each."""
+    edges = np.quantile(values[used], np.linspace(0, 1, count + 1)[1:-1])
+    number = np.searchsorted(edges, values)
+    return [used & (number == k) for k in range(count)]
+
+
+def _as_wide(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
+    """Return masks of parts that span as much of the values' range each."""
+    edges = np.linspace(values[used].min(), values[used].max(), count + 1)[1:-1]
+    number = np.searchsorted(edges, values)
+    return [used & (number == k) for k in range(count)]

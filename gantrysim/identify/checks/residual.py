@@ -1,0 +1,50 @@
+"""Check: the residual must be of the size of encoder counts and torque noise, and white.
+
+What the fitted model does not predict of the next position is noise where its structure is that of the axis. A residual
+many times the encoder's counts, a torque noise that is a large share of the torque, or a residual that its own past
+predicts, is motion which this torque has not made: another axis, another clock, a frozen encoder, a missing mode.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gantrysim.errors import InputError
+from gantrysim.identify.checks.finding import Doubt, Finding
+from gantrysim.identify.result import WHITE, AxisFit
+from gantrysim.identify.whiteness import correlation
+
+CHECK = "residual"
+LARGEST = 15.0  # of the residual, times the encoder's counts; ten times the counts' noise is coarse but harmless
+UNUSABLE = 100.0  # the same, from which the log is refused
+NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
+
+
+def check_residual(fit: AxisFit) -> Doubt:
+    """Return whether the residual's size and correlation are those of noise.
+
+    Raises:
+        InputError: the log's torque has not made the log's motion.
+    """
+    findings = []
+    size = float(np.std(fit.residual)) / fit.expected
+    if size > UNUSABLE:
+        raise InputError(
+            f"axis {fit.axis}: the prediction of the position is wrong by {size:.0f} times the encoder's counts, must "
+            f"be at most {UNUSABLE:.0f}: its torque has not made this motion; check for a frozen or skipping encoder, "
+            "columns of two axes, and a log of fewer samples than the servo's"
+        )
+    if size > LARGEST:
+        reason = f"the residual is {size:.0f} times the encoder's counts: must be at most {LARGEST:.0f}"
+        findings.append(Finding(CHECK, (), reason))
+    share = fit.noise / float(np.std(fit.torque))
+    if share > NOISE:
+        reason = (
+            f"torque noise of {100 * share:.0f} % of the torque would explain it: must be at most {100 * NOISE:.0f} %"
+        )
+        findings.append(Finding(CHECK, (), reason))
+    colour = float(np.abs(correlation(fit.residual)).max())
+    if colour > WHITE:
+        reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
+        findings.append(Finding(CHECK, (), reason))
+    return Doubt({}, findings)
