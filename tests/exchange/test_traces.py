@@ -57,6 +57,21 @@ def test_units_in_names_and_factors_are_applied(log):
         found.values(Source("rav"), "mm", None)
 
 
+@pytest.mark.parametrize(
+    ("unit_of", "each"),
+    [
+        ("s", {"s": 1, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}),
+        ("mm", {"m": 1e3, "mm": 1, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "in": 25.4}),
+        ("deg", {"deg": 1, "mdeg": 1e-3, "rad": 180 / np.pi}),
+    ],
+)
+def test_every_unit_is_its_si_prefix_times_its_base(log, unit_of, each):
+    for unit, factor in each.items():
+        assert log(f"t,x [{unit}]\n0,2.5\n").values(Source("x"), unit_of, None) == pytest.approx(
+            [2.5 * factor], rel=1e-15
+        )
+
+
 def test_halsampler_s_output_has_numbered_columns_and_may_lose_samples(log, run):
     rows = [f"{k} {value:f} {2 * value:f} " for k, value in enumerate(NINE)]
     found = log("\n".join(rows) + "\n")
