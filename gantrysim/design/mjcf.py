@@ -86,6 +86,7 @@ class Mjcf:
         self.tendon = add(self.root, "tendon") if kinematics == "coupled" else None
         self.actuator, self.sensor = add(self.root, "actuator"), add(self.root, "sensor")
         self._facts: dict[str, tuple[float, ...]] = {}
+        self.guide_arms: dict[str, float] = {}  # from the guide blocks of an axis to the nozzle, along it [mm]
 
     def _only(self, tag: str) -> Element:
         found = self.root.find(tag)
@@ -126,6 +127,9 @@ class Mjcf:
                 FACTS, zip(*(self._facts[one] for one in sorted(self._facts)), strict=True), strict=True
             ):
                 add(custom, "numeric", name=name, data=values)
+            if self.guide_arms:
+                arms = [self.guide_arms.get(name, 0.0) for name in sorted(self._facts)]
+                add(custom, "numeric", name="guide_arm", data=arms)
         ET.indent(self.root)
         return ET.tostring(self.root, encoding="unicode") + "\n"
 

@@ -61,6 +61,8 @@ class Geometry:
         bending_load: what bends it: "weight" of a head that is carried beside it, or a lateral "force" at the nozzle.
         ram: free length of the ram below its guide, at the upper end of z's travel [mm].
         abbe: from the line of the screw to the nozzle, along the other horizontal axis, all axes at zero [mm].
+        guide_arm: from the middle of an axis' guide blocks to the nozzle, along the axis, all axes at zero; by default
+            what the machine states, 125 mm behind the nozzle for the bridges of the built-in ones [mm].
         warming: rise of the screws' temperature over that of the frame [K].
         expansion: thermal expansion of the screws; 11.5e-6 is that of steel [1/K].
         fixed_end: position of the axis at its screw's fixed bearing [mm].
@@ -90,6 +92,7 @@ class Geometry:
     bending_load: str = "weight"
     ram: float = 100.0
     abbe: PerAxis = 0.0
+    guide_arm: PerAxis | None = None
     warming: float = 0.0
     expansion: float = 11.5e-6
     fixed_end: PerAxis = 0.0
@@ -102,7 +105,7 @@ class Geometry:
             raise unknown("accuracy class", str(self.accuracy), SCREWS)
         for name in ERRORS:
             self._check(name, _LEAST.get(name, -_BOUNDS.get(name, 10.0)), _BOUNDS.get(name, 10.0))
-        for name in ("abbe", "fixed_end", "scale_fixed"):
+        for name in ("abbe", "guide_arm", "fixed_end", "scale_fixed"):
             self._check(name, -1e4, 1e4)
         if self.bending_load not in LOADS:
             raise unknown("bending_load", str(self.bending_load), LOADS)

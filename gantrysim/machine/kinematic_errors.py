@@ -16,8 +16,8 @@ g and warmer by T_s, grows, and the load stands at
 
 With u from -1 to 1 over the travel, u0 where the axis is zero, and the nozzle then displaced by, in the work frame,
 
-    x:  s_xy y + s_xz z + h_y(y) + h_z(z) - theta_x A_x               h = s (u^2 - u0^2), a guide's bow
-    y:  s_yz z + h_x(x) + v_z(z) + theta_y A_y                        theta = yaw (u - u0)
+    x:  s_xy y + s_xz z + h_y(y) + h_z(z) - theta_x A_x - theta_y B_y    h = s (u^2 - u0^2), a guide's bow
+    y:  s_yz z + h_x(x) + v_z(z) + theta_y A_y + theta_x B_x             theta = yaw (u - u0)
     z:  v_x(x) + v_y(y) - sag ((1 - u^2)^2 - (1 - u0^2)^2)            v: vertical bow; sag of the axis on the bridge
 
 and by the ram, a cantilever out of its guide by L = ram + (upper end of z) - z, longest L1 at the lower end, where a
@@ -25,8 +25,11 @@ lateral load bends it by b, along x and y:
 
     b ((L / L1)^p - (L0 / L1)^p)        p = 3: a force F at its end, F L^3 / (3 E I); 2: a moment M, M L^2 / (2 E I)
 
-M is that of the weight of a head whose centre of gravity lies beside the ram. A is the Abbe offset, from the line of
-the screw to the nozzle: `abbe`, and the other horizontal coordinate unless that axis carries this one. Racking adds
+M is that of the weight of a head whose centre of gravity lies beside the ram. A yaw turns the body of its axis about
+the point where its screw holds it along the axis and the middle of its guide blocks across it: the nozzle moves by
+theta x r, with the lever r from there. Across the axis r is the Abbe offset A, from the line of the screw to the
+nozzle: `abbe`, and the other horizontal coordinate if that axis moves the nozzle against this body. Along the axis r is
+the arm B: `guide_arm`, and the axis' own coordinate if it moves the work under the nozzle. Racking adds
 r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its guides. The sag is that of a beam
 on two supports at the ends of the travel with the load at a of its length L, a^2 (L - a)^2 / (3 E I L). All is 0 with
 the axes at zero, but the growth of a screw or scale fixed elsewhere.
@@ -37,8 +40,8 @@ through the play, no limit cycle of a loop closed on the load.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,13 +78,34 @@ class RigidMachine(Protocol):
         ...
 
 
+class Levers(NamedTuple):
+    """The chain of a machine whose axes x, y and z place the nozzle, for the levers of yaws.
+
+    Attributes:
+        carried: names of the axes that each axis carries.
+        movers_of_work: names of the axes that move the work; the others move the nozzle.
+        guide_arm: along each axis, from the middle of its guide blocks to the nozzle with the axes at zero, (axes,)
+            [mm].
+    """
+
+    carried: Mapping[str, Sequence[str]]
+    movers_of_work: Collection[str]
+    guide_arm: Sequence[float]
+
+    def moves_nozzle_from(self, axis: str, body: str) -> bool:
+        """Whether an axis moves the nozzle against the body of another, or of itself."""
+        if body in self.movers_of_work:
+            return axis not in self.carried[body]
+        return axis in self.carried[body]
+
+
 class KinematicErrors:
     """The errors of a machine's geometry.
 
     Args:
         machine: the rigid machine.
         geometry: its errors.
-        carried: names of the axes that each axis carries; None where the axes do not place the nozzle by x, y and z.
+        levers: the chain; None where the axes do not place the nozzle by x, y and z.
         factors: on single errors, by their column name, see `columns`.
 
     Raises:
@@ -92,15 +116,15 @@ class KinematicErrors:
         self,
         machine: RigidMachine,
         geometry: Geometry,
-        carried: Mapping[str, Sequence[str]] | None,
+        levers: Levers | None,
         factors: Mapping[str, float],
     ) -> None:
         self._tip = machine.tip
         self._names = names = tuple(axis.name for axis in machine.axes)
         check_lengths(geometry, names)
         slides = np.array([axis.unit == "mm" for axis in machine.axes])
-        self._at = {name: names.index(name) for name in "xyz" if name in names and carried is not None}
-        above = {} if carried is None else carried
+        self._at = {name: names.index(name) for name in "xyz" if name in names and levers is not None}
+        above = {} if levers is None else levers.carried
         self._has_ram = "z" in self._at and not {"x", "y"} & set(above.get("z", ()))
         self.values: dict[str, float] = {}
         for name in ERRORS:
@@ -122,7 +146,11 @@ class KinematicErrors:
         self._bridge = "x" if "y" in above.get("x", ()) else "y"
         self._beam = "y" if self._bridge == "x" else "x"
         self._check_travel(machine, limited)
-        self._arms = {a: b for a, b in (("x", "y"), ("y", "x")) if a not in above.get(b, ())}
+        self._levers = levers
+        arms = geometry.guide_arm
+        if arms is None:
+            arms = tuple(levers.guide_arm) if levers is not None else 0.0
+        self._guide_arm = np.broadcast_to(np.asarray(arms, float), len(names))
 
     def _take(self, machine: RigidMachine, geometry: Geometry, name: str, factors: Mapping[str, float]) -> None:
         """Take over the values of an error by column."""
@@ -226,12 +254,25 @@ class KinematicErrors:
             if name == self._bridge:
                 turned = turned + own.get("racking", 0.0) * racked
             if name in "xy":
-                other = at[self._arms[name]] if self._arms.get(name) in at else 0.0
+                across, along = self._lever(name, at)
                 sense = -1.0 if name == "x" else 1.0
-                shift[:, "xy".index(name)] += sense * _PER_MM * turned * (self._abbe[a] + other)
+                shift[:, "xy".index(name)] += sense * _PER_MM * turned * across
+                shift[:, "yx".index(name)] -= sense * _PER_MM * turned * along
             if name == self._beam and (sag := own.get("sag")):
                 shift[:, 2] -= sag * ((1 - u**2) ** 2 - (1 - u0**2) ** 2)
         return shift
+
+    def _lever(self, name: str, at: Mapping[str, Floats]) -> tuple[Floats | float, Floats | float]:
+        """Return the nozzle's place from the centre of an axis' yaw, across the axis and along it, (n,) [mm]."""
+        assert self._levers is not None
+        a = self._at[name]
+        across, along = self._abbe[a], self._guide_arm[a]
+        other = "y" if name == "x" else "x"
+        if other in at and self._levers.moves_nozzle_from(other, name):
+            across = across + at[other]
+        if self._levers.moves_nozzle_from(name, name):
+            along = along + at[name]
+        return across, along
 
     def _per_axis(self, error: str) -> Floats:
         return np.array([self.values.get(f"{error}_{name}", 0.0) for name in self._names])

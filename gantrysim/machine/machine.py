@@ -36,7 +36,7 @@ from gantrysim.machine.chain import Chain
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.height import height_above
-from gantrysim.machine.kinematic_errors import KinematicErrors
+from gantrysim.machine.kinematic_errors import KinematicErrors, Levers
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.kinematics.serial import Serial
@@ -50,6 +50,7 @@ NOZZLE = "nozzle"  # site at the tip
 NEEDLE = "needle"  # geom that draws the needle
 WORK = "work"  # body in whose frame the bead lies
 
+GUIDE_ARM = "guide_arm"  # custom numeric, see `Geometry` [mm]
 OF_WAYS = ("travel_error", "periodic_error")  # custom numerics [um per 300 mm, um]
 _MM = 1e3
 _DEFAULT_GAP = 0.5  # without a work piece [mm]
@@ -290,8 +291,19 @@ class Machine:
         for perturbation in self._perturbations:
             for name, factor in perturbation.geometry:
                 factors[name] = factors.get(name, 1.0) * factor
-        carried = self._carried if isinstance(self.kinematics, Serial) and not self.turns_work else None
-        return KinematicErrors(self, self.geometry, carried, factors)
+        levers = self._levers if isinstance(self.kinematics, Serial) and not self.turns_work else None
+        return KinematicErrors(self, self.geometry, levers, factors)
+
+    @property
+    def _levers(self) -> Levers:
+        """The chain of the axes, for the levers of yaws."""
+        parents, bodies = self.physics.body_parentid, self.physics.jnt_bodyid[self._joints].tolist()
+        below_work = [self.work]
+        while below_work[-1]:
+            below_work.append(int(parents[below_work[-1]]))
+        movers = [name for name, body in zip(self.axis_names, bodies, strict=True) if body in below_work]
+        arms = [fact(self.physics, GUIDE_ARM, a, 0.0) for a in range(len(self.plain_axes))]
+        return Levers(self._carried, movers, arms)
 
     @property
     def _carried(self) -> dict[str, list[str]]:

@@ -137,10 +137,10 @@ def test_a_guide_deviates_by_its_straightness_from_the_line_between_its_ends(xyz
 
 
 def test_yaw_of_the_bridge_has_the_carriage_for_its_arm(xy):
-    # rotation of 0.1 mm/m at the end of y, over 0.12 m of x and 0.05 m of Abbe offset
+    # rotation of 0.1 mm/m at the end of y, over 0.12 m of x and 0.05 m of Abbe offset, and 0.125 m behind the nozzle
     geometry = Geometry(yaw=(0.0, 0.1), abbe=(0.0, 50.0))
-    assert shift(xy, [[120.0, HALF]], geometry) == pytest.approx(np.array([[0, 0.017, 0]]), abs=EXACT)
-    assert shift(xy, [[120.0, -HALF / 2]], geometry) == pytest.approx(np.array([[0, -0.0085, 0]]), abs=EXACT)
+    assert shift(xy, [[120.0, HALF]], geometry) == pytest.approx(np.array([[0.0125, 0.017, 0]]), abs=EXACT)
+    assert shift(xy, [[120.0, -HALF / 2]], geometry) == pytest.approx(np.array([[-0.00625, -0.0085, 0]]), abs=EXACT)
     # the carriage does not carry the bridge: its arm is the Abbe offset alone
     geometry = Geometry(yaw=(0.1, 0.0), abbe=(-87.0, 0.0))
     assert shift(xy, [[HALF, 140.0]], geometry) == pytest.approx(np.array([[0.0087, 0, 0]]), abs=EXACT)

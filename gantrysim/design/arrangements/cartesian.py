@@ -23,7 +23,7 @@ from gantrysim.design.arrangements.parts import (
     work,
     x_axis,
 )
-from gantrysim.design.mjcf import Mjcf, add
+from gantrysim.design.mjcf import M, Mjcf, add
 from gantrysim.design.table import MachineTable
 
 _DAMPING_RATIO = 0.03  # of the arm of a cantilever in yaw (assumption)
@@ -37,6 +37,7 @@ def bridge(table: MachineTable) -> Mjcf:
     bench(mjcf, room)
     work(mjcf.frame, table, room)
     body = _y_axis(mjcf, mjcf.frame, "bridge", 1, on_bridge(table))
+    mjcf.guide_arms["y"] = -BEAM[0] / M
     _bridge_mass(body, table, room)
     beam(body, room)
     motor_of_x(body, room)
@@ -53,6 +54,7 @@ def cantilever(table: MachineTable) -> Mjcf:
     work(mjcf.frame, table, room)
     load = on_bridge(table)
     root = _y_axis(mjcf, mjcf.frame, "guide", 1, load)
+    mjcf.guide_arms["y"] = -BEAM[0] / M
     point_mass(root, 1e-3, (room.x - room.wide, *BEAM))  # the arm's mass is behind its hinge
     arm = add(root, "body", name="bridge")
     stiffness, mass = table.arm_stiffness or 0.0, table.masses.bridge or 0.0
@@ -86,6 +88,7 @@ def moving_table(table: MachineTable) -> Mjcf:
         geom(mjcf.frame, "rail", at, (0.0075, room.long, 0.005))
     mass = table.masses.table or 0.0
     body = _y_axis(mjcf, mjcf.frame, "table", -1, mass)
+    mjcf.guide_arms["y"] = -room.y / M
     point_mass(body, mass, (room.x, room.y, -0.02))
     for side in (-1, 1):
         geom(body, "block", (room.x + side * 0.5 * room.wide, room.y, -0.055), (0.02, 0.06, 0.04))
