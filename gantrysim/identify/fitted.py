@@ -19,6 +19,7 @@ from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB
 
 _ROUNDS = 4  # of the correction of inertias, which depend on those of the axes that an axis carries
 _LEAST = 1e-12  # inertia of a body [kg·m²]
+_ROUNDING = 1e-9  # by which moments of inertia keep from the limits of a body, relative
 
 
 def fitted_machine(found: Identification) -> Machine:
@@ -81,6 +82,13 @@ def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, now: AxisModel, load: float
         inertia = np.array(body.inertia)
         along = int(np.argmax(np.abs(spring.axis)))
         inertia[along] = max(inertia[along] + added, _LEAST)
+        # of a body's moments of inertia none exceeds the sum of the others; those across the hinge are not fitted
+        first, second = (axis for axis in range(3) if axis != along)
+        half = 0.5 * inertia[along]
+        mean = max(0.5 * (inertia[first] + inertia[second]), half * (1 + _ROUNDING))
+        most = half * (1 - _ROUNDING)
+        apart = np.clip(0.5 * (inertia[first] - inertia[second]), -most, most)
+        inertia[first], inertia[second] = mean + apart, mean - apart
         body.inertia = inertia
     spring.stiffness = np.array([spring.stiffness[0] * fit.model.stiffness / now.stiffness, 0, 0])
     spring.damping = np.array([spring.damping[0] * fit.model.damping / now.damping, 0, 0])
