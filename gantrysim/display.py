@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+
+
+def decimals_of(whole: float) -> int:
+    """Return the decimals that show the parts of a quantity to a hundred-thousandth of the whole."""
+    return min(max(0, 5 - math.ceil(math.log10(max(whole, 1e-9)))), 9)
 
 
 class Shown(ABC):

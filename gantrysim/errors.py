@@ -15,17 +15,26 @@ import numpy as np
 _WHOLE = 2.0**53  # up to which floats tell whole numbers apart
 _NEAR = 3  # names that are listed first
 _CLOSE = 0.5  # ratio of similarity from which a name may be meant
+_LONGEST = 1900  # characters of a message
 _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
 shown = _shortened.repr
 
 
 class GantryError(Exception):
-    """Base of every error that gantrysim raises on purpose."""
+    """Base of every error that gantrysim raises on purpose; its text has a bounded length, whatever it quotes."""
+
+    def __init__(self, text: str = "", *more: object) -> None:
+        super().__init__(shortened(text), *more)
 
 
 class InputError(GantryError, ValueError):
     """A value that the user gave lies outside its bounds."""
+
+
+def shortened(text: str) -> str:
+    """Return a message without its middle where it is too long: its begin has the place, its end the bound."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
 
 
 class TimedError(InputError):

@@ -44,7 +44,7 @@ def compare(
     ] = "time,offset",
     circle: Annotated[
         str | None,
-        typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame [mm]."),
+        typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame \\[mm]."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; by default RUN and /compare.")] = None,
 ) -> None:

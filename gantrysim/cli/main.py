@@ -25,10 +25,8 @@ from gantrysim.cli.study import study_app
 from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
-from gantrysim.errors import GantryError, InputError
+from gantrysim.errors import GantryError, InputError, shortened
 from gantrysim.toml_files import one_line
-
-_LONGEST = 2000  # characters of a message
 
 
 class _Commands(TyperGroup):
@@ -129,12 +127,6 @@ def info(
         show(table)
 
 
-def _shortened(text: str) -> str:
-    """Return a message in one line of a bounded length, whatever it quotes of the input; its end has the bound."""
-    line = " ".join(text.splitlines())
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
-
-
 def main() -> None:
     """Run the command; bad input ends it with one line and exit status 2."""
     signals.forget()
@@ -144,10 +136,10 @@ def main() -> None:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        warn(_shortened(text), "error")
+        warn(shortened(" ".join(text.splitlines())), "error")
         status = INPUT_ERROR
     except ValidationError as error:  # a job that a study or an environment makes of its options
-        warn(_shortened(one_line(error)), "error")
+        warn(shortened(one_line(error)), "error")
         status = INPUT_ERROR
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""

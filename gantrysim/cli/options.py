@@ -20,9 +20,9 @@ Reader = Annotated[
     str | None,
     typer.Option(help="Controller that reads a program file, such as linuxcnc; by default that of its suffix."),
 ]
-Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion [mm/s].")]
-At = Annotated[str | None, typer.Option(metavar="X,Y", help="Place of the program's origin on the work [mm].")]
-Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin [deg].")]
+Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion \\[mm/s].")]
+At = Annotated[str | None, typer.Option(metavar="X,Y", help="Place of the program's origin on the work \\[mm].")]
+Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
 Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
 Colour = Annotated[str, typer.Option(help="Colour the bead by: plain, width, or error (the contour error).")]
 

@@ -187,8 +187,8 @@ def machine(
 @study_app.command()
 def circle(
     model: Annotated[str, typer.Option("--machine", help="A built-in machine, or an MJCF file.")] = "xy",
-    radius: Annotated[float, typer.Option(help="Radius of the circle [mm].")] = 50.0,
-    path_speed: Annotated[float, typer.Option("--speed", help="Path speed [mm/s].")] = 100.0,
+    radius: Annotated[float, typer.Option(help="Radius of the circle \\[mm].")] = 50.0,
+    path_speed: Annotated[float, typer.Option("--speed", help="Path speed \\[mm/s].")] = 100.0,
     out: Out = None,
     settings: Settings = None,
     workers: Workers = None,
@@ -226,7 +226,7 @@ def repeat(
 @study_app.command()
 def laws(
     job: JobArgument = "softmc-arc",
-    payload: Annotated[float, typer.Option(help="Mass added to the machine for the sensitivity [kg].")] = 0.5,
+    payload: Annotated[float, typer.Option(help="Mass added to the machine for the sensitivity \\[kg].")] = 0.5,
     friction: Annotated[float, typer.Option(help="Factor on its friction for the sensitivity.")] = 1.5,
     out: Out = None,
     model: Model = None,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.bead import BeadValues
+from gantrysim.display import decimals_of
 from gantrysim.job.causes import TITLE, Causes, cell_text
 from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN
@@ -36,7 +36,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.add_column("span")
 
     def add(label: str, part: PartValues, span: str = "") -> None:
-        numbers = [f"{_UM * value:.1f}" for value in (part.rms, part.p95, part.max)]
+        numbers = [f"{_UM * value:z.1f}" for value in (part.rms, part.p95, part.max)]
         table.add_row(label, *numbers, f"{100 * part.share:z.1f} %", span)
 
     for link, part in values.parts.items():
@@ -53,7 +53,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     cause = "not what caused it" if run.fault is not None or run.injected else "--causes what caused it"
     table.caption = f"links say where on the chain the error lies, {cause}\n"
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
-    table.caption += f"largest contour error at t = {contour.time:.2f} s, x = {x:.1f}, y = {y:.1f} mm"
+    table.caption += f"largest contour error at t = {contour.time:z.2f} s, x = {x:z.1f}, y = {y:z.1f} mm"
     table.caption_justify = "left"
     return table
 
@@ -82,19 +82,19 @@ def outcome_table(
     until = "" if run.fault is None else ", until the fault"
     table = Table.grid(padding=(0, 2))
     for unit, (axis, error) in zip(run.units, values.tracking.items(), strict=True):
-        rms, largest = (f"{_UM * value:.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
+        rms, largest = (f"{_UM * value:z.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
         table.add_row(f"following error {axis}", rms, f"max {largest}")
     if margins is not None and any(own != NO_LOOP for own in margins):
         axis, own = min(zip(run.axes, margins, strict=True), key=lambda pair: min(pair[1].gain, pair[1].together))
-        table.add_row("gain margin", f"{min(own.gain, own.together):.2f}", f"of {axis}, {_judged(own)}")
+        table.add_row("gain margin", f"{min(own.gain, own.together):z.2f}", f"of {axis}, {_judged(own)}")
     if values.spacing is not None:
         s = values.spacing
         requested = "" if run.requested.turn_spacing is None else f"requested {run.requested.turn_spacing:g}, "
-        table.add_row("turn spacing", f"{s.mean:.4f} mm", f"{requested}std {s.std:.4f}, {s.min:.4f} to {s.max:.4f}")
+        table.add_row("turn spacing", f"{s.mean:z.4f} mm", f"{requested}std {s.std:z.4f}, {s.min:z.4f} to {s.max:z.4f}")
     v = values.speed
-    table.add_row("path speed", f"{v.mean:.2f} mm/s", f"{v.min:.2f} to {v.max:.2f}")
-    table.add_row("path length", f"{values.path_length:.3f} mm", f"in {values.duration:.3f} s{until}")
-    table.add_row("end point", "", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*values.end_point))
+    table.add_row("path speed", f"{v.mean:z.2f} mm/s", f"{v.min:z.2f} to {v.max:z.2f}")
+    table.add_row("path length", f"{values.path_length:z.3f} mm", f"in {values.duration:z.3f} s{until}")
+    table.add_row("end point", "", "x {:z.4f}, y {:z.4f}, z {:z.4f} mm".format(*values.end_point))
     if bead is not None:
         _add_bead(table, bead)
     return table
@@ -113,23 +113,23 @@ def plan_table(name: str, plan: Plan) -> Table:
     """Return what a job commands: lengths, time and extents."""
     table = Table.grid(padding=(0, 2))
     table.title, table.title_justify = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated"), "left"
-    table.add_row("requested path", f"{plan.length:.3f} mm", "")
-    table.add_row("commanded way", f"{plan.way:.3f} mm", f"{plan.glue:.3f} mm with glue")
-    table.add_row("time", f"{plan.duration:.3f} s", f"at most {plan.speed:.2f} mm/s")
-    files = f", {plan.files / _MB:.0f} MB of temporary files" if plan.files else ""
+    table.add_row("requested path", f"{plan.length:z.3f} mm", "")
+    table.add_row("commanded way", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue")
+    table.add_row("time", f"{plan.duration:z.3f} s", f"at most {plan.speed:z.2f} mm/s")
+    files = f", {plan.files / _MB:z.0f} MB of temporary files" if plan.files else ""
     table.add_row(
         "run",
         f"{plan.ticks} ticks",
-        f"{plan.ticks * plan.period:.3f} s of machine time; about {plan.memory / _MB:.0f} MB of memory{files}",
+        f"{plan.ticks * plan.period:z.3f} s of machine time; about {plan.memory / _MB:z.0f} MB of memory{files}",
     )
     for k, axis in enumerate("xyz"):
-        table.add_row(f"tip {axis}", f"{plan.box[0, k]:.3f} to {plan.box[1, k]:.3f} mm", "")
+        table.add_row(f"tip {axis}", f"{plan.box[0, k]:z.3f} to {plan.box[1, k]:z.3f} mm", "")
     for axis, extent in plan.travel.items():
         low, high = extent.bounds
         unit, fastest = plan.units[axis], plan.speeds[axis]
         table.add_row(
             f"axis {axis}",
-            f"{extent.least:.3f} to {extent.largest:.3f} {unit}",
+            f"{extent.least:z.3f} to {extent.largest:z.3f} {unit}",
             f"of {low:g} to {high:g}; at most {fastest.largest:.4g} of {fastest.bounds[1]:.4g} {unit}/s",
         )
     return table
@@ -139,26 +139,26 @@ def _judged(margins: Margins) -> str:
     if not margins.stable:
         return "unstable"
     low = f"low, below {LOW_MARGIN:g}" if min(margins.gain, margins.together) < LOW_MARGIN else "the smallest"
-    return f"{low}; phase margin {margins.phase:.0f} deg"
+    return f"{low}; phase margin {margins.phase:z.0f} deg"
 
 
 def _add_bead(table: Table, bead: BeadValues) -> None:
     width, volume = bead.width, bead.requested_volume
-    widths = f"{width.min:.3f} to {width.max:.3f}; nominal section {bead.nominal:.3f} mm²"
-    table.add_row("bead width", f"{width.mean:.3f} mm", widths)
+    widths = f"{width.min:z.3f} to {width.max:z.3f}; nominal section {bead.nominal:z.3f} mm²"
+    table.add_row("bead width", f"{width.mean:z.3f} mm", widths)
     if bead.clearance is not None:
         between = "gap" if bead.clearance.mean > 0 else "overlap"
-        clearances = f"clearance {bead.clearance.min:.3f} to {bead.clearance.max:.3f}"
-        covered = "" if bead.coverage is None else f"; coverage {100 * bead.coverage:.1f} %"
-        table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):.3f} mm", clearances + covered)
+        clearances = f"clearance {bead.clearance.min:z.3f} to {bead.clearance.max:z.3f}"
+        covered = "" if bead.coverage is None else f"; coverage {100 * bead.coverage:z.1f} %"
+        table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):z.3f} mm", clearances + covered)
         if bead.apart_share:
             table.add_row("height map", "in layers", bead.apart_note)
     missing = "excess" if bead.start_shortfall.mean < 0 else "missing"
-    table.add_row("start", f"{abs(bead.start_shortfall.mean):.2f} mm {missing}", "length of nominal bead")
+    table.add_row("start", f"{abs(bead.start_shortfall.mean):z.2f} mm {missing}", "length of nominal bead")
     if bead.stop_excess is not None:
         excess = "missing" if bead.stop_excess.mean < 0 else "excess"
-        table.add_row("stop", f"{abs(bead.stop_excess.mean):.2f} mm {excess}", "length of nominal bead")
-    table.add_row("volume", f"{bead.volume:.4g} mm³", f"{bead.volume_error_percent:+.2f} % of {volume:.4g} requested")
+        table.add_row("stop", f"{abs(bead.stop_excess.mean):z.2f} mm {excess}", "length of nominal bead")
+    table.add_row("volume", f"{bead.volume:.4g} mm³", f"{bead.volume_error_percent:+z.2f} % of {volume:.4g} requested")
     shares = ", ".join(f"{name} {_volume(value, volume)}" for name, value in bead.volume_error_parts.items())
     table.add_row("volume error", f"{_volume(bead.volume_error, volume)} mm³", shares)
     if bead.ridge:
@@ -167,5 +167,4 @@ def _add_bead(table: Table, bead: BeadValues) -> None:
 
 def _volume(value: float, whole: float) -> str:
     """Return a part of a volume, to a hundred-thousandth of the whole."""
-    decimals = max(0, 5 - math.ceil(math.log10(max(whole, 1e-9))))
-    return f"{value:+.{min(decimals, 9)}f}"
+    return f"{value:+z.{decimals_of(whole)}f}"

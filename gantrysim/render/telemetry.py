@@ -78,9 +78,9 @@ class Telemetry:
         return self.run.fault is not None and self.tick(time) == len(self.time) - 1
 
     def error_text(self, tick: int) -> str:
-        """Return the contour error at a tick with its unit, or "off" while the dispenser is off."""
+        """Return the contour error at a tick with its unit, or "no glue" while the dispenser is off."""
         error = self.error[tick]
-        return f"{error:.1f} µm" if np.isfinite(error) else "off"
+        return f"{error:.1f} µm" if np.isfinite(error) else "no glue"
 
     def rms_max_text(self, tick: int) -> str:
         """Return rms and maximum contour error up to a tick with their unit."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from gantrysim.bead import Bead, BeadValues
+from gantrysim.display import decimals_of
 from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
@@ -47,7 +48,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     ]
 
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
-        point = ",\N{NO-BREAK SPACE}".join(f"{value:.1f}".replace("-", "−") for value in part.point)
+        point = ",\N{NO-BREAK SPACE}".join(f"{value:z.1f}".replace("-", "−") for value in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
         return [*labels, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
 
@@ -67,8 +68,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         [
             "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
             "says where on the chain the error lies, as the difference of two traces, not what caused it.",
-            f"Lag of the nozzle along the path, not part of the contour error: {_UM * values.lag.rms:.1f} µm rms, "
-            f"max {_UM * values.lag.max:.1f} µm.",
+            f"Lag of the nozzle along the path, not part of the contour error: {_UM * values.lag.rms:z.1f} µm rms, "
+            f"max {_UM * values.lag.max:z.1f} µm.",
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
         figure=[
@@ -155,15 +156,15 @@ def _bead_facts(values: BeadValues) -> list[tuple[str, str, str]]:
     error = f"{values.volume_error_percent:+z.2f}".replace("-", "−")
     facts = [
         ("Volume laid", f"{values.volume:.4g} mm³", f"{error} % of {values.requested_volume:.4g} mm³ requested"),
-        ("Cross-section", f"{values.section.mean:.3f} mm²", f"nominal {values.nominal:.3f} mm²"),
-        ("Width", f"{values.width.mean:.3f} mm", f"{values.width.min:.3f} to {values.width.max:.3f} mm"),
+        ("Cross-section", f"{values.section.mean:z.3f} mm²", f"nominal {values.nominal:z.3f} mm²"),
+        ("Width", f"{values.width.mean:z.3f} mm", f"{values.width.min:z.3f} to {values.width.max:z.3f} mm"),
     ]
     if values.clearance is not None and values.overlap_share is not None:
         between = "gap" if values.clearance.mean > 0 else "overlap"
-        overlapping = f"turns overlap on {100 * values.overlap_share:.1f} % of their length"
-        covered = "none" if values.coverage is None else f"{100 * values.coverage:.1f} %"
+        overlapping = f"turns overlap on {100 * values.overlap_share:z.1f} % of their length"
+        covered = "none" if values.coverage is None else f"{100 * values.coverage:z.1f} %"
         facts += [
-            (f"Mean {between} between turns", f"{abs(values.clearance.mean):.3f} mm", ""),
+            (f"Mean {between} between turns", f"{abs(values.clearance.mean):z.3f} mm", ""),
             ("Coverage", covered, overlapping),
         ]
     return facts
@@ -196,7 +197,12 @@ def _volumes(values: BeadValues) -> Table:
     }
     volumes = values.volume_error_parts | {"error": values.volume_error}
     return Table(
-        ["part", Column("volume [mm³]", ".4g"), Column("of the requested volume [%]", ".3f"), "description"],
+        [
+            "part",
+            Column("volume [mm³]", f".{decimals_of(values.volume)}f"),
+            Column("of the requested volume [%]", ".3f"),
+            "description",
+        ],
         [
             [name, volume, 100 * volume / values.requested_volume, descriptions[name]]
             for name, volume in volumes.items()

@@ -60,11 +60,10 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
 def _gains(machine: Machine, servo: Servo) -> Table:
     laws = (one for one in LAW_PARAMETERS if any(getattr(servo, one.name)))
     shown = (*GAINS, *(one for one in NOTCH if any(servo.notch_frequency)), *laws)
-    rows = [
-        [axis.name, axis.unit, *(getattr(servo, one.name)[a] for one in shown)] for a, axis in enumerate(machine.axes)
-    ]
-    columns = [Column(f"{one.name} [{one.unit}]" if one.unit else one.name) for one in shown]
-    return Table(["axis", "u", *columns], rows, "Gains")
+    # a row for each gain: with a column for each, the table would be wider than the page
+    rows = [[gain.name, gain.unit, *getattr(servo, gain.name)] for gain in shown]
+    columns = [Column(f"{axis.name} [{axis.unit}]") for axis in machine.axes]
+    return Table(["gain", "unit", *columns], rows, "Gains")
 
 
 def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:

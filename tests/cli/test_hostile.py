@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 
 import pytest
 
@@ -189,3 +190,50 @@ def test_name_and_unit_of_a_head(head):
     from gantrysim.heads import name_and_unit
 
     assert name_and_unit(head) == HEADS[head]
+
+
+def test_no_help_loses_a_unit_in_brackets():
+    """The command's help is markup, in which [mm] without a backslash is a tag and vanishes."""
+    from typer.main import get_command
+
+    from gantrysim.cli.main import app
+
+    commands = list(get_command(app).commands.values())
+    commands += [command for group in commands for command in getattr(group, "commands", {}).values()]
+    options = [(command.name, option) for command in commands for option in command.params]
+    assert len(options) > 50
+    for name, option in options:
+        assert not re.findall(r"(?<!\\)\[[^\]]*\]", getattr(option, "help", None) or ""), (name, option.name)
+
+
+@pytest.mark.parametrize("command", [("run",), ("study", "circle"), ("compare",), ("study", "laws")])
+def test_the_help_of_a_command_shows_units(gantrysim_command, command):
+    _, output, _ = gantrysim_command(*command, "--help")
+    assert ("[kg]" if "laws" in command else "[mm]") in output
+
+
+def test_a_volume_of_rounding_is_shown_as_zero():
+    from gantrysim.cli.tables import _volume
+
+    assert [_volume(value, 242.3) for value in (2.842e-14, -1.6e-7, -0.37)] == ["+0.00", "+0.00", "-0.37"]
+
+
+@pytest.mark.parametrize("size", [(100.0, 60.0), (100.0, 50.0), (50.0, 100.0), (100.0, 10.0)])
+def test_the_title_of_a_plan_lies_on_its_sheet(size):
+    from gantrysim import Machine
+    from gantrysim.controllers.paths.chain import Chain
+    from gantrysim.controllers.paths.pieces import Line
+    from gantrysim.controllers.setpoints import Setpoints
+    from gantrysim.engine.simulate import perfect_follower
+    from gantrysim.metrics.analysis import Analysis
+    from gantrysim.plots.plan import draw_plan, plan_extent
+    from gantrysim.plots.style import sheet, view_height
+
+    wide, high = size
+    path = Chain([Line((0, 0, 0), (wide, 0, 0)), Line((wide, 0, 0), (wide, high, 0))])
+    analysis = Analysis(perfect_follower(Machine("xy"), Setpoints.along(path, 100, 0.001)))
+    with sheet(7.0, view_height(*plan_extent(analysis), 7.0)) as figure:
+        axes = draw_plan(figure, analysis)
+        figure.canvas.draw()
+        top = axes.title.get_window_extent().y1
+        assert top <= figure.bbox.height

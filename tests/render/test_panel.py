@@ -279,7 +279,7 @@ def test_the_panel_shows_the_values_of_the_tick(panel, telemetry, time):
     for text in (*right, f"{telemetry.rms[tick]:.0f} / {telemetry.max[tick]:.0f} µm"):
         assert shows(picture, text, letters, INK), text
     assert shows(picture, "small", letters, INK, bold=True)
-    for wrong in (f"{time + 0.01:.2f} s", f"{telemetry.error[tick] + 0.1:.1f} µm", "×2", "off"):
+    for wrong in (f"{time + 0.01:.2f} s", f"{telemetry.error[tick] + 0.1:.1f} µm", "×2", "no glue"):
         assert not shows(picture, wrong, letters, INK), wrong
     assert not shows(panel.picture(time), "×4", letters, INK)
     np.testing.assert_array_equal(picture, panel.picture(time, 4.0))
@@ -296,7 +296,7 @@ def test_only_momentary_parts_change_from_frame_to_frame(panel):
 
 
 def test_while_the_dispenser_is_off_there_is_no_error_to_read(panel, run):
-    assert shows(panel.picture(run.time[-1]), "off", panel.font.size, INK)
+    assert shows(panel.picture(run.time[-1]), "no glue", panel.font.size, INK)
     assert shows(panel.picture(run.time[-1]), f"{run.time[-1]:.2f} s", panel.font.size, INK)
 
 

@@ -29,6 +29,7 @@ _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the evaluated circle, at least: it begins and ends between two reversals [deg]
 _CALM = 0.3  # at full speed before the evaluated circle, at least [s]
 _LEAST_TICKS = 120  # servo periods on the circle, one every 3 deg
+_LARGEST, _FASTEST = 1e6, 1e6  # radius and speed [mm, mm/s]
 _ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 
 
@@ -57,8 +58,8 @@ class CircleStudy(Study):
     plots = ("chart", "deviation")
 
     def __post_init__(self) -> None:
-        positive("radius", self.radius, "mm")
-        positive("speed", self.speed, "mm/s")
+        positive("radius", self.radius, "mm", _LARGEST)
+        positive("speed", self.speed, "mm/s", _FASTEST)
         object.__setattr__(self, "job", self._job())
         period = self.job.built_servo.period
         least = _LEAST_TICKS * self.speed * period / (2 * math.pi)

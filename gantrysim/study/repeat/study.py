@@ -20,6 +20,7 @@ from gantrysim.study.study import Rounds, Study
 
 _UM = 1e3
 _MOST = 10_000  # repeats
+_WIDEST = 1.0  # standard deviation of the logarithm of a friction factor
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class RepeatStudy(Study):
             raise InputError(f"repeats = {self.repeats}: must be at most {_MOST}")
         whole("places", self.places, 2)
         whole("seed", self.seed, 0)
-        at_least("friction", self.friction, 0)
+        at_least("friction", self.friction, 0, most=_WIDEST)  # factors beyond e to the fourth are no friction
 
     @cached_property
     def s(self) -> Floats:
