@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Job, Machine, Servo
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Plant
+from gantrysim.tuning.candidates import TrialResult
+from gantrysim.tuning.objective import RIPPLE, trial_result
 from gantrysim.tuning.servo import servo_toml
 from gantrysim.tuning.space import SPACES, SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability, phase_margin
@@ -238,3 +240,16 @@ def test_a_tuned_servo_is_written_with_a_law_that_has_its_gains(gains, law):
     assert written["law"] == law
     assert written["kp"] == list(servo.kp)
     assert written["ki"] == list(servo.ki)
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        ({"status": "ok", "contour_rms_um": 7.5, RIPPLE: 2.0}, TrialResult(7.5, 0.02)),
+        ({"status": "fault", "fault_time_s": 0.35}, TrialResult(math.inf, math.inf, 0.35)),
+        ({"status": "fault", "fault_time_s": 0.0}, TrialResult(math.inf, math.inf, 0.0)),
+        ({"status": "refused"}, TrialResult(math.inf, math.inf, 0.0)),  # not run at all: behind every fault
+    ],
+)
+def test_the_result_of_a_trial_is_that_of_its_row(row, expected):
+    assert trial_result(row, "contour_rms") == expected
