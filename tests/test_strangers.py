@@ -1,11 +1,24 @@
 """What a stranger does first, each in a fresh process that has imported nothing of gantrysim before."""
 
 import dataclasses
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from gantrysim import Job
+from gantrysim import Job, Machine, Servo, simulate
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.controllers.trio import Basic
+from gantrysim.identify.log import Log
+from gantrysim.identify.plan import excitation
 from gantrysim.job.loading import builtin_jobs
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 TICKS = 200
 LOADED = """
@@ -30,3 +43,104 @@ def test_a_record_of_every_built_in_job_is_loaded(fresh, tmp_path, name):
     path = record.requested
     assert done.error == ""
     assert done.output.split() == [type(path).__name__, repr(path.length), str(TICKS), record.machine]
+
+
+PACKAGE = ROOT / "gantrysim"
+MODULES = sorted(
+    ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for file in PACKAGE.rglob("*.py")
+    if file.stem != "__main__"
+)
+ROOMS = [module for module in MODULES if module.count(".") == 1]
+
+
+@pytest.mark.parametrize(
+    "modules", [ROOMS, pytest.param(MODULES, marks=pytest.mark.soak)], ids=["rooms", "every-module"]
+)
+def test_a_module_is_imported_alone(fresh, tmp_path, modules):
+    assert len(ROOMS) > 30
+    failed = {}
+    for module in modules:
+        done = fresh.run(f"import {module}", tmp_path)
+        if done != (0, "", ""):
+            failed[module] = done
+    assert failed == {}
+
+
+PART = """G21 G90 G64 P0.05
+G0 X0 Y0
+M3
+G1 X10 F3000
+G3 X15 Y5 I0 J5
+G1 Y12
+M5
+M2
+"""
+JOB = """name = "mine"
+machine = "xy"
+[program]
+controller = "trio.MoveSpiral"
+diameter = 14
+turns = 1
+thickness = 5
+speed = 80
+loop_period = 0.02
+[dispenser]
+flow = 100
+"""
+COMMANDS = [
+    line.partition("#")[0].strip()
+    for line in README.partition("## The command")[2].split("```")[1].strip().splitlines()
+]
+# what stands in the README's commands, and in ours instead
+OURS = {"an225": "my-job.toml", "fanuc-spiral": "my-job.toml", "out/an225": "out/mine"}
+QUICK = {
+    "gantrysim run": "--set turns=1 --no-video --no-report",
+    "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report",
+    "gantrysim run my-job.toml --model my-machine.xml": "--no-video",
+    "gantrysim run part.ngc --at 20,-10 --rotate 90": "--no-video --no-report",
+    "gantrysim run an225 --causes": "--no-video --no-report",
+    "gantrysim study loop an225": "--backend threading",
+    "gantrysim tune fanuc-spiral": "--budget 4 --robust 0 --guards 0 --unseen 0 --batch 1 --backend threading",
+    "gantrysim render out/an225 --colour error": "--size 320x240 --fps 5",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(fresh, tmp_path_factory):
+    """Files of one's own, and a run of the job among them."""
+    folder = tmp_path_factory.mktemp("stranger")
+    (folder / "my-job.toml").write_text(JOB)
+    (folder / "part.ngc").write_text(PART)
+    shutil.copy(ROOT / "examples" / "machines" / "belt-gantry.toml", folder / "my-gantry.toml")
+    machine = Machine("xy")
+    (folder / "my-machine.xml").write_text(machine.source.read_text().replace('file="', f'file="{PACKAGE}/models/'))
+    moves = Basic(excitation(machine, "trio")[0]).setpoints(1e-3)
+    position = np.concatenate([np.zeros((100, 1)), moves.position[:3000, :1]])
+    logged = Setpoints(1e-3, ("x",), position, np.ones(len(position), bool), moves.requested)
+    log = Log.of(simulate(machine, Servo.derive(machine.axes), logged))
+    moved = Log(("x",), log.period, log.position[:, :1], log.torque[:, :1], log.held)  # y stands still
+    moved.save(folder / "log.csv", {"x": "mm"})
+    for command in (
+        ("run", "my-job.toml", "--no-video", "--no-report"),
+        ("export", "out/mine", "--out", "trace.csv"),
+    ):
+        done = fresh.command(folder, *command)
+        assert (done.status, done.error) == (0, ""), done
+    return folder
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_the_readme_s_commands_on_files_of_one_s_own(fresh, folder, line):
+    words = [OURS.get(word, word) for word in shlex.split(line)[1:]]
+    done = fresh.command(folder, *words, *QUICK.get(line, "").split())
+    if words[0] == "view" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        assert (done.status, done.output) == (2, "")
+        assert re.fullmatch(r"error: cannot open a window: .*\n", done.error)
+        return
+    assert (done.status, done.error) == (0, "")
+    assert done.output
+
+
+def test_every_quick_option_belongs_to_a_command_of_the_readme():
+    assert QUICK.keys() <= set(COMMANDS)

@@ -84,7 +84,7 @@ def read_log(file: str | Path, machine: Machine, columns: Mapping[str, str] | No
 
     A column is `time`, or the name of an axis with `position`, and with `demand` or `torque`: `x position [mm]`,
     `x_torque`. Without a unit in brackets it is in SI. A position may be in counts of the encoder. Axes without columns
-    are left out; where an axis has both demand and torque, the demand is taken.
+    are left out; where an axis has both demand and torque, the demand is taken. A table of `gantrysim export` is a log.
 
     Args:
         file: of the log.
@@ -97,7 +97,7 @@ def read_log(file: str | Path, machine: Machine, columns: Mapping[str, str] | No
     path = expanded(file)
     try:
         with opened(path) as content, TextIOWrapper(content, encoding="utf-8-sig", newline="") as stream:
-            rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
+            rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row) and not _remark(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"log {file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     try:
@@ -140,6 +140,7 @@ def _heads(row: Sequence[str], machine: Machine, columns: Mapping[str, str]) -> 
     """Return number and unit of the columns by their names."""
     known = ["time", *(f"{axis} {quantity}" for axis in machine.axis_names for quantity in _QUANTITIES)]
     stripped = [cell.strip() for cell in row]
+    exported = _exported(machine)
     heads: dict[str, tuple[int, str]] = {}
     for name, head in columns.items():
         if name not in known:
@@ -150,11 +151,26 @@ def _heads(row: Sequence[str], machine: Machine, columns: Mapping[str, str]) -> 
             raise InputError(f"has no column {head!r} for {name}; it has: {', '.join(stripped)}")
         heads[name] = fitting[0], unit or name_and_unit(stripped[fitting[0]])[1]
     for k, cell in enumerate(stripped):
-        text, unit = name_and_unit(cell)
+        text, unit = exported.get(cell) or name_and_unit(cell)
         name = " ".join(re.split(r"[\s_.]+", text.strip()))
         if name in known and name not in heads:
             heads[name] = k, unit
     return heads
+
+
+def _remark(row: Sequence[str]) -> bool:
+    """Return whether a row is one of the remarks that head a table of `gantrysim export`."""
+    return row[0].lstrip().startswith("#")
+
+
+def _exported(machine: Machine) -> dict[str, tuple[str, str]]:
+    """Return name and unit of the columns of a table of `gantrysim export`, by their heads."""
+    found = {"time_s": ("time", "s")}
+    for axis in machine.plain_axes:
+        found[f"encoder_{axis.name}_{axis.unit}"] = f"{axis.name} position", axis.unit
+        found[f"demand_{axis.name}_Nm"] = f"{axis.name} {DEMAND}", "Nm"
+        found[f"torque_{axis.name}_Nm"] = f"{axis.name} {TORQUE}", "Nm"
+    return found
 
 
 def _column(rows: Sequence[Sequence[str]], number: int, unit: str) -> Floats:

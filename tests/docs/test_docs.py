@@ -1,6 +1,7 @@
 """README and docs: their code runs, their numbers are those of the program, their links lead to files."""
 
 import ast
+import builtins
 import json
 import math
 import re
@@ -57,17 +58,43 @@ def an225():
     return job_run("an225")
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if "```python" in PAGES[name]])
-def test_python_blocks_run_one_after_the_other(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    names = {}
-    for block in blocks(PAGES[name], "python"):
-        exec(compile(textwrap.dedent(block), name, "exec"), names)
-    if "run" in names:
-        assert names["run"].fault is None
+def names_in(block):
+    """Names that a block of Python uses before it has them, and those that it leaves behind."""
+    nodes = list(ast.walk(ast.parse(block)))
+    names = [node for node in nodes if isinstance(node, ast.Name)]
+    made = {name.id for name in names if isinstance(name.ctx, ast.Store)}
+    made |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    made |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    for node in nodes:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            made |= {name.asname or name.name.partition(".")[0] for name in node.names}
+    return {name.id for name in names if isinstance(name.ctx, ast.Load)} - made - set(dir(builtins)), made
+
+
+def examples(page):
+    """The blocks of Python of a page, each after those that make the names that it uses."""
+    made, whole = {}, []  # the example that makes each name
+    for block in map(textwrap.dedent, blocks(page, "python")):
+        used, new = names_in(block)
+        before = dict.fromkeys(part for name in sorted(used) for part in made[name])
+        example = [*before, block]
+        made |= dict.fromkeys(new, example)
+        whole.append("\n".join(example))
+    return whole
+
+
+EXAMPLES_OF_PAGES = [(name, code) for name in PAGES for code in examples(PAGES[name])]
+
+
+@pytest.mark.parametrize(
+    ("name", "code"), EXAMPLES_OF_PAGES, ids=[f"{name}-{number}" for number, (name, _) in enumerate(EXAMPLES_OF_PAGES)]
+)
+def test_python_blocks_run_in_a_fresh_process(name, code, fresh, tmp_path):
+    done = fresh.run(f"{code}\nassert 'run' not in globals() or run.fault is None\n", tmp_path)
+    assert (done.status, done.error) == (0, "")
     if name == "README.md":  # what it prints stands below it
         shown = blocks(README, "")[0]
-        printed = capsys.readouterr().out
+        printed = done.output
         assert re.sub(r"-?[\d.]+ *", "", shown).split() == re.sub(r"-?[\d.]+ *", "", printed).split()
         numbers = [[float(number) for number in re.findall(r"-?\d+\.\d+", text)] for text in (shown, printed)]
         assert numbers[0] == pytest.approx(numbers[1], rel=SHOWN, abs=SHOWN_LEAST)

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim import InputError, Machine
+from gantrysim import InputError, Machine, Servo, simulate
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.exchange.tables import export
 from gantrysim.identify.log import Log, read_log
 
 MACHINE = Machine("xy")
@@ -67,6 +69,17 @@ def test_columns_of_any_name(tmp_path):
         read_log(file, MACHINE, {"x position": "MPOS"})
     with pytest.raises(InputError, match="unknown column 'z position': did you mean y position"):
         read_log(file, MACHINE, {"z position": "DAC"})
+
+
+def test_a_table_that_export_writes_is_a_log(tmp_path):
+    run = simulate(MACHINE, Servo.derive(MACHINE.axes), MoveSpiral(24, 1, 5, 80))
+    export(run, tmp_path / "run.csv", "csv")
+    log, expected = read_log(tmp_path / "run.csv", MACHINE), Log.of(run)
+    assert log.axes == expected.axes
+    assert log.held
+    assert log.period == pytest.approx(expected.period)
+    np.testing.assert_allclose(log.position, expected.position, atol=1e-12)
+    np.testing.assert_allclose(log.torque, expected.torque, atol=1e-12)
 
 
 @settings(deadline=None, max_examples=20)
