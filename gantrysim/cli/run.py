@@ -30,6 +30,10 @@ def run(
     causes: Annotated[
         bool, typer.Option("--causes", help="Run the job again with one cause of error at a time switched off.")
     ] = False,
+    repeat: Annotated[
+        int | None,
+        typer.Option(help="Run the job so many times with other zeros of its encoders; print the figures' scatter."),
+    ] = None,
     controller: Reader = None,
     speed: Speed = None,
     at: At = None,
@@ -44,6 +48,10 @@ def run(
     is run again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and
     the change of the error is what that cause is worth.
 
+    Axes that stick and slip do so by where their encoders' counts fall: figures scatter from one start of the machine
+    to the next. With --repeat, the job is run again with the zeros anywhere within a count, and a table gives mean and
+    standard deviation of the figures beside those of the job.
+
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
     input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
@@ -51,6 +59,7 @@ def run(
     from gantrysim.job.cost import computing_time
     from gantrysim.job.job import Job
     from gantrysim.job.losses import events
+    from gantrysim.job.scatter import check_repeats
     from gantrysim.job.steps import run_notes
     from gantrysim.memory import LONG
     from gantrysim.report.folder import output_folder, write_fault
@@ -68,6 +77,8 @@ def run(
     loaded.check_fit()
     if causes:
         check_causes(loaded)
+    if repeat is not None:
+        check_repeats(loaded, repeat)
     folder = out if out is not None else Path("out") / loaded.name
     shown: list[Callable[[], None]] = []
     failed: list[str] = []
@@ -83,7 +94,15 @@ def run(
                 say(event, wrap=True)
         else:
             shown = _evaluated(
-                scratch, loaded, record, go_on, failed, causes=causes, video=video, with_report=with_report
+                scratch,
+                loaded,
+                record,
+                go_on,
+                failed,
+                causes=causes,
+                repeat=repeat,
+                video=video,
+                with_report=with_report,
             )
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     for show_one in shown:
@@ -115,6 +134,7 @@ def _evaluated(
     failed: list[str],
     *,
     causes: bool,
+    repeat: int | None,
     video: bool,
     with_report: bool,
 ) -> list[Callable[[], None]]:
@@ -123,17 +143,19 @@ def _evaluated(
     A plot, video or report that fails is told in `failed`; the rest is written.
     """
     from gantrysim.bead import Bead
-    from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table
+    from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table
     from gantrysim.job.causes import causes_of
     from gantrysim.job.losses import Losses
+    from gantrysim.job.scatter import scatter_of, scatters
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.metrics.budget import Budget
     from gantrysim.plots import save_plots
     from gantrysim.render import NoOpenGLError, save_video
     from gantrysim.render.encoding import NoEncoderError
-    from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run
+    from gantrysim.report.folder import PLOTS, REPORT, SUMMARY, VIDEO, write_run
     from gantrysim.report.headline import headline
     from gantrysim.report.page import write_run_page
+    from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
 
     machine, analysis = job.built_machine, Analysis(record)
     budget = Budget(analysis)
@@ -149,6 +171,11 @@ def _evaluated(
             healthy = job.without_faults().run(advance)
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     write_run(scratch, job, machine, budget, laid, found, losses)
+    scatter = None
+    if repeat is not None and record.fault is None:
+        with share_bar("repeat", go_on) as advance:
+            scatter = scatter_of(job, repeat, record=record, progress=advance)
+        add_to_summary(scratch / SUMMARY, scatter)
 
     @contextmanager
     def optional(kind: str) -> Iterator[None]:
@@ -171,6 +198,11 @@ def _evaluated(
     if found is not None:
         table = causes_table(found)
         shown.append(lambda: show(table))
+    if scatter is not None:
+        spread = scatter_table(scatter)
+        shown.append(lambda: show(spread))
+    elif record.fault is None and scatters(job):
+        shown.append(lambda: say(SCATTER_NOTE, wrap=True))
     shown.append(lambda: show(outcome_table(record, analysis.values, laid, job.margins)))
     shown.append(lambda: say(headline(budget), wrap=True))
     if video:
@@ -178,5 +210,7 @@ def _evaluated(
             save_video(machine, record, scratch / VIDEO, bead=bead, label=job.name, progress=advance)
     if with_report:
         with optional("report"), share_bar("report", go_on) as advance:
-            write_run_page(scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses, budget)
+            write_run_page(
+                scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses, budget, scatter
+            )
     return shown

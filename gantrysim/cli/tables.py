@@ -13,10 +13,13 @@ from gantrysim.job.causes import TITLE, Causes, cell_text
 from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
+from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.parts import CORNER, PartValues
+from gantrysim.report.scatter import HEADS, remark_of, rows_of
+from gantrysim.report.scatter import TITLE as SCATTER
 from gantrysim.run import Run
 from gantrysim.stability.margins import NO_LOOP, Margins
 
@@ -55,6 +58,16 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:z.2f} s, x = {x:z.1f}, y = {y:z.1f} mm"
     table.caption_justify = "left"
+    return table
+
+
+def scatter_table(scatter: Scatter) -> Table:
+    """Return the scatter of a job's figures, a row per figure."""
+    table = Table(title=escape(SCATTER), title_justify="left", caption=remark_of(scatter), caption_justify="left")
+    for head in HEADS:
+        table.add_column(head, justify="left" if head in HEADS[:2] else "right", no_wrap=True)
+    for row in rows_of(scatter):
+        table.add_row(*map(escape, row))
     return table
 
 

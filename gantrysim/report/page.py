@@ -10,6 +10,7 @@ from gantrysim.bead import Bead
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
+from gantrysim.job.scatter import Scatter
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import AnalysisValues
@@ -17,6 +18,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.report.causes import causes_section
 from gantrysim.report.document import Section, Table, write_page
 from gantrysim.report.headline import headline
+from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
     budget_section,
@@ -41,19 +43,20 @@ def write_run_page(
     causes: Causes | None = None,
     losses: Losses | None = None,
     budget: Budget | None = None,
+    scatter: Scatter | None = None,
 ) -> None:
     """Write the report of a run as one HTML file.
 
-    It includes the MP4 file `video` where it exists, the causes of the error where they are given, and the faults on
-    purpose with their `losses`; `progress` is called with the completed share. A `budget` that is given is not computed
-    again.
+    It includes the MP4 file `video` where it exists, the causes of the error where they are given, the faults on
+    purpose with their `losses`, and the `scatter` of the figures; `progress` is called with the completed share. A
+    `budget` that is given is not computed again.
     """
     run = bead.run
     write_page(
         file,
         f"{job.name} on {machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(job, machine, bead, None if video is None else Path(video), causes, losses, budget)),
+        list(run_sections(job, machine, bead, None if video is None else Path(video), causes, losses, budget, scatter)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
@@ -67,6 +70,7 @@ def run_sections(
     causes: Causes | None = None,
     losses: Losses | None = None,
     budget: Budget | None = None,
+    scatter: Scatter | None = None,
 ) -> Iterator[Section]:
     """Yield the sections of a run's report, see `write_run_page`."""
     analysis = bead.analysis
@@ -77,6 +81,8 @@ def run_sections(
     yield budget_section(budget, machine)
     if causes is not None:
         yield causes_section(causes)
+    if scatter is not None:
+        yield scatter_section(scatter)
     yield plan_section(analysis)
     if analysis.spacing.distance.size:
         yield spacing_section(analysis)

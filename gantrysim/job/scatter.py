@@ -1,0 +1,204 @@
+"""Scatter of a job's figures with the zeros of its encoders.
+
+A machine is switched on at any place within a count of its encoders. With Coulomb friction the axes stick and slip, and
+what they do depends on where a count falls: the figures of a job are one draw from a distribution. Runs whose zeros
+differ by less than a count give its mean and standard deviation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.bead import Bead
+from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.engine.batch import simulate_batch
+from gantrysim.engine.positions import axis_positions
+from gantrysim.errors import InputError, whole
+from gantrysim.job.job import Job
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.run import Run
+
+_TOGETHER = 8  # runs in memory at a time
+_MOST = 1000  # repeats
+_UM = 1e3
+_SIZES = ("rms", "p95", "max")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a job and its scatter, in its own unit.
+
+    Attributes:
+        unit: of all values.
+        nominal: of the job itself.
+        mean: over the repeats.
+        std: standard deviation of the repeats, of a sample.
+        low, high: smallest and largest of the repeats.
+        count: number of repeats.
+    """
+
+    unit: str
+    nominal: float
+    mean: float
+    std: float
+    low: float
+    high: float
+    count: int
+
+    @classmethod
+    def of(cls, unit: str, nominal: float, values: Floats) -> Figure:
+        """Return the figure of a nominal value and those of the repeats, (n,)."""
+        return cls(
+            unit,
+            nominal,
+            float(values.mean()),
+            float(values.std(ddof=1)),
+            float(values.min()),
+            float(values.max()),
+            values.size,
+        )
+
+    @property
+    def mean_error(self) -> float:
+        """Standard error of the mean."""
+        return self.std / math.sqrt(self.count)
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Scatter of the figures of a job.
+
+    Attributes:
+        figures: by name, such as "contour rms" or "bead width".
+        repeats: number of runs.
+        seed: of the zeros.
+        counts: by axis, the count of its encoder within which its zero varies [mm or deg].
+        faults: number of repeats that ended in a fault; they are in no figure.
+    """
+
+    figures: Mapping[str, Figure]
+    repeats: int
+    seed: int
+    counts: Mapping[str, float]
+    faults: int
+
+
+def scatter_of(
+    job: Job, repeats: int, seed: int = 0, record: Run | None = None, progress: Callable[[float], None] | None = None
+) -> Scatter:
+    """Run a job several times with other zeros of its encoders, and return the scatter of its figures.
+
+    Args:
+        job: the job.
+        repeats: number of runs, 2 to 1000.
+        seed: of the zeros, which are uniform within half a count to both sides.
+        record: the record of the job itself, if there is one already.
+        progress: called with the completed share, 0 to 1.
+
+    Raises:
+        InputError: too few or too many repeats, a machine whose encoders have no counts, or fewer than two repeats
+            without a fault.
+    """
+    check_repeats(job, repeats)
+    nominal = figures_of(job, job.run() if record is None else record)
+    counts = _counts(job)
+    zeros = counts * np.random.default_rng(seed).uniform(-0.5, 0.5, (repeats, counts.size))
+    values = []
+    for first in range(0, repeats, _TOGETHER):
+        part = zeros[first : first + _TOGETHER]
+        runs = simulate_batch(
+            [job.built_machine.perturbed(Perturbation(home_offset=tuple(-zero))) for zero in part],
+            job.built_servo,
+            [_moved(job, zero) for zero in part],
+            physics_step=job.simulation.physics_step,
+            dispenser=job.dispenser,
+            faults=job.faults,
+        )
+        runs = [_moved_back(job, run, zero) for run, zero in zip(runs, part, strict=True)]
+        values += [figures_of(job, run) for run in runs if run.fault is None]
+        if progress is not None:
+            progress(min(first + _TOGETHER, repeats) / repeats)
+    if len(values) < 2:
+        raise InputError(f"repeat: {repeats - len(values)} of {repeats} runs ended in a fault, at least 2 must not")
+    figures = {
+        name: Figure.of(unit, value, np.array([repeat[name][1] for repeat in values]))
+        for name, (unit, value) in nominal.items()
+        if all(name in repeat for repeat in values)
+    }
+    names = job.built_machine.axis_names
+    return Scatter(figures, repeats, seed, dict(zip(names, counts.tolist(), strict=True)), repeats - len(values))
+
+
+def _counts(job: Job) -> Floats:
+    """Return the counts of the encoders of the axes that the program moves, 0 for others, (axes,) [mm or deg]."""
+    counts = np.array(job.built_servo.resolution, float)
+    counts[np.ptp(axis_positions(job.built_machine, job.setpoints), axis=0) == 0] = 0.0
+    return counts
+
+
+def _moved(job: Job, zero: Floats) -> Setpoints:
+    """Return the setpoints moved against the counts by the zeros, (axes,) [mm or deg].
+
+    Between them and the counts is all that a zero changes; the machine's home offset moves its true axes back.
+    """
+    machine, setpoints = job.built_machine, job.setpoints
+    names = machine.axis_names
+    if set(setpoints.axes) <= set(names):
+        shift = [zero[names.index(name)] for name in setpoints.axes]
+        return replace(setpoints, position=setpoints.position + shift)
+    # the program moves coordinates, the zeros are of the axes
+    return replace(setpoints, axes=names, position=axis_positions(machine, setpoints) + zero)
+
+
+def _moved_back(job: Job, run: Run, zero: Floats) -> Run:
+    """Return the record with commands, encoders and motors in the coordinates of the job."""
+    tip = job.built_machine.tip
+    moved = {name: getattr(run, name) - zero for name in ("commanded", "encoder", "motor")}
+    tips = {f"{name}_tip": tip(position) for name, position in moved.items()}
+    if run.geometric_tip is not None:
+        tips["geometric_tip"] = run.geometric_tip + tips["motor_tip"] - run.motor_tip
+    return run.replaced(**moved, **tips)
+
+
+def check_repeats(job: Job, repeats: int) -> None:
+    """Raise InputError for a number of repeats out of its bounds, or a job whose encoders have no counts."""
+    if whole("repeat", repeats, 2) > _MOST:
+        raise InputError(f"repeat = {repeats:g}: must be at most {_MOST}")
+    if not _counts(job).any():
+        raise InputError(
+            f"repeat: the encoders of machine {job.built_machine.name} have no counts within which their zeros could "
+            "vary: all runs would be equal; leave it out"
+        )
+
+
+def scatters(job: Job) -> bool:
+    """Whether the figures of a job depend on its encoders' zeros: an axis has both counts and Coulomb friction."""
+    axes = job.built_machine.plain_axes
+    return any(count > 0 and axis.coulomb > 0 for count, axis in zip(_counts(job), axes, strict=True))
+
+
+def figures_of(job: Job, run: Run) -> dict[str, tuple[str, float]]:
+    """Return the figures of a run whose scatter counts: by name the unit and the value."""
+    return dict(_figures(job, run))
+
+
+def _figures(job: Job, run: Run) -> Iterator[tuple[str, tuple[str, float]]]:
+    analysis = Analysis(run)
+    values = Budget(analysis).values
+    for name, part in (("contour", values.contour), *values.parts.items()):
+        for size in _SIZES:
+            yield f"{name} {size.replace('p95', '95 %')}", ("µm", _UM * getattr(part, size))
+    bead = Bead(run, job.bead, analysis)
+    if not bead.nominal > 0:
+        return
+    yield "bead width", ("mm", float(bead.width[bead.dispensing].mean()))
+    yield "volume error", ("%", bead.volume_error_percent)
+    if analysis.spacing.distance.size:
+        yield "clearance of turns", ("mm", float(bead.clearance().mean()))

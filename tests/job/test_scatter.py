@@ -1,0 +1,116 @@
+"""Scatter of a job's figures with the zeros of its encoders."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gantrysim as gs
+from gantrysim.errors import InputError
+from gantrysim.job.job import Job
+from gantrysim.job.scatter import Figure, check_repeats, figures_of, scatter_of, scatters
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.report.scatter import decimals_of, rows_of
+
+UM = 1e3
+
+
+@pytest.fixture(scope="module")
+def job():
+    return Job.load("trio-basic")
+
+
+@pytest.fixture(scope="module")
+def scatter(job):
+    return scatter_of(job, 10, seed=1)
+
+
+def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
+    contour = scatter.figures["contour rms"]
+    assert contour.nominal == pytest.approx(6.29, abs=0.01)
+    assert contour.mean == pytest.approx(6.56, abs=0.3)
+    assert 0.1 < contour.std < 0.5
+    assert contour.low < contour.mean < contour.high
+    assert contour.mean_error == contour.std / math.sqrt(10)
+    assert scatter.figures["generation max"].std == pytest.approx(0.0, abs=1e-9)  # of the program: no zero changes it
+    assert scatter.figures["bead width"].std < 1e-3
+    assert scatter.faults == 0
+    assert scatter.counts == {"x": pytest.approx(1e-3), "y": pytest.approx(1e-3)}
+
+
+def test_the_figures_are_those_of_the_runs(job):
+    """One by one, with the zeros of the seed; the links still add up, and no zero displaces the nozzle."""
+    found = scatter_of(job, 2, seed=5)
+    counts = np.array(job.built_servo.resolution)
+    zeros = counts * np.random.default_rng(5).uniform(-0.5, 0.5, (2, 2))
+    contours = []
+    for zero in zeros:
+        moved = replace(job.setpoints, position=job.setpoints.position + zero)
+        machine = job.built_machine.perturbed(Perturbation(home_offset=tuple(-zero)))
+        run = gs.simulate(machine, job.built_servo, moved, dispenser=job.dispenser)
+        np.testing.assert_allclose(run.nozzle[0, :2], run.requested.position(0.0)[0, :2], atol=1e-3)
+        contours.append(UM * gs.Budget(run).values.contour.rms)
+    assert found.figures["contour rms"].mean == pytest.approx(np.mean(contours), rel=1e-9)
+    assert found.figures["contour rms"].std == pytest.approx(np.std(contours, ddof=1), rel=1e-6)
+
+
+def test_the_same_seed_gives_the_same_scatter_and_another_one_another(job, scatter):
+    assert scatter_of(job, 10, seed=1) == scatter
+    assert scatter_of(job, 10, seed=2).figures["contour rms"] != scatter.figures["contour rms"]
+
+
+def test_quantisation_stays_within_a_count(scatter):
+    """Encoder against motor: at most half a count of both axes and what the motor moves between samples."""
+    assert scatter.figures["measurement max"].high < 1.6
+    assert scatter.figures["structure rms"].mean < 0.3
+
+
+def test_axes_that_are_no_coordinates_of_the_nozzle_scatter_too():
+    job = Job.load("delta-arc")
+    scatter = scatter_of(job, 3)
+    assert scatter.figures["contour rms"].std > 0
+    assert scatter.figures["contour rms"].mean == pytest.approx(scatter.figures["contour rms"].nominal, rel=0.1)
+
+
+def test_what_cannot_scatter_is_refused_in_one_line(job):
+    for repeats in (1, 0, -3):
+        with pytest.raises(InputError, match=r"repeat = .*: must be at least 2"):
+            check_repeats(job, repeats)
+    with pytest.raises(InputError, match="repeat = 1001: must be at most 1000"):
+        check_repeats(job, 1001)
+    assert scatters(job)
+
+
+def test_the_table_has_no_more_digits_than_the_figures():
+    values = 10.0 + np.array([-0.3, 0.3, 0.0, 0.1, -0.1])
+    figure = Figure.of("µm", 10.12345, values)
+    assert figure.mean == pytest.approx(10.0)
+    assert decimals_of(figure) == 1
+    assert decimals_of(Figure.of("mm", 4.0, 4.0 + 1e-6 * values)) == 3
+    assert decimals_of(Figure.of("µm", 800.0, 100.0 * values)) == 0
+
+
+def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_command, tmp_path):
+    status, printed, _ = gantrysim_command(
+        "run", "softmc-arc", "--out", tmp_path / "out", "--no-video", "--repeat", "3"
+    )
+    assert status == 0
+    assert "Scatter with the zeros of the encoders" in printed
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    figure = summary["scatter"]["figures"]["contour rms"]
+    assert summary["scatter"]["repeats"] == 3
+    assert set(figure) == {"unit", "nominal", "mean", "mean_error", "std", "min", "max"}
+    assert figure["nominal"] == pytest.approx(summary["error_budget"]["contour"]["rms_um"])
+    assert "Scatter with the zeros of the encoders" in (tmp_path / "out" / "report.html").read_text()
+    status, printed, _ = gantrysim_command("run", "softmc-arc", "--out", tmp_path / "b", "--no-video", "--no-report")
+    assert "--repeat 16" in " ".join(printed.split())
+    assert "scatter" not in json.loads((tmp_path / "b" / "summary.json").read_text())
+
+
+def test_figures_of_a_run_are_named_with_their_units(job):
+    figures = figures_of(job, job.run())
+    assert figures["contour max"][0] == "µm"
+    assert figures["volume error"][0] == "%"
+    assert len(rows_of(scatter_of(job, 2))) <= len(figures)
