@@ -2,7 +2,10 @@
 
 New files are written to a hidden folder beside the old ones. A single file then takes its place in one step. The files
 of a folder cannot: the hidden folder gets a name that says it is complete, the old files are moved into it, then the
-new ones out of it. So old and new files never lie side by side, and the next command completes what was cut short.
+new ones out of it. So old and new files never lie side by side, and the next command that writes to the folder
+completes what was cut short. A command that only reads changes nothing: it waits, or says what is left.
+
+A folder may come from elsewhere, and its files with it: a link in it leads nothing that is written out of it.
 """
 
 from __future__ import annotations
@@ -20,6 +23,17 @@ from typing import BinaryIO
 
 from gantrysim.errors import InputError, expanded
 from gantrysim.signals import deferred
+from gantrysim.swap import (
+    NAMES,
+    NEW,
+    PARTIAL,
+    SWAP,
+    complete_swap,
+    has_real_parents,
+    is_of_this_user,
+    open_regular,
+    pending,
+)
 
 try:
     import fcntl
@@ -27,9 +41,6 @@ except ImportError:  # Windows: nothing is locked, and what a killed command lef
     fcntl = None  # type: ignore[assignment]
 
 LOCK = ".gantrysim-lock"
-PARTIAL = ".gantrysim-partial-"  # prefix of a hidden folder of new files that are being written
-SWAP = ".gantrysim-complete"  # hidden folder of new files that are complete
-_NEW, _OLD, _NAMES = "new", "old", "names.json"
 _PATIENCE = 2.0  # of a reader, with a folder whose files are being replaced [s]
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
@@ -43,7 +54,7 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a file in a hidden folder that replaces a file on success, in one step, and is removed otherwise.
 
     Raises:
-        InputError: a folder, no regular file, or a file that cannot be written.
+        InputError: a folder, no regular file, a link to a file in another folder, or a file that cannot be written.
     """
     target = _writable(file)
     kept = f"; the earlier {target.name} is kept" if target.exists() else ""
@@ -73,25 +84,27 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
     names = list(names)
     kept = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
     with _written(label, kept, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
-        (scratch / _NEW).mkdir()
-        yield scratch / _NEW
+        (scratch / NEW).mkdir()
+        yield scratch / NEW
         check_free(folder, names, label)
-        (scratch / _NAMES).write_text(json.dumps(names), encoding="utf-8")
-        _to_disk(_files(scratch))
+        (scratch / NAMES).write_text(json.dumps(names), encoding="utf-8")
+        _to_disk(file for file in scratch.rglob("*") if not file.is_dir())
         with deferred():
             scratch.rename(folder / SWAP)
-            _swap(folder)
+            complete_swap(folder, own=True)
             done.append(True)
 
 
 def check_free(folder: Path, names: Iterable[str], label: str) -> None:
-    """Raise InputError where a folder stands in the place of a file that is to be written, or the reverse."""
+    """Raise InputError where a folder stands in the place of a file to be written, or a file or link in a folder's."""
     for name in names:
         if (folder / name).is_dir():
             raise InputError(f"{label}: {name} in it is a folder, must be a file: move it away")
         parent = (folder / name).parent
         if parent != folder and parent.exists() and not parent.is_dir():
             raise InputError(f"{label}: {parent.name} in it is a file, must be a folder: move it away")
+        if not has_real_parents(folder, name):
+            raise InputError(f"{label}: {parent.name} in it is a link, must be a folder: move it away")
 
 
 @contextmanager
@@ -102,7 +115,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
     it is completed or removed.
 
     Raises:
-        InputError: in use by another command, or not to be written to.
+        InputError: in use by another command, or not to be written to; or hidden files that no command can have left.
     """
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     lock = folder / LOCK
@@ -113,7 +126,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
                 folder.mkdir(parents=True, exist_ok=True)
                 if fcntl is not None:
                     stream = _locked(lock)
-                _swap(folder)
+                complete_swap(folder)
                 _sweep(folder)
         except BlockingIOError:
             raise InputError(f"{label}: in use by another command") from None
@@ -131,27 +144,42 @@ def held(folder: Path, label: str) -> Iterator[None]:
                     parent.rmdir()
 
 
-def settle(folder: Path, label: str) -> None:
-    """Complete the replacement of files in a folder if a killed command has left it half done.
+def complete(folder: Path, label: str) -> None:
+    """Complete what a killed command has left in a folder that is about to be written to.
 
     Raises:
-        InputError: it cannot be completed.
+        InputError: as `held`.
+    """
+    if pending(folder):
+        with held(folder, label):
+            pass
+
+
+def check_whole(folder: Path, label: str) -> None:
+    """Wait while a command replaces the files of a folder; change nothing.
+
+    Raises:
+        InputError: they stay half replaced, as a command was killed.
     """
     until = time.monotonic() + _PATIENCE
-    while (folder / SWAP).exists():
-        try:
-            with held(folder, label):
-                return
-        except InputError:  # in use: a command is replacing them now
-            if time.monotonic() > until:
-                raise
-            time.sleep(0.01)
+    while pending(folder):
+        if time.monotonic() > until:
+            raise InputError(
+                f"{label}: a killed command has left its new files in {folder / SWAP}, not yet in place: any command "
+                f"that writes to the folder puts them there, as gantrysim run JOB --out {folder}"
+            )
+        time.sleep(0.01)
 
 
 def _writable(file: str | os.PathLike[str]) -> Path:
     target = expanded(file).absolute()
     if target.is_symlink():
-        target = target.resolve()
+        beside = target.parent.resolve()
+        target = Path(os.path.realpath(target))
+        if not target.is_relative_to(beside):
+            raise InputError(
+                f"file {file}: is a link to {target}, in another folder: name that file, or remove the link"
+            )
     if target.is_dir():
         raise InputError(f"file {file}: is a folder")
     if target.exists() and not target.is_file():
@@ -195,7 +223,7 @@ def _sweep(folder: Path) -> None:
     """Remove the hidden folders of processes that no longer exist."""
     for scratch in folder.glob(f"{PARTIAL}*"):
         if fcntl is not None:
-            with suppress(OSError), _claimed(scratch):
+            with suppress(OSError, RecursionError), _claimed(scratch):
                 shutil.rmtree(scratch, ignore_errors=True)
 
 
@@ -206,19 +234,22 @@ def _claimed(scratch: Path, *, own: bool = False) -> Iterator[None]:
     Raises:
         BlockingIOError: another process has locked it.
         FileNotFoundError: it is gone.
-        OSError: a file system without locks, unless it is our own.
+        OSError: no folder but a link, or that of another user; a file system without locks, unless it is our own.
     """
     if fcntl is None:
         yield
         return
-    number = os.open(scratch, os.O_RDONLY)
+    number = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
+        if not own and not is_of_this_user(os.fstat(number)):
+            raise PermissionError(errno.EPERM, "belongs to another user", str(scratch))
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             if not own or isinstance(error, BlockingIOError):
                 raise
-        scratch.stat()
+        if not os.path.samestat(os.fstat(number), scratch.lstat()):
+            raise FileNotFoundError(errno.ENOENT, "is another folder by now", str(scratch))
         yield
     finally:
         os.close(number)
@@ -229,9 +260,10 @@ def _locked(file: Path) -> BinaryIO:
 
     Raises:
         BlockingIOError: another process has locked it.
+        OSError: a link, or no regular file.
     """
     while True:
-        stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o666), "r+b")
+        stream = open_regular(file, write=True)
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -240,55 +272,9 @@ def _locked(file: Path) -> BinaryIO:
         except OSError:  # a file system without locks
             return stream
         with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(stream.fileno()), file.stat()):
+            if os.path.samestat(os.fstat(stream.fileno()), file.lstat()):
                 return stream
         stream.close()  # its owner has deleted it between the two calls
-
-
-def _swap(folder: Path) -> None:
-    """Move the old files of a held folder away and the complete new ones in; continue where a killed process stopped.
-
-    The list of names says that old files are left. While it is there, an error moves them back.
-
-    Raises:
-        OSError: an old file cannot be moved; all are kept, and the new files are removed.
-        InputError: a new file cannot be moved; all are kept.
-    """
-    swap = folder / SWAP
-    names, new, old = swap / _NAMES, swap / _NEW, swap / _OLD
-    if not swap.exists():
-        return
-    if names.exists():
-        listed = json.loads(names.read_text(encoding="utf-8"))
-        try:
-            for name in listed:
-                if os.path.lexists(folder / name):
-                    _move(folder / name, old / name)
-        except OSError:
-            for file in _files(old):
-                _move(file, folder / file.relative_to(old))
-            shutil.rmtree(swap)
-            raise
-        names.unlink()
-        for parent in {(folder / name).parent for name in listed} - {folder}:
-            with suppress(OSError):  # other files are in it, or it never was
-                parent.rmdir()
-    try:
-        for file in _files(new):
-            _move(file, folder / file.relative_to(new))
-    except OSError as error:
-        text = f"{folder}: cannot be written: {error.strerror}; the new files are in {new}, the earlier ones in {old}"
-        raise InputError(text) from None
-    shutil.rmtree(swap)
-
-
-def _files(folder: Path) -> list[Path]:
-    return [file for file in folder.rglob("*") if not file.is_dir()]
-
-
-def _move(file: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    file.rename(target)
 
 
 def _to_disk(files: Iterable[Path]) -> None:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 from pydantic import BaseModel, ValidationError
 
 from gantrysim.errors import InputError, nearest
-from gantrysim.files import settle
+from gantrysim.files import check_whole
 from gantrysim.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
@@ -42,7 +42,8 @@ def read_text(file: Path, errors: str = "strict") -> str:
 
 def read_toml(file: Path, label: str) -> dict[str, Any]:
     """Return the content of a TOML file."""
-    settle(file.parent, label)
+    if not file.exists():
+        check_whole(file.parent, label)
     try:
         text = read_text(file)
     except FileNotFoundError:

@@ -3,7 +3,7 @@
 python scripts/soak.py [ARGUMENT OF PYTEST ...]
 
 It runs the tests marked soak. With arguments, which may leave some out, the rows of the others stay as they are; so do
-those of attacks that an interrupt cuts short.
+those of attacks that an interrupt cuts short. The sections below the table, which people write, stay too.
 """
 
 import signal
@@ -49,12 +49,13 @@ class Tally:
 
     def page(self, before: str) -> str:
         """Return the page with the table, given the page as it was."""
-        rows = {line.split(" | ")[0].removeprefix("| "): line for line in before.splitlines() if line.startswith("| ")}
+        attacks, heading, sections = before.partition("\n## ")
+        rows = {line.split(" | ")[0].removeprefix("| "): line for line in attacks.splitlines() if line.startswith("| ")}
         rows.pop("attack", None)
         for attack, tries in self.tries.items():
             refused = f"{self.refused[attack]:,}" if attack in self.refused else ""
             rows[attack] = f"| {attack} | {tries:,} | {refused} | {self.failed[attack]} |"
-        return INTRODUCTION + "".join(f"{rows[attack]}\n" for attack in sorted(rows))
+        return INTRODUCTION + "".join(f"{rows[attack]}\n" for attack in sorted(rows)) + heading + sections
 
 
 if __name__ == "__main__":

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from gantrysim import InputError, files
-from gantrysim.files import LOCK, PARTIAL, SWAP, ReplacedError, held, replaced, replaced_files, settle
+from gantrysim import InputError, files, swap
+from gantrysim.files import LOCK, ReplacedError, complete, held, replaced, replaced_files
 from gantrysim.signals import ENDING, deferred, handled, interrupt
+from gantrysim.swap import PARTIAL, SWAP
 
 from support.kills import forked
 from support.studies import PATIENCE, content
@@ -81,7 +82,7 @@ def test_at_every_access_a_signal_leaves_the_old_files_or_the_new_ones(tmp_path,
             pending = False
             assert not [name for name in content(old) if name.startswith((PARTIAL, SWAP))]
         assert pending or kept in (OLD, NEW)
-        settle(old, "here")
+        complete(old, "here")
         assert shown(old) in ({**OLD, **OTHERS}, {**NEW, **OTHERS})
         found.add((shown(old)["a.txt"], pending))
         with held(old, "here"):
@@ -124,11 +125,11 @@ def test_a_second_kill_while_the_first_is_made_good_loses_nothing(old):
         for second in range(40):
             replace(old, OLD)
             kill(at)
-            if not forked(lambda: settle(old, "here"), old, second)[0]:
+            if not forked(lambda: complete(old, "here"), old, second)[0]:
                 break
             kept = {name: text for name, text in shown(old).items() if name not in OTHERS}
             assert kept.items() <= OLD.items() or kept.items() <= NEW.items()
-            settle(old, "here")
+            complete(old, "here")
             assert shown(old) == {**NEW, **OTHERS}
 
 
@@ -139,24 +140,24 @@ def test_an_interrupt_says_what_it_has_left(old, number):
             write(scratch, NEW)
             if when == "before":
                 signal.raise_signal(number)
-            rename = files._swap
+            complete = files.complete_swap
 
-            def swap(folder):
+            def complete_and_signal(folder, own=False):
                 signal.raise_signal(number)
-                rename(folder)
+                complete(folder, own=own)
 
-            files._swap = swap
+            files.complete_swap = complete_and_signal
         pytest.fail("went on")
 
     with pytest.raises(KeyboardInterrupt, match=f"^nothing is written; the earlier files in {old}/ are kept$"):
         sent("before")
     assert shown(old) == {**OLD, **OTHERS}
-    before = files._swap
+    before = files.complete_swap
     try:
         with pytest.raises(ReplacedError, match=f"^the files in {old}/ are complete$"):
             sent("after")
     finally:
-        files._swap = before
+        files.complete_swap = before
     assert content(old) == {**NEW, **OTHERS}
 
 
@@ -176,9 +177,11 @@ def test_a_folder_in_use_is_refused_and_a_dead_owner_is_none(tmp_path):
 
 
 def test_new_files_are_on_disk_before_they_take_their_place(old, synced, monkeypatch):
-    swap = files._swap
+    complete = files.complete_swap
     early = []
-    monkeypatch.setattr(files, "_swap", lambda folder: (early.extend(synced), swap(folder)))
+    monkeypatch.setattr(
+        files, "complete_swap", lambda folder, own=False: (early.extend(synced), complete(folder, own=own))
+    )
     replace(old)
     assert set(early) >= {"a.txt", "c.txt", "e.txt", "names.json"}
 
@@ -211,14 +214,14 @@ def test_what_stands_in_the_way_is_named_and_stays(tmp_path, old):
 
 
 def test_an_old_file_that_cannot_be_moved_keeps_all_old_files(old, monkeypatch):
-    move = files._move
+    move = swap.move
 
     def refuse(file, target):
         if file.name == "d.txt" and file.parent.parent == old:
             raise PermissionError(errno.EPERM, "Operation not permitted", str(target))
         move(file, target)
 
-    monkeypatch.setattr(files, "_move", refuse)
+    monkeypatch.setattr(swap, "move", refuse)
     said = f"^here: cannot be written: Operation not permitted; the earlier files in {old}/ are kept$"
     with pytest.raises(InputError, match=said):
         replace(old)

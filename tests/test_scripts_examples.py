@@ -174,3 +174,14 @@ def test_the_agent_beats_the_detuned_start_and_is_compared_with_the_tuner(script
         for k, gain in enumerate(GAIN_NAMES):
             gains = env._episodes._batch.field("gains")[0, :2, k]
             assert gains == pytest.approx(getattr(servo, gain), rel=SINGLE)
+
+
+def test_the_page_of_attacks_keeps_what_people_write_below_its_table():
+    page = (SCRIPTS.parent / "docs" / "robustness.md").read_text(encoding="utf-8")
+    soak = runpy.run_path(str(SCRIPTS / "soak.py"))
+    tally = soak["Tally"]()
+    assert tally.page(page) == page
+    assert "\n## Files from elsewhere\n" in page
+    tally.tries["bad jokes"] = 1000
+    assert tally.page(page).replace("| bad jokes | 1,000 |  | 0 |\n", "") == page
+    assert tally.page("").endswith("|---|---:|---:|---:|\n| bad jokes | 1,000 |  | 0 |\n")

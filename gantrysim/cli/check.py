@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.cli.options import At, Model, Reader, Rotate, Scale, Settings, Speed, placement
+from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement
 from gantrysim.cli.terminal import say, show
 
 
@@ -19,6 +19,7 @@ def check(
     at: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Read and plan a job or a program file without simulating it: length, time, extents, what was ignored.
 
@@ -28,7 +29,13 @@ def check(
     from gantrysim.job.job import Job
 
     loaded = Job.load(
-        job, settings or (), model, controller=controller, placement=placement(at, rotate, scale), speed=speed
+        job,
+        settings or (),
+        model,
+        controller=controller,
+        placement=placement(at, rotate, scale),
+        speed=speed,
+        allow_code=allow_code,
     )
     show(plan_table(loaded.name, loaded.plan()))
     for fault in loaded.faults:

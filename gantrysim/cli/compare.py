@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.cli.terminal import say, show, warn
-from gantrysim.errors import InputError, finite
+from gantrysim.errors import InputError, expanded, finite
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -70,6 +70,9 @@ def compare(
     if period is not None:
         given = replace(given, period=period)
     saved = SavedRun.load(run)
+    folder = out if out is not None else run / "compare"
+    if out is None and expanded(folder).is_symlink():  # the run's folder may come from elsewhere
+        raise InputError(f"run {run}: {folder.name} in it is a link: name the output folder with --out")
     trace = Trace.of(read_log(measured, blocks or given.blocks), given, saved.run)
     what = tuple(part.strip() for part in align.split(",") if part.strip() not in ("", "none"))
     found = Comparison.of(trace, saved.run, saved.machine, what)
@@ -77,7 +80,6 @@ def compare(
     if circle is not None:
         radius, centre = _circle(circle)
         content["circle"] = found.circle(radius, centre)
-    folder = out if out is not None else run / "compare"
     with output_folder(folder, Output("comparison", _SUMMARY, (_SUMMARY, OVERLAY, SPECTRUM, REPORT))) as scratch:
         (scratch / _SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         written = [_SUMMARY, *save_comparison(found, scratch), REPORT]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.cli.options import Model, Settings
+from gantrysim.cli.options import AllowCode, Model, Settings
 from gantrysim.cli.terminal import say, show, warn
 from gantrysim.errors import InputError, expanded
 
@@ -39,6 +39,7 @@ def gains(
     servo: Annotated[
         Path | None, typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml.")
     ] = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Show a job's servo gains in the words and units of motion controllers; write or read them.
 
@@ -59,7 +60,7 @@ def gains(
         raise InputError("--export and --from: must be one of them")
     if export is not None and export != _SHAPER:
         dialect(export)
-    loaded = Job.load(job, settings or (), model, servo)
+    loaded = Job.load(job, settings or (), model, servo, allow_code=allow_code)
     axes = loaded.built_machine.axes
     if export is None and source is None:
         show(_table(loaded))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.cli.options import AllowCode
 from gantrysim.cli.terminal import interruptible, say, share_bar, show
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def new(
         Path | None, typer.Option(help="MJCF file, or folder; by default beside the table, with the suffix .xml.")
     ] = None,
     job: ForJob = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Write the MJCF of a machine that a TOML table describes, and say what its drives can do.
 
@@ -47,13 +49,13 @@ def new(
     if out is not None and target.suffix.lower() != ".xml":
         target.mkdir(parents=True, exist_ok=True)
         target = target / f"{source.stem}.xml"
+    describe(machine, job, allow_code=allow_code)
     with replaced(target) as scratch:
         scratch.write_text(text, encoding="utf-8")
-    describe(machine, job)
     say(f"written to {target}")
 
 
-def describe(machine: Machine, job: str | None) -> None:
+def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> None:
     """Print what a machine's drives can do, and what does not suit."""
     from gantrysim.cli.sizing import sizing_table
     from gantrysim.job.job import Job
@@ -62,7 +64,7 @@ def describe(machine: Machine, job: str | None) -> None:
 
     period, run = 1e-3, None
     if job is not None:
-        loaded = Job.load(job, machine=str(machine.source))
+        loaded = Job.load(job, machine=str(machine.source), allow_code=allow_code)
         loaded.check_fit()
         period = loaded.servo.period
         with interruptible() as go_on, share_bar("simulate", go_on) as advance:

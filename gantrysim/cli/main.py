@@ -19,6 +19,7 @@ from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
 from gantrysim.cli.identify import identify
 from gantrysim.cli.machine import ForJob, describe, machine_app
+from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
@@ -102,6 +103,7 @@ def info(
         typer.Option("--machine", "--model", help="Describe this machine alone: built-in, MJCF file or table."),
     ] = None,
     job: ForJob = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """List the built-in machines and jobs, all settings, and the default gains with their stability margins.
 
@@ -110,7 +112,7 @@ def info(
     if model is not None:
         from gantrysim.machine.machine import Machine
 
-        describe(Machine(model), job)
+        describe(Machine(model), job, allow_code=allow_code)
         return
     if job is not None:
         raise InputError("--job: needs --model")

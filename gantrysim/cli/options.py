@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from gantrysim.errors import point
+from gantrysim.errors import expanded, point
+from gantrysim.files import complete
 
 Model = Annotated[
     str | None,
@@ -24,7 +26,22 @@ Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastes
 At = Annotated[str | None, typer.Option(metavar="X,Y", help="Place of the program's origin on the work \\[mm].")]
 Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
 Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
+AllowCode = Annotated[
+    bool,
+    typer.Option(
+        "--allow-code",
+        help="Run the Python code that the job file names, such as a law; without this only a job in the present "
+        "folder may.",
+    ),
+]
 Colour = Annotated[str, typer.Option(help="Colour the bead by: plain, width, or error (the contour error).")]
+
+
+def to_write(folder: Path | None) -> Path | None:
+    """Return a given output folder, after what a killed command has left in it is completed: the job may lie there."""
+    if folder is not None:
+        complete(expanded(folder).absolute(), f"--out {folder}")
+    return folder
 
 
 def placement(at: str | None, rotate: float | None, scale: float | None) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.cli.options import At, Model, Reader, Rotate, Scale, Settings, Speed, placement
+from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement, to_write
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_bar, show, warn
 from gantrysim.errors import text_of
 
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 def run(
     job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
-    out: Annotated[Path | None, typer.Option(help="Output folder; by default out/ and the job's name.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(callback=to_write, help="Output folder; by default out/ and the job's name.")
+    ] = None,
     model: Model = None,
     settings: Settings = None,
     servo: Annotated[
@@ -40,6 +42,7 @@ def run(
     rotate: Rotate = None,
     scale: Scale = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
+    allow_code: AllowCode = False,
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
 ) -> None:
     """Simulate a job, print its error budget, and write record, summary, plots, report and video.
@@ -72,6 +75,7 @@ def run(
         controller=controller,
         placement=placement(at, rotate, scale),
         speed=speed,
+        allow_code=allow_code,
     )
     machine = loaded.built_machine
     loaded.check_fit()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim import signals
-from gantrysim.cli.options import Model, Settings
+from gantrysim.cli.options import AllowCode, Model, Settings, to_write
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, count_bar, interruptible, say, show, warn
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # options of every study
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
-Out = Annotated[Path | None, typer.Option(help="Output folder; by default out/STUDY-JOB.")]
+Out = Annotated[Path | None, typer.Option(callback=to_write, help="Output folder; by default out/STUDY-JOB.")]
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Number of parallel workers; by default, and at most, the number of cores."),
@@ -119,6 +119,7 @@ def loop(
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Find how fast the program loop and the servo, and how fine the encoder must be.
 
@@ -128,7 +129,7 @@ def loop(
     from gantrysim.job.job import Job
     from gantrysim.study.loop import LoopStudy
 
-    carry_out(LoopStudy(Job.load(job, settings or (), model)), out, workers, backend)
+    carry_out(LoopStudy(Job.load(job, settings or (), model, allow_code=allow_code)), out, workers, backend)
 
 
 @study_app.command()
@@ -141,6 +142,7 @@ def speed(
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Find the fastest path speed at which a job stays within a tolerance.
 
@@ -150,7 +152,12 @@ def speed(
     from gantrysim.job.job import Job
     from gantrysim.study.speed import SpeedStudy
 
-    carry_out(SpeedStudy(Job.load(job, settings or (), model), tolerance, metric), out, workers, backend)
+    carry_out(
+        SpeedStudy(Job.load(job, settings or (), model, allow_code=allow_code), tolerance, metric),
+        out,
+        workers,
+        backend,
+    )
 
 
 @study_app.command()
@@ -172,6 +179,7 @@ def machine(
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Estimate the yield of a job over many machines that differ, and find the dominant factor.
 
@@ -180,7 +188,7 @@ def machine(
     from gantrysim.job.job import Job
     from gantrysim.study.machine import MachineStudy, Tolerances
 
-    loaded = Job.load(job, settings or (), model)
+    loaded = Job.load(job, settings or (), model, allow_code=allow_code)
     carry_out(MachineStudy(loaded, tolerance, metric, samples, Tolerances.parse(spread), seed), out, workers, backend)
 
 
@@ -214,12 +222,13 @@ def repeat(
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Repeat a job with realistic variation: path accuracy and repeatability, after ISO 9283."""
     from gantrysim.job.job import Job
     from gantrysim.study.repeat import RepeatStudy
 
-    loaded = Job.load(job, settings or (), model)
+    loaded = Job.load(job, settings or (), model, allow_code=allow_code)
     carry_out(RepeatStudy(loaded, repeats=repeats, friction=friction, seed=seed), out, workers, backend)
 
 
@@ -233,6 +242,7 @@ def laws(
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Compare the servo's laws on a job, each against PD.
 
@@ -241,4 +251,6 @@ def laws(
     from gantrysim.job.job import Job
     from gantrysim.study.laws import LawsStudy
 
-    carry_out(LawsStudy(Job.load(job, settings or (), model), payload, friction), out, workers, backend)
+    carry_out(
+        LawsStudy(Job.load(job, settings or (), model, allow_code=allow_code), payload, friction), out, workers, backend
+    )

@@ -38,6 +38,9 @@ _AGAIN = 0.1  # until a lost interrupt is raised again [s]
 # what is printed where the terminal's encoding lacks a character
 _PLAIN = str.maketrans({"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "..."})
 
+# characters of a file that would command the terminal; rich drops the other ones
+_CONTROLS = {code: f"\\x{code:02x}" for code in (*range(7), *range(14, 32), *range(127, 160))}
+
 _WIDEST = 10_000  # characters of a table
 _output = Console(soft_wrap=False)
 _messages = Console(stderr=True)
@@ -67,13 +70,13 @@ def show(content: RenderableType) -> None:
 
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
     """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
-    _output.print(escape(text), soft_wrap=not wrap, highlight=False, end=end)
+    _output.print(escape(text.translate(_CONTROLS)), soft_wrap=not wrap, highlight=False, end=end)
 
 
 def warn(text: str, kind: str = "") -> None:
     """Print a line to the standard error, headed by the kind of failure, such as "error" or "fault"."""
     head = f"[bold red]{kind}[/]: " if kind else ""
-    _messages.print(f"{head}{escape(text)}", soft_wrap=True, highlight=False)
+    _messages.print(f"{head}{escape(text.translate(_CONTROLS))}", soft_wrap=True, highlight=False)
 
 
 @cache

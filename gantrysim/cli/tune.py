@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.cli.options import Model, Settings
+from gantrysim.cli.options import AllowCode, Model, Settings
 from gantrysim.cli.study import Backend, JobArgument, Out, Seed, Workers, carry_out
 from gantrysim.cli.terminal import say, warn
 
@@ -71,6 +71,7 @@ def tune(
     settings: Settings = None,
     workers: Workers = None,
     backend: Backend = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Find the servo gains that minimise a job's error on the worst of several perturbed machines.
 
@@ -88,7 +89,7 @@ def tune(
     from gantrysim.tuning.space import SEARCHED
     from gantrysim.tuning.study import TuningStudy
 
-    loaded = Job.load(job, settings or (), model)
+    loaded = Job.load(job, settings or (), model, allow_code=allow_code)
     held: tuple[str, ...] = ()
     if export is not None:  # refused before the search, not after
         exported(export, loaded.built_machine.axes, loaded.built_servo)
@@ -126,7 +127,7 @@ def write_words(folder: Path, name: str | None) -> None:
             file.unlink(missing_ok=True)
     if name is None:
         return
-    tuned = Job.load(folder / JOB, servo=folder / TUNED)
+    tuned = Job.load(folder / JOB, servo=folder / TUNED, allow_code=True)  # its code has run in the search
     content, lost = exported(name, tuned.built_machine.axes, tuned.built_servo)
     with replaced(files[name]) as partial:
         partial.write_text(content, encoding="utf-8")

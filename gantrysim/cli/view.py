@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.cli.options import Colour, Model, Settings
+from gantrysim.cli.options import AllowCode, Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
 from gantrysim.errors import InputError, expanded, positive
 from gantrysim.signals import deferred
@@ -40,6 +40,7 @@ def view(
     speed: Annotated[float, typer.Option(help="Seconds of the run per second.")] = 1.0,
     model: Model = None,
     settings: Settings = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Open MuJoCo's viewer to replay a saved run or to run a job live, with the growing bead.
 
@@ -65,7 +66,7 @@ def view(
     if saved:
         _replay(folder, camera, colour, speed)
         return
-    fault = _live(Job.load(shown, settings or (), model), camera, colour, speed)
+    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour, speed)
     if fault is not None:
         warn(str(fault), "fault")
         raise typer.Exit(FAULT)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.errors import InputError, expanded, unknown
-from gantrysim.files import replaced, settle
+from gantrysim.files import check_whole, replaced
 from gantrysim.named_columns import columns, description
 from gantrysim.report.folder import RUN
 from gantrysim.run import Run
@@ -37,7 +37,8 @@ def load_record(run: str | os.PathLike[str]) -> Run:
     if not place.exists():
         raise InputError(f"run {run}: no such folder or file; gantrysim run JOB --out {run} makes one")
     if place.is_dir():
-        settle(place, f"run {run}")
+        if not (place / RUN).is_file():
+            check_whole(place, f"run {run}")
         if not (place / RUN).is_file():
             raise InputError(f"run {run}: holds no run: {RUN} missing")
         place = place / RUN

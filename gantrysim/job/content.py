@@ -9,12 +9,13 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Self
 
 import tomli_w
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import BaseModel, Field, PrivateAttr, field_validator, model_validator
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import build, reject_booleans
 from gantrysim.errors import InputError, unknown
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
+from gantrysim.job.code import named_code
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
@@ -38,6 +39,7 @@ class JobContent(BaseModel):
     geometry: Geometry | None = None
     faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
+    _refusal: str = PrivateAttr("")  # why code that the job names may not run; empty where it may
 
     @classmethod
     def keys_of(cls, content: Mapping[str, Any]) -> list[str]:
@@ -86,7 +88,7 @@ class JobContent(BaseModel):
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
             change(content, key, value, known_keys(content))
-        return validated(type(self), content, f"job {self.name}")
+        return self._with(content)
 
     def overridden(self, overrides: Iterable[str]) -> Self:
         """Return the job with values changed by "key=value", as `load` takes them.
@@ -97,7 +99,17 @@ class JobContent(BaseModel):
         content = self.model_dump(exclude_none=True)
         for setting in overrides:
             override(content, setting, known_keys(content))
-        return validated(type(self), content, f"job {self.name}")
+        return self._with(content)
+
+    def _with(self, content: dict[str, Any]) -> Self:
+        job = validated(type(self), content, f"job {self.name}")
+        job._refusal = self._refusal
+        return job
+
+    def check_code(self) -> None:
+        """Raise InputError where the job names code of its own that may not run."""
+        if self._refusal and named_code({"servo": {"law": self.servo.law}}):
+            raise InputError(self._refusal)
 
     @property
     def digest(self) -> str:

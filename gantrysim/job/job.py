@@ -22,26 +22,17 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.errors import InputError, TimedError, at_least
 from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit
-from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.margins import check_stability, margin_notes
-from gantrysim.job.overrides import absolute_law, absolute_machine, known_keys, override, place
 from gantrysim.job.plan import Plan, plan_of
+from gantrysim.job.reading import read_with_overrides
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
 from gantrysim.toml_files import validated
 
-_SHAPING = (
-    "kp",
-    "ki",
-    "kd",
-    "output_velocity",
-    "notch_frequency",
-    "notch_width",
-    "notch_depth",
-    "velocity_gain",
-)  # of the loop
+# of the loop
+_SHAPING = ["kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth", "velocity_gain"]
 
 
 class Job(JobContent):
@@ -74,8 +65,12 @@ class Job(JobContent):
         controller: str | None = None,
         placement: Mapping[str, float] | None = None,
         speed: float | None = None,
+        allow_code: bool = False,
     ) -> Job:
         """Return a built-in job, the job in a TOML file, or one that runs a program file.
+
+        A file that names code of its own, such as a law in a Python file, is refused unless `allow_code` is true or
+        the file lies in the present working folder. What the overrides name may run.
 
         Args:
             job: name or path.
@@ -86,30 +81,27 @@ class Job(JobContent):
             controller: that reads a program file, as in "fanuc"; by default the one of the file's suffix.
             placement: of the program on the work, attributes of `Placement` by name.
             speed: of the program's fastest motion, see `at_speed` [mm/s].
+            allow_code: whether code that the job or the servo file names may run, wherever they lie.
 
         Raises:
-            InputError: an unknown job, or an invalid key or value.
+            InputError: an unknown job, an invalid key or value, or code that may not run.
         """
-        content, folder, label = read_job(str(job), controller)
-        for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
-            if not isinstance(content.get(section, {}), dict):
-                raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
-        if servo is not None:
-            content["servo"] = servo_table(Path(servo))
-        if "law" in content.get("servo", {}):
-            beside = folder if servo is None else Path(servo).parent
-            content["servo"] = {**content["servo"], "law": absolute_law(content["servo"]["law"], beside)}
-        place(content, placement or {}, known_keys(content))
-        for setting in overrides:
-            override(content, setting, known_keys(content))
-        if machine is not None:
-            content["machine"] = absolute_machine(machine, Path())
-        elif isinstance(content.get("machine"), str):
-            content["machine"] = absolute_machine(content["machine"], folder)
-        loaded = validated(Job, content, label)
-        if servo is not None:
-            loaded._check_axes(Path(servo))
+        table = None if servo is None else Path(servo)
+        read = read_with_overrides(str(job), overrides, machine, table, controller, placement)
+        if read.refusal and not allow_code:
+            raise InputError(read.refusal)
+        loaded = validated(Job, read.content, read.label)
+        if table is not None:
+            loaded._check_axes(table)
         return loaded if speed is None else loaded.at_speed(speed)
+
+    @classmethod
+    def of_record(cls, file: Path) -> Job:
+        """Return the job of a saved run, which need not run again: its own code is refused only where it would run."""
+        read = read_with_overrides(str(file))
+        loaded = validated(Job, read.content, read.label)
+        loaded._refusal = read.refusal
+        return loaded
 
     def at_speed(self, speed: float) -> Job:
         """Return the job with its program at another speed.
@@ -162,7 +154,7 @@ class Job(JobContent):
         return self  # immutable, and a compiled machine cannot be copied
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Job.model_validate, (self.model_dump(),)  # without a compiled machine, which cannot be pickled
+        return _restored, (self.model_dump(), self._refusal)  # without a compiled machine, which cannot be pickled
 
     @cached_property
     def controller(self) -> Controller:
@@ -188,6 +180,7 @@ class Job(JobContent):
     @cached_property
     def built_servo(self) -> Servo:
         """The servo with its gains."""
+        self.check_code()
         return Servo.derive(self.built_machine.axes, **dict(self.servo))
 
     @property
@@ -296,3 +289,9 @@ class Job(JobContent):
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
         with self._located():
             return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
+
+
+def _restored(content: dict[str, Any], refusal: str) -> Job:
+    job = Job.model_validate(content)
+    job._refusal = refusal
+    return job

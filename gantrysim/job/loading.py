@@ -11,6 +11,7 @@ from typing import Any
 
 from gantrysim.controllers.programs import PROGRAMS, reader, suffixes
 from gantrysim.errors import InputError, expanded, unknown
+from gantrysim.files import check_whole
 from gantrysim.job.settings import ServoSettings
 from gantrysim.toml_files import read_text, read_toml, validated
 
@@ -39,6 +40,8 @@ def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], P
         content, folder = tomllib.loads(job_text(job)), Path()
     else:
         path = expanded(job)
+        if not path.exists():
+            check_whole(path.parent, f"job {job}")
         if not path.exists():
             raise unknown("job", job, builtin_jobs())
         if path.suffix.lower() in suffixes() or (controller is not None and path.suffix.lower() != ".toml"):

@@ -11,7 +11,7 @@ from typing import Any
 
 from gantrysim.bead import BeadValues
 from gantrysim.errors import InputError, expanded
-from gantrysim.files import check_free, held, replaced_files, settle
+from gantrysim.files import check_free, held, replaced_files
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -19,6 +19,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.run import Run
+from gantrysim.swap import pending
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run
@@ -52,7 +53,8 @@ class Output:
         target = expanded(folder).absolute()
         if target.exists() and not target.is_dir():
             raise InputError(f"--out {folder}: is a file, must be a folder")
-        settle(target, f"--out {folder}")
+        if pending(target):  # files are on their way: looked at by `written`, once the folder is held
+            return target
         check_free(target, self.files, f"--out {folder}")
         foreign = [name for name in self.files if (target / name).exists()]
         if foreign and not (target / self.mark).exists():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gantrysim.errors import InputError, expanded
-from gantrysim.files import settle
+from gantrysim.files import check_whole
 from gantrysim.input_files import opened
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
@@ -66,7 +66,7 @@ class SavedRun:
             raise InputError(f"run {place}: no such folder; gantrysim run JOB --out {place} makes one")
         if not where.is_dir():
             raise InputError(f"run {place}: is a file, must be a folder that gantrysim run has written")
-        settle(where, f"run {place}")
+        check_whole(where, f"run {place}")
         missing = [name for name in (JOB, RUN) if not (where / name).is_file()]
         written = _written(where)
         if missing:
@@ -78,7 +78,7 @@ class SavedRun:
                 f"run {place}: {JOB} is not the job that {RUN} was made from: put that one back, or run this one again "
                 f"with gantrysim run {place / JOB}"
             )
-        job = Job.load(where / JOB)
+        job = Job.of_record(where / JOB)
         if job.machine not in builtin_models() and not expanded(job.machine).is_file():
             raise InputError(
                 f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "

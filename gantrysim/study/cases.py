@@ -65,6 +65,7 @@ class Case:
         **tags: Value,
     ) -> Self:
         """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
+        job.check_code()
         own = job.model_dump(exclude_none=True)
         changes = {key: value for key, value in (overrides or {}).items() if not _has(own, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))

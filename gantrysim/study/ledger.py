@@ -11,8 +11,8 @@ from typing import Any, BinaryIO
 
 from gantrysim.errors import InputError
 from gantrysim.files import held
-from gantrysim.input_files import check_regular
 from gantrysim.study.cases import Row
+from gantrysim.swap import open_regular
 
 LEDGER = ".study-progress.jsonl"
 _CHECKED = 16  # digits of a checksum
@@ -50,8 +50,7 @@ class Ledger:
         with ExitStack() as stack:
             stack.enter_context(held(folder, f"--out {folder}"))
             try:
-                check_regular(self._file, f"--out {folder}: {LEDGER}")
-                self._stream = stack.enter_context(self._file.open("r+b" if self._file.exists() else "w+b"))
+                self._stream = stack.enter_context(open_regular(self._file, write=True))
                 good = self._read(self._stream.read())
                 self._stream.truncate(good)
                 self._stream.seek(good)

@@ -123,6 +123,7 @@ def run_study(
             progress(len(rows) + done, max(len(rows) + every, study.expected))
 
     with Ledger(target, identity) as ledger:
+        output.check(folder)  # again, as what a killed command had left is complete only now
         try:
             while True:
                 found = run_cases(

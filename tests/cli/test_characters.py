@@ -86,3 +86,14 @@ def test_a_job_that_is_too_long(gantrysim_command, monkeypatch, tmp_path):
     (tmp_path / "long.toml").write_bytes(b"#" * 70_000)
     status, _, errors = gantrysim_command("check", tmp_path / "long.toml")
     assert (status, errors) == (2, f"error: {tmp_path}/long.toml: is longer than 6.55e+04 bytes\n")
+
+
+def test_a_file_does_not_command_the_terminal(gantrysim_command, tmp_path):
+    """An escape sequence in a file's text can set a terminal's title or clipboard."""
+    (tmp_path / "job.toml").write_text(
+        '"\\u001b]0;mine\\u0007\\u009b2J" = 1\n[program]\ncontroller = "trio.MoveSpiral"\n'
+    )
+    status, printed, errors = gantrysim_command("check", tmp_path / "job.toml")
+    assert status == 2
+    assert "\\x1b]0;mine" in errors
+    assert not {"\x1b", "\x07", "\x9b"} & set(printed + errors)

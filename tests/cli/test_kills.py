@@ -15,8 +15,9 @@ import pytest
 from PIL import Image
 
 from gantrysim import Run
-from gantrysim.files import SWAP, settle
+from gantrysim.files import complete
 from gantrysim.study.ledger import LEDGER
+from gantrysim.swap import SWAP
 
 from support.kills import KILLS, Commands
 from support.studies import PATIENCE, SHORT, content
@@ -134,7 +135,7 @@ class Killed:
                 assert left == self.new, what
         if (self.folder / SWAP).exists():
             assert left.items() <= old.items() or left.items() <= self.new.items(), what
-            settle(self.folder, "here")
+            complete(self.folder, "here")
             assert shown(self.folder) == self.new, what
         else:
             assert left in (old, self.new), what

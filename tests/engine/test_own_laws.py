@@ -145,7 +145,7 @@ def test_a_job_names_its_law_by_a_file_beside_it(tmp_path, monkeypatch):
     text = Job.load("an225", ["turns=1"]).toml().replace('law = "pid"', 'law = ["mine.py:compiled_pd", "friction"]')
     (tmp_path / "job.toml").write_text(text)
     monkeypatch.chdir("/")
-    job = Job.load(tmp_path / "job.toml")
+    job = Job.load(tmp_path / "job.toml", allow_code=True)
     run = job.run()
     assert run.fault is None
     assert job.margins[0].stable

@@ -50,7 +50,7 @@ def test_job_record_and_machine_are_read_back(folder):
 def test_a_run_that_is_replaced_while_it_is_read_is_read_again(folder, tmp_path, monkeypatch):
     other = small_job("loop_period=0.02")
     place = saved(tmp_path / "run", small_job())
-    read = Job.load
+    read = Job.of_record
     left = [lambda: saved(place, other)]
 
     def meanwhile(*arguments):
@@ -58,7 +58,7 @@ def test_a_run_that_is_replaced_while_it_is_read_is_read_again(folder, tmp_path,
             left.pop()()
         return read(*arguments)
 
-    monkeypatch.setattr(Job, "load", meanwhile)
+    monkeypatch.setattr(Job, "of_record", meanwhile)
     back = SavedRun.load(place)
     assert back.job.program["loop_period"] == 0.02
     np.testing.assert_array_equal(back.run.nozzle, other.run().nozzle)

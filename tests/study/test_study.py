@@ -17,6 +17,7 @@ from gantrysim.study import Report, Study, StudyInterrupted, measure, run_study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.run import NoValuesError
 
+from support.strangers import half_done
 from support.studies import SHORT, Counted, Toy, cases_of, content
 
 
@@ -63,6 +64,15 @@ def test_the_folder_of_a_run_is_refused(tmp_path, job):
         run_study(Toy(job), tmp_path, workers=1)
     assert (tmp_path / "report.html").read_text() == "of a run"
     assert not (tmp_path / LEDGER).exists()
+
+
+def test_the_folder_of_a_run_that_was_killed_is_completed_and_refused_before_any_case(tmp_path, job):
+    half_done(tmp_path, names=None, new={"job.toml": "of a run"})
+    study = Toy(job)
+    with pytest.raises(InputError, match=r"holds job\.toml, which no study has written"):
+        run_study(study, tmp_path, workers=1)
+    assert not study.counted.seen
+    assert content(tmp_path) == {"job.toml": b"of a run"}
 
 
 def test_a_refused_job_is_refused_before_any_case(tmp_path, job):

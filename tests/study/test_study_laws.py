@@ -153,7 +153,7 @@ def test_the_tuner_tunes_a_law_and_writes_it(tmp_path):
     study = TuningStudy(circle(law=law), budget=12, robust=0, unseen=1, law="pd")
     outcome = run_study(study, tmp_path / "out", workers=1)
     assert outcome.rows
-    written = Job.load("an225", servo=tmp_path / "out" / "tuned.toml")
+    written = Job.load("an225", servo=tmp_path / "out" / "tuned.toml", allow_code=True)
     assert written.built_servo.law == tuple(law)
     assert written.built_servo.friction_torque == circle(law=law).built_servo.friction_torque
 

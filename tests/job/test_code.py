@@ -1,0 +1,167 @@
+"""Code that a job names runs only where the caller allows it, or where the job lies in the present folder."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.cli import study as study_commands
+from gantrysim.cli import tune as tune_command
+from gantrysim.report.saved import SavedRun
+from gantrysim.study import Case
+
+from support import own_laws
+from support.films import saved
+from support.studies import SHORT
+
+LAW = f"""
+from pathlib import Path
+Path(__file__).with_name("has-run").touch()
+{Path(own_laws.__file__).read_text()}
+"""
+TABLE = Path(__file__).parents[2] / "examples" / "machines" / "belt-gantry.toml"
+QUICK = ["--no-video", "--no-report"]
+COMMANDS = {
+    "run": ("run", "JOB", *QUICK),
+    "check": ("check", "JOB"),
+    "gains": ("gains", "JOB"),
+    "study loop": ("study", "loop", "JOB"),
+    "study speed": ("study", "speed", "JOB"),
+    "study machine": ("study", "machine", "JOB"),
+    "study repeat": ("study", "repeat", "JOB"),
+    "study laws": ("study", "laws", "JOB"),
+    "tune": ("tune", "JOB"),
+    "machine new": ("machine", "new", "TABLE", "--job", "JOB"),
+    "info": ("info", "--model", "xy", "--job", "JOB"),
+    "view": ("view", "JOB"),
+    "servo file": ("run", "an225", "--servo", "JOB", *QUICK),
+}
+
+
+@pytest.fixture
+def stranger(tmp_path, monkeypatch):
+    """A job that brings a law, in another folder than the present one; its law's file tells when it has run."""
+    folder = tmp_path / "stranger"
+    folder.mkdir()
+    (folder / "mine.py").write_text(LAW)
+    (folder / "job.toml").write_text(Job.load("an225", SHORT).toml().replace('law = "pid"', 'law = "mine.py:pd"'))
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    return folder
+
+
+def refused(folder, label):
+    return (
+        f"{label} would run code of its own, servo.law = {folder}/mine.py:pd: if you trust it, allow it with "
+        f"--allow-code, in Python with allow_code=True, or go to its folder, {folder}"
+    )
+
+
+def has_run(folder):
+    return (folder / "has-run").exists()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_refuses_a_stranger_s_code_in_one_line(stranger, tmp_path, gantrysim_command, monkeypatch, name):
+    monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
+    table = tmp_path / "table.toml"
+    table.write_bytes(TABLE.read_bytes())
+    job = stranger / "job.toml"
+    arguments = [{"JOB": job, "TABLE": table}.get(word, word) for word in COMMANDS[name]]
+    label = f"servo {job}" if name == "servo file" else f"job {job}"
+    status, _, errors = gantrysim_command(*arguments)
+    assert (status, errors) == (2, f"error: {refused(stranger, label)}\n")
+    assert not has_run(stranger)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "stranger", "table.toml"]
+    assert not list((tmp_path / "here").iterdir())
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - {"view"}))
+def test_every_command_takes_the_permission(stranger, tmp_path, gantrysim_command, monkeypatch, name):
+    """As far as the job's own: a study and the tuner would take long."""
+    studied = []
+    monkeypatch.setattr(study_commands, "carry_out", lambda study, *_: studied.append(study.job))
+    monkeypatch.setattr(tune_command, "carry_out", lambda study, *_: studied.append(study.job))
+    monkeypatch.setattr(tune_command, "write_words", lambda *_: None)
+    table = tmp_path / "table.toml"
+    table.write_bytes(TABLE.read_bytes())
+    words = {"JOB": stranger / "job.toml", "TABLE": table}
+    status, _, errors = gantrysim_command(*[words.get(word, word) for word in COMMANDS[name]], "--allow-code")
+    assert "--allow-code" not in errors
+    assert studied or status == 0
+    assert studied or has_run(stranger) or name in ("gains", "check")
+
+
+def test_in_the_present_folder_code_runs_unasked(stranger, tmp_path, gantrysim_command, monkeypatch):
+    monkeypatch.chdir(stranger)
+    assert gantrysim_command("run", "job.toml", *QUICK)[0] == 0
+    assert has_run(stranger)
+    (tmp_path / "link").symlink_to("stranger")
+    monkeypatch.chdir(tmp_path / "link")
+    Job.load("job.toml")
+    Job.load(stranger / "job.toml")
+    monkeypatch.chdir(tmp_path / "here")
+    Job.load("../stranger/job.toml", allow_code=True)
+    (tmp_path / "here" / "job.toml").symlink_to("../stranger/job.toml")  # the file lies where its link leads
+    (tmp_path / "here" / "below").mkdir()
+    (tmp_path / "here" / "below" / "job.toml").write_bytes((stranger / "job.toml").read_bytes())
+    for file in ("job.toml", "below/job.toml", tmp_path / "link" / "job.toml"):
+        with pytest.raises(InputError, match="would run code of its own"):
+            Job.load(file)
+
+
+def test_what_the_caller_names_may_run_and_what_is_replaced_need_not(stranger):
+    own = f'servo.law="{stranger}/mine.py:pd"'
+    assert Job.load("an225", [*SHORT, own]).run().fault is None
+    assert Job.load(stranger / "job.toml", ["servo.law=pd"]).servo.law == "pd"
+    assert Job.load(stranger / "job.toml", servo=_servo(stranger, "pid")).servo.law == ["pid", "friction"]
+    with pytest.raises(InputError, match=r"^servo "):
+        Job.load("an225", servo=_servo(stranger, "mine.py:pd"))
+    with pytest.raises(InputError, match=r"servo\.law = shutil:rmtree: if"):
+        Job.load("an225", servo=_servo(stranger, "shutil:rmtree"))
+
+
+def _servo(folder, law):
+    file = folder / "servo.toml"
+    file.write_text(f'[servo]\nlaw = ["{law}", "friction"]\n')
+    return file
+
+
+def test_a_record_is_read_without_its_law_and_its_job_does_not_run(stranger, gantrysim_command, monkeypatch):
+    job = Job.load(stranger / "job.toml", allow_code=True)
+    folder = saved(stranger / "run", job)
+    (stranger / "has-run").unlink()
+    monkeypatch.setattr("gantrysim.controllers.laws.user.resolved", lambda _: pytest.fail("code has run"))
+    for command in (("export", folder), ("render", folder, "--at", 0, "--size", "300x200")):
+        assert gantrysim_command(*command)[0] == 0
+    log = stranger / "log.csv"
+    rows = zip(*(SavedRun.load(folder).run.time, *SavedRun.load(folder).run.nozzle.T), strict=True)
+    log.write_text("time [s],x [mm],y [mm],z [mm]\n" + "".join(f"{','.join(map(str, row))}\n" for row in rows))
+    columns = "time=time,x=x,y=y,z=z"
+    assert gantrysim_command("compare", folder, "--measured", log, "--columns", columns)[0] == 0
+    read = SavedRun.load(folder).job
+    assert not has_run(stranger)
+    for work in (
+        read.run,
+        lambda: read.margins,
+        lambda: read.changed({"program.loop_period": 0.02}).run(),
+        lambda: read.overridden(["loop_period=0.02"]).run(),
+        lambda: read.at_speed(10.0).run(),
+        lambda: pickle.loads(pickle.dumps(read)).run(),
+        lambda: Case.of(read),
+    ):
+        with pytest.raises(InputError) as caught:
+            work()
+        assert str(caught.value) == refused(stranger, f"job {folder / 'job.toml'}").replace(
+            f"go to its folder, {stranger}", f"go to its folder, {folder}"
+        )
+    assert read.changed({"servo.law": "pd"}).built_servo.law == ("pd",)
+    assert not has_run(stranger)
+
+
+def test_permission_goes_with_the_job(stranger):
+    job = Job.load(stranger / "job.toml", allow_code=True)
+    for same in (job.changed({"program.loop_period": 0.02}), pickle.loads(pickle.dumps(job)), Case.of(job).job()):
+        same.check_code()
+        assert same.built_servo.law == job.built_servo.law
