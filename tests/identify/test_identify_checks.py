@@ -104,6 +104,16 @@ def test_a_doubtful_log_is_not_identified(slip):
     assert not found.notes[-1].endswith("holds")
 
 
+def test_static_friction_that_the_log_does_not_show_is_not_identified():
+    """Of another Stribeck speed; before, it was 0.0201 ± 0.0004 N·m for 0.0299."""
+    made = random_log(56, period=PERIOD)
+    assert (made.law, made.slip) == ("lugre", "saturated")
+    found = identify(MACHINE, made.log)
+    assert not confidently_wrong(found, made.truth)
+    assert next(one.reason for one in found.found if one.name == "static") == "plausibility"
+    assert "y: static is not identified: plausibility: static friction exceeds Coulomb" in "\n".join(found.notes)
+
+
 def test_a_log_that_excites_too_little_is_refused():
     log = random_log(1, "coulomb", slip="", period=PERIOD).log
     still = np.zeros_like(log.position)

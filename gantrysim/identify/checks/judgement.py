@@ -13,7 +13,7 @@ from gantrysim.identify.checks.segments import check_segments
 from gantrysim.identify.result import KNOWN, AxisFit, Estimate
 
 # standard deviations that no log undercuts
-_DELAY = 0.01  # of the period
+_DELAY = 0.015  # of the period
 _OFFSET = 0.01  # of the Coulomb friction
 _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
 _STATIC = 0.05  # of the static friction, of the Coulomb friction: encoder counts are coarse where it shows

@@ -12,12 +12,15 @@ import math
 from gantrysim.errors import InputError
 from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.result import AxisFit
+from gantrysim.identify.result import CONFIDENCE, AxisFit
 
 CHECK = "plausibility"
 UNUSABLE = 5.0  # ratio of the inertia to the table's, or its inverse, from which the log is refused
 FAR = 2.0  # the same, from which nothing is identified
 FRICTION_FAR = 10.0  # ratio of the Coulomb friction to the table's
+EXCESS_SEEN = (
+    0.5  # largest half interval of static over Coulomb friction, of itself: else one has been taken for the other
+)
 LATEST = 10.0  # longest delay, in periods of the log
 EARLY = 0.1  # delay below zero that the torque between samples explains, of a period
 _SLIPS = {
@@ -77,6 +80,14 @@ def check_plausible(fit: AxisFit, period: float) -> Doubt:
         if value <= 1e-6 * float(getattr(table, name)):
             reason = f"{name} friction is at its bound, 0: without it the fit would be below zero"
             findings.append(Finding(CHECK, FRICTION, reason))
+    excess = fit.estimates["excess"]
+    half = CONFIDENCE * excess.deviation
+    if half > EXCESS_SEEN * excess.value:
+        reason = (
+            f"static friction exceeds Coulomb friction by {excess.value:.2g} ± {half:.2g} N·m: must be known within "
+            f"{100 * EXCESS_SEEN:.0f} %; the log does not show it"
+        )
+        findings.append(Finding(CHECK, ("static",), reason))
     if table.coulomb > 0 and not 1 / FRICTION_FAR <= model.coulomb / table.coulomb <= FRICTION_FAR:
         reason = (
             f"Coulomb friction is {model.coulomb / table.coulomb:.2g} times that of the machine's table: must be "
