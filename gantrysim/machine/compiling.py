@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -29,9 +30,13 @@ def compile_mjcf(
         spec = _read(source) if isinstance(source, Path) else source
         rename(spec, names or {})
         spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
-        compiled = spec.compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)  # as MuJoCo's bindings warn of a singular inertia
+            compiled = spec.compile()
     except InputError:
         raise
+    except UserWarning as warning:
+        raise InputError(f"MuJoCo warns: {' '.join(str(warning).split())}") from None
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(" ".join(str(error).split())) from None
     if compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION or compiled.opt.disableactuator:

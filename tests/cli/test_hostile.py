@@ -27,7 +27,11 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_study_refuses_what_its_job_refuses_in_one_line(gantrysim_command, folder):
     line = refused(gantrysim_command, "study", "circle", "--radius", "1e-9", "--out", "new")
-    assert "circle of radius 1e-09 mm at 100 mm/s: line 1" in line
+    assert line == "error: radius = 1e-09 mm: must be at least 1e-06 mm\n"
+    line = refused(gantrysim_command, "study", "circle", "--speed", "1e308", "--out", "new")
+    assert "speed = 1e+308 mm/s: must be at most 1e+06 mm/s" in line
+    line = refused(gantrysim_command, "study", "circle", "--radius", "1e-6", "--out", "new")
+    assert "circle of radius 1e-06 mm at 100 mm/s: line 1" in line
     assert "must be greater than 0 mm" in line
     assert list(folder.iterdir()) == []
 

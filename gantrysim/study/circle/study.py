@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gantrysim.errors import InputError, positive
+from gantrysim.errors import InputError, at_least, positive
 from gantrysim.job.job import Job
 from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
 from gantrysim.run import Run
@@ -29,7 +29,8 @@ _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the evaluated circle, at least: it begins and ends between two reversals [deg]
 _CALM = 0.3  # at full speed before the evaluated circle, at least [s]
 _LEAST_TICKS = 120  # servo periods on the circle, one every 3 deg
-_LARGEST, _FASTEST = 1e6, 1e6  # radius and speed [mm, mm/s]
+_SMALLEST, _LARGEST = 1e-6, 1e6  # radius [mm]
+_FASTEST = 1e6  # speed [mm/s]
 _ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 
 
@@ -58,7 +59,7 @@ class CircleStudy(Study):
     plots = ("chart", "deviation")
 
     def __post_init__(self) -> None:
-        positive("radius", self.radius, "mm", _LARGEST)
+        at_least("radius", positive("radius", self.radius, "mm", _LARGEST), _SMALLEST, "mm")
         positive("speed", self.speed, "mm/s", _FASTEST)
         object.__setattr__(self, "job", self._job())
         period = self.job.built_servo.period
