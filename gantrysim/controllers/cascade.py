@@ -8,22 +8,15 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.derivation import (
-    LARGEST_PEAK,
-    LEAST_GAIN_MARGIN,
-    AxisDynamics,
-    Lags,
-    Loop,
-    kept,
-    loop,
-    pd_gains,
-)
+from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
+from gantrysim.controllers.axis_loop import LoopTask, keeps_margins, kept, margin_in_words, pd_gains
+from gantrysim.controllers.derivation import Loop, NoLoopError, loop
 from gantrysim.controllers.law import GAIN_NAMES, compensator
 from gantrysim.controllers.laws.parameters import PID
-from gantrysim.controllers.laws.user import LawName
 from gantrysim.errors import InputError, positive
+from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Plant
-from gantrysim.stability.motion import MODES, Drives
+from gantrysim.stability.motion import MODES, Drives, Motion
 
 _SLOWER = 0.97  # from one gain tried to the next
 _SLOWEST = 1e-4  # relative to the first
@@ -50,70 +43,76 @@ class AxisGains(NamedTuple):
 
 @lru_cache(maxsize=256)
 def gains(
-    axes: tuple[AxisDynamics, ...],
-    period: float,
-    frequency: float | None,
-    damping: float,
-    integral_time: float,
-    lags: Lags,
-    velocity_bandwidth: float | None,
-    law: tuple[LawName, ...] = (PID,),
+    task: LoopTask, frequency: float | None = None, velocity_bandwidth: float | None = None
 ) -> tuple[tuple[AxisGains, ...], str]:
     """Return the gains of each axis, and what bounds them in words; axes of one mode get one frequency.
 
     Args:
-        axes: the machine's axes.
-        period: servo period [s].
+        task: the machine's axes, with lags that hold the modes of the drives; its law is that of axes that take
+            torques, its damping ratio that of loops with torque demands.
         frequency: natural frequency that is to be taken, of a loop around velocity loops kp / 2 pi; None for the
             highest that keeps the margins [Hz].
-        damping: damping ratio zeta of loops with torque demands.
-        integral_time: kp / ki [s].
-        lags: what makes the loops late, with the modes of the drives.
         velocity_bandwidth: of velocity loops, likewise [Hz].
-        law: names of the laws of axes that take torques.
 
     Raises:
-        InputError: several modes in a closed chain, or a velocity loop around which no loop keeps its margins.
+        InputError: several modes of axes that move each other.
+        NoLoopError: no loop keeps its margins.
     """
+    axes = task.axes
     found: dict[int, AxisGains] = {}
     reasons = []
-    if lags.drives.mode and axes[0].chain is not None and len(set(lags.drives.mode)) > 1:
-        raise InputError("servo mode: the axes are coupled by a closed chain, all must have one mode")
+    _check_modes_of_groups(axes, task.lags.drives, frequency)
     for mode in MODES:
-        places = [a for a in range(len(axes)) if lags.drives.mode_of(a) == mode]
-        chosen, drives = tuple(axes[a] for a in places), lags.drives.of_axes(places)
-        plain = Drives(drives.load, drives.bandwidth)
-        if not places or mode == "stepper":
-            own, why = [AxisGains() for _ in places], "steppers in open loop have no gains"
-        elif mode == "velocity":
-            own, why = _around_velocity(chosen, period, frequency, integral_time, lags, drives, velocity_bandwidth)
-        elif mode == "position":
-            own, why = _direct(chosen, drives.period, frequency, damping, integral_time, Lags(drives=plain))
-        else:
-            own, why = _direct(chosen, period, frequency, damping, integral_time, lags._replace(drives=plain), law)
-        found |= dict(zip(places, own, strict=True))
-        if places:
-            names = ", ".join(axis.name for axis in chosen)
-            reasons.append(why if len(places) == len(axes) else f"{names}: {why}")
+        places = [a for a in range(len(axes)) if task.lags.drives.mode_of(a) == mode]
+        if not places:
+            continue
+        gains_of_mode, reason = _of_mode(mode, _part(task, places), frequency, velocity_bandwidth)
+        found |= dict(zip(places, gains_of_mode, strict=True))
+        names = ", ".join(axes[a].name for a in places)
+        reasons.append(reason if len(places) == len(axes) else f"{names}: {reason}")
     return tuple(found[a] for a in range(len(axes))), "; ".join(reasons)
 
 
-def _direct(
-    axes: tuple[AxisDynamics, ...],
-    period: float,
-    frequency: float | None,
-    damping: float,
-    integral_time: float,
-    lags: Lags,
-    law: tuple[LawName, ...] = (PID,),
+def _check_modes_of_groups(axes: Sequence[AxisDynamics], drives: Drives, frequency: float | None) -> None:
+    """Raise InputError for several modes of axes that move each other: their margins together are not known."""
+    if drives.mode and axes[0].chain is not None and len(set(drives.mode)) > 1:
+        raise InputError("servo mode: the axes are coupled by a closed chain, all must have one mode")
+    for members in coupled_groups(axes):
+        modes = {drives.mode_of(a) for a in members}
+        if len(modes) > 1 and frequency is None:
+            names = ", ".join(axes[a].name for a in members)
+            given = " and ".join(map(repr, sorted(modes)))
+            raise InputError(f"servo mode: axes {names} move each other: must have one mode, not {given}")
+
+
+def _part(task: LoopTask, places: Sequence[int]) -> LoopTask:
+    """Return the task for some of its axes."""
+    return task._replace(axes=tuple(task.axes[a] for a in places), lags=task.lags.of_axes(places))
+
+
+def _of_mode(
+    mode: str, task: LoopTask, frequency: float | None, velocity_bandwidth: float | None
 ) -> tuple[list[AxisGains], str]:
+    """Return the gains of axes that all have one mode, and what bounds them in words."""
+    if mode == "stepper":
+        return [AxisGains() for _ in task.axes], "steppers in open loop have no gains"
+    if mode == "velocity":
+        return _around_velocity(task, frequency, velocity_bandwidth)
+    drives = task.lags.drives
+    plain = Drives(drives.load, drives.bandwidth)
+    if mode == "position":  # the drive has law and encoder, at its own period
+        return _direct(task._replace(period=drives.period, lags=Lags(drives=plain), law=(PID,)), frequency)
+    return _direct(task._replace(lags=task.lags._replace(drives=plain)), frequency)
+
+
+def _direct(task: LoopTask, frequency: float | None) -> tuple[list[AxisGains], str]:
     """Return the gains of loops that demand torques at a period."""
-    found = loop(axes, period, frequency, damping, integral_time, lags, law)
-    each = [
-        AxisGains(**pd_gains(axis, found.frequency, damping, integral_time), notch=mode)
-        for axis, mode in zip(axes, found.notches, strict=True)
+    found = loop(task, frequency)
+    axis_gains = [
+        AxisGains(**pd_gains(axis, found.frequency, task.damping, task.integral_time), notch=mode)
+        for axis, mode in zip(task.axes, found.notches, strict=True)
     ]
-    return each, found.reason
+    return axis_gains, found.reason
 
 
 def velocity_loop(axes: tuple[AxisDynamics, ...], drives: Drives, bandwidth: float | None) -> Loop:
@@ -127,60 +126,104 @@ def velocity_loop(axes: tuple[AxisDynamics, ...], drives: Drives, bandwidth: flo
         axes: of the drives.
         drives: their properties; the encoder of the velocity is on the motor.
         bandwidth: K / J to be taken; None for the highest [Hz].
+
+    Raises:
+        NoLoopError: no velocity loop keeps its margins.
     """
     frequency = None if bandwidth is None else 0.5 * positive("velocity_bandwidth", bandwidth, "Hz", _HIGHEST_BANDWIDTH)
     lags = Lags(drives=Drives(bandwidth=drives.bandwidth))
-    return loop(axes, drives.period, frequency, 1.0, math.inf, lags, notched=False)
+    return loop(LoopTask(axes, drives.period, lags, notched=False), frequency)
 
 
-def _around_velocity(
-    axes: tuple[AxisDynamics, ...],
-    period: float,
-    frequency: float | None,
-    integral_time: float,
-    lags: Lags,
-    drives: Drives,
-    bandwidth: float | None,
-) -> tuple[list[AxisGains], str]:
+def _around_velocity(task: LoopTask, frequency: float | None, bandwidth: float | None) -> tuple[list[AxisGains], str]:
     """Return the gains of velocity loops and of the loops around them: the fastest that keep their margins."""
-    inner = velocity_loop(axes, drives, bandwidth)
+    drives = task.lags.drives
+    inner = velocity_loop(task.axes, drives, bandwidth)
     w = 2 * math.pi * inner.frequency
-    each = [pd_gains(axis, inner.frequency, 1.0, math.inf) for axis in axes]
-    drives = drives._replace(velocity=tuple((one["kd"], one["kp"] / one["kd"]) for one in each))
-    kp = w if frequency is None else 2 * math.pi * positive("frequency", frequency, "Hz", _HIGHEST_BANDWIDTH)
-    bound, first = "", kp
-    while frequency is None and (trouble := _trouble(axes, period, lags, drives, kp, integral_time)):
-        bound, kp = trouble, kp * _SLOWER
+    inner_gains = [pd_gains(axis, inner.frequency, 1.0, math.inf) for axis in task.axes]
+    velocity = tuple((own["kd"], own["kp"] / own["kd"]) for own in inner_gains)
+    task = task._replace(lags=task.lags._replace(drives=drives._replace(velocity=velocity)))
+    speed = f"velocity loops of {2 * inner.frequency:.3g} Hz"
+    if frequency is None:
+        kp, limit = _fastest_around(task, w, speed)
+    else:
+        kp = 2 * math.pi * positive("frequency", frequency, "Hz", _HIGHEST_BANDWIDTH)
+        limit = "as given"
+    reason = f"kp {kp:.3g} 1/s, {limit}; {speed} in the drives, of {inner.reason}"
+    axis_gains = [
+        AxisGains(kp=kp, ki=kp / task.integral_time, velocity_gain=own["kd"], velocity_time=2 / w)
+        for own in inner_gains
+    ]
+    return axis_gains, reason
+
+
+def _fastest_around(task: LoopTask, first: float, speed: str) -> tuple[float, str]:
+    """Return the highest kp around velocity loops that keeps the margins [1/s], and what bounds it in words.
+
+    Args:
+        task: with the gains of the velocity loops.
+        first: the highest that is tried [1/s].
+        speed: of the velocity loops, in words.
+
+    Raises:
+        NoLoopError: none keeps them.
+    """
+    parts = _nominal_parts(task)
+    too_fast = None
+    kp = first
+    while not all(part.keep(kp) for part in parts):
+        too_fast = kp
+        kp *= _SLOWER
         if kp < _SLOWEST * first:
-            raise InputError(
-                f"velocity loops of {2 * inner.frequency:.3g} Hz: {trouble}; give a lower velocity_bandwidth"
+            raise NoLoopError(
+                f"around {speed}, with kp {first:.3g} 1/s {_trouble(parts, first)}, with kp {too_fast:.3g} 1/s "
+                f"{_trouble(parts, too_fast)}"
             )
-    limit = f"at more, {bound}" if bound else "as given" if frequency else "that of the velocity loops"
-    why = f"kp {kp:.3g} 1/s, {limit}; velocity loops of {2 * inner.frequency:.3g} Hz in the drives, of {inner.reason}"
-    return [AxisGains(kp=kp, ki=kp / integral_time, velocity_gain=one["kd"], velocity_time=2 / w) for one in each], why
+    if too_fast is None:
+        return kp, "that of the velocity loops"
+    return kp, f"at more, {_trouble(parts, too_fast)}"
 
 
-def _trouble(
-    axes: Sequence[AxisDynamics], period: float, lags: Lags, drives: Drives, kp: float, integral_time: float
-) -> str:
-    """Return which margin is too small around the velocity loops, in words; empty if none is."""
-    gain = dict.fromkeys(GAIN_NAMES, 0.0) | {"kp": kp, "ki": kp / integral_time}
-    law = compensator(tuple(gain[name] for name in GAIN_NAMES), period).delayed(lags.feedback)
-    chain = axes[0].chain
-    parts = (
-        [(axes, chain, drives)]
-        if chain
-        else [([axis], axis.motion, drives.of_axes([a])) for a, axis in enumerate(axes)]
-    )
-    for together, motion, own in parts:
-        if motion is None:
-            continue
-        laws = Laws(period, lags.delay, (law,) * len(together), own)
-        found_of = Plant(motion, period, lags.delay, own).margins(laws)
-        for axis, found in zip(together, found_of, strict=True):
-            if not kept(found) or found.together < LEAST_GAIN_MARGIN:
-                return (
-                    f"{axis.name} has a gain margin of {min(found.gain, found.together):.3g} (at least "
-                    f"{LEAST_GAIN_MARGIN:g}) and a peak of |S| of {found.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
-                )
-    return ""
+class _Outer:
+    """The loops around the velocity loops of axes that move each other, or of one axis that moves no other."""
+
+    def __init__(self, task: LoopTask, members: Sequence[int], motion: Motion) -> None:
+        self._task = task
+        self._names = [task.axes[a].name for a in members]
+        self._drives = task.lags.drives.of_axes(members)
+        self._plant = Plant(motion, task.period, task.lags.delay, self._drives)
+
+    def keep(self, kp: float) -> bool:
+        """Return whether all keep their margins."""
+        return keeps_margins(self._plant, self._laws(kp))
+
+    def trouble(self, kp: float) -> str:
+        """Return which margin is too small, in words; empty if none is."""
+        found = zip(self._names, self._plant.margins(self._laws(kp)), strict=True)
+        return next((margin_in_words(name, margins) for name, margins in found if not kept(margins)), "")
+
+    def _laws(self, kp: float) -> Laws:
+        task = self._task
+        gain = dict.fromkeys(GAIN_NAMES, 0.0) | {"kp": kp, "ki": kp / task.integral_time}
+        law: Compensator = compensator(tuple(gain[name] for name in GAIN_NAMES), task.period)
+        late = law.delayed(task.lags.feedback)
+        return Laws(task.period, task.lags.delay, (late,) * len(self._names), self._drives)
+
+
+def _nominal_parts(task: LoopTask) -> list[_Outer]:
+    """Return the loops of all axes whose motion is known."""
+    groups = coupled_groups(task.axes)
+    coupled = {a for members in groups for a in members}
+    members_of = sorted([*groups, *([a] for a in range(len(task.axes)) if a not in coupled)])
+    parts = []
+    for members in members_of:
+        axis = task.axes[members[0]]
+        motion = axis.motion if axis.coupled is None else axis.coupled
+        if motion is not None:
+            parts.append(_Outer(task, members, motion))
+    return parts
+
+
+def _trouble(parts: Sequence[_Outer], kp: float) -> str:
+    """Return which margin is too small around the velocity loops, in words."""
+    return next(filter(None, (part.trouble(kp) for part in parts)), "")

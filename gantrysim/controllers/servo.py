@@ -12,43 +12,23 @@ from typing import Any
 import numpy as np
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.cascade import gains as gains_of
-from gantrysim.controllers.derivation import (
-    NOTCH_DEPTH,
-    NOTCH_WIDTH,
-    AxisDynamics,
-    Lags,
-    derived_laws,
-    loop,
-    nominal_motions,
-)
+from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags
+from gantrysim.controllers.derivation import NoLoopError
 from gantrysim.controllers.law import GAIN_NAMES, compensator
 from gantrysim.controllers.laws.linear import closed, linear_law
-from gantrysim.controllers.laws.parameters import (
-    LAW_PARAMETERS,
-    LEARNING,
-    NOT_PD,
-    PD,
-    PID,
-    PREVIEW,
-    LawParameters,
-    law_names,
-    words,
-)
+from gantrysim.controllers.laws.parameters import PID, LawParameters, law_names, words
 from gantrysim.controllers.laws.user import LawName, linearised, resolved
+from gantrysim.controllers.remedies import refusal
+from gantrysim.controllers.servo_design import ServoRequest, check_margins, designed
 from gantrysim.controllers.servo_values import (
     COMMON,
-    DAMPINGS,
     DERIVED,
-    DRIVE,
     DRIVE_PERIOD,
     FEEDBACKS,
     FOLLOWING_ERROR_LIMIT,
     LARGEST_SEED,
-    LONGEST_PERIOD,
     LOOPS,
     MAX_FEEDBACK_DELAY,
-    SHORTEST_PERIOD,
     UNLESS_GIVEN,
     check_drive_period,
     check_modes,
@@ -56,11 +36,9 @@ from gantrysim.controllers.servo_values import (
     check_whole,
     checked,
     drives_of,
-    per_axis,
-    whole_ratio,
 )
 from gantrysim.display import Shown
-from gantrysim.errors import InputError, at_least, between, finite, positive, unknown_text
+from gantrysim.errors import InputError, at_least, unknown_text
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import MODES, Drives
 
@@ -273,7 +251,9 @@ class Servo(LawParameters, Shown):
         loop at the natural frequency w; ki = kp / integral_time. Feed-forward supplies the torque for the
         inertia and the viscous friction. All axes get one frequency, so that their lags match and a circle
         stays round: the highest one at which each axis keeps a gain margin of 2 and |S| <= 2, if need be with
-        a notch at its mode, see `gantrysim.controllers.derivation`.
+        a notch at its mode, see `gantrysim.controllers.derivation`. Axes that move each other do so with the loops of
+        all of them closed, and with a factor of 2 on the gains of all. Margins are not kept of what is given: a
+        frequency, gains or a notch.
 
         Args:
             axes: the machine's axes.
@@ -295,82 +275,42 @@ class Servo(LawParameters, Shown):
             drive_period: of the loops in the drives, by default 0.125 ms, or the servo's if that is no multiple [s].
             velocity_bandwidth: of velocity loops in the drives, by default the highest that keeps the margins [Hz].
             given: any of `DERIVED` to override, one value or one per axis.
+
+        Raises:
+            InputError: a value out of its bounds, or no loop that keeps its margins; the message names a value that has
+                one, found by trying it.
         """
-        axes = _tuple_of(axes)
-        if not axes:
-            raise InputError("a servo must have at least one axis")
         _check_keywords(given)
-        check_period(period)
-        zeta = between("damping", damping, *DAMPINGS)
-        share = at_least("feedforward", feedforward, 0)
-        inner = drive_period or (DRIVE_PERIOD if whole_ratio(period / DRIVE_PERIOD) else period)
-        integral_time = integral_time if integral_time == math.inf else finite("integral_time", integral_time, "s")
-        if not integral_time > 0:
-            raise InputError(f"integral_time = {integral_time:g} s: must be greater than 0 s; inf for no integral term")
-        at_least("integral_time", min(integral_time, LONGEST_PERIOD), SHORTEST_PERIOD, "s")
-        modes = per_axis("mode", mode or tuple(axis.mode for axis in axes), len(axes))
-        counts = per_axis("resolution", given.get("resolution", [axis.resolution for axis in axes]), len(axes))
-        check_drive_period(inner, period, modes)
-        places = tuple(
-            "none" if own == "stepper" and place == "motor" and not count else place
-            for own, place, count in zip(modes, per_axis("feedback", feedback, len(axes)), counts, strict=True)
-        )
-        widths = per_axis("current_bandwidth", given.get("current_bandwidth") or 0.0, len(axes))
-        check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
-        names = law_names(law)
-        if PD in names:
-            integral_time, share = math.inf, 0.0
-        lags = Lags(at_least("servo delay", delay, 0, "s"), feedback_delay, drives_of(places, widths, modes, inner))
-        if velocity_bandwidth is not None and "velocity" not in modes:
-            width = positive("velocity_bandwidth", velocity_bandwidth, "Hz")
-            raise InputError(f"velocity_bandwidth = {width:g} Hz: no drive is in mode 'velocity'")
-        if names != (PID,):
-            check_modes(f"servo law = {words(names)}", modes)
-        found, _ = gains_of(axes, period, frequency, zeta, integral_time, lags, velocity_bandwidth, names)
-        own: list[dict[str, float]] = [{} for _ in axes]
-        if names != (PID,):
-            loops = loop(axes, period, frequency, zeta, integral_time, lags, names)
-            own = derived_laws(axes, loops, names, period, zeta, integral_time, lags)
-        fast = [mode == "velocity" for mode in modes]
-        derived: dict[str, list[float]] = {
-            **{name: [getattr(own, name) for own in found] for name in ("kp", "ki", "kd")},
-            "velocity_ff": [share * (1.0 if own else axis.viscous) for axis, own in zip(axes, fast, strict=True)],
-            "acceleration_ff": [share * (0.0 if own else axis.inertia) for axis, own in zip(axes, fast, strict=True)],
-            "output_velocity": [0.0 for _ in axes],
-            "torque_limit": [axis.peak_torque for axis in axes],
-            "resolution": [axis.resolution for axis in axes],
-            "notch_frequency": [own.notch for own in found],
-            "notch_width": [NOTCH_WIDTH for _ in axes],
-            "notch_depth": [NOTCH_DEPTH for _ in axes],
-            "following_error_limit": [following_error_limit for _ in axes],
-            **{parameter.name: [0.0 for _ in axes] for parameter in DRIVE},
-            **{one.name: [values.get(one.name, 0.0) for values in own] for one in LAW_PARAMETERS},
-            "velocity_gain": [own.velocity_gain for own in found],
-            "velocity_time": [own.velocity_time for own in found],
-        }
-        for name, value in given.items():
-            if PD in names and name in NOT_PD and value is not None and np.any(value):
-                raise InputError(f"{name} = {value}: must be 0 in law 'pd'; use 'pid'")
-            if value is None:
-                continue
-            derived[name] = list(per_axis(name, value, len(axes)))
-        for name in GAIN_NAMES:
-            if not isinstance(given.get(name), Iterable):
-                kept = zip(derived[name], modes, strict=True)
-                derived[name] = [0.0 if mode == "stepper" else value for value, mode in kept]
-        return cls(
+        request = ServoRequest(
+            axes=_tuple_of(axes),
             period=period,
+            frequency=frequency,
+            damping=damping,
+            feedforward=feedforward,
+            integral_time=integral_time,
+            following_error_limit=following_error_limit,
             delay=delay,
-            feedback=places,
-            mode=modes,
+            feedback=feedback,
+            mode=mode,
             feedback_delay=feedback_delay,
             encoder_seed=encoder_seed,
-            law=names,
+            law=law,
             learning_repeats=learning_repeats,
-            motions=nominal_motions(axes) if PREVIEW in names or LEARNING in names else (),
-            drive_period=inner,
-            **{name: tuple(values) for name, values in derived.items()},
+            drive_period=drive_period,
+            velocity_bandwidth=velocity_bandwidth,
+            given=given,
         )
+        try:
+            return cls._of(request)
+        except NoLoopError as error:
+            raise refusal(request, error, cls._of) from None
+
+    @classmethod
+    def _of(cls, request: ServoRequest) -> Servo:
+        """Return the servo that a request describes, or raise NoLoopError where its loops keep no margins."""
+        servo = cls(**designed(request))
+        check_margins(request, servo)
+        return servo
 
 
 def _check_keywords(given: Iterable[str]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from gantrysim.controllers import notch
-from gantrysim.controllers.derivation import NOTCH_DEPTH, NOTCH_WIDTH
+from gantrysim.controllers.axis_loop import NOTCH_DEPTH, NOTCH_WIDTH
 from gantrysim.controllers.law import GAINS, Parameter
 from gantrysim.controllers.laws.parameters import LAW_PARAMETERS
 from gantrysim.errors import InputError, at_least, between, finite, positive, whole
@@ -19,7 +19,7 @@ LONGEST_PERIOD = 1.0  # [s]
 SHORTEST_PERIOD = 1e-7  # [s]
 
 MAX_FEEDBACK_DELAY = 16  # servo periods
-_LARGEST_BANDWIDTH = 1e5  # [Hz]
+LARGEST_BANDWIDTH = 1e5  # [Hz]
 _ALMOST = 1e-6  # a whole number
 LARGEST_SEED = 2**53
 
@@ -54,6 +54,27 @@ DERIVED = (
     Parameter("resolution", "u", "axis travel per encoder count, the machine's own; 0 for an exact encoder"),
 )
 
+# gains, of which one that is given makes a loop that is no longer the derived one
+LOOP_GAINS = (
+    "kp",
+    "ki",
+    "kd",
+    "output_velocity",
+    "notch_frequency",
+    "notch_width",
+    "notch_depth",
+    "velocity_gain",
+    "velocity_time",
+)
+# so does a parameter of a law that feeds back position
+SHAPING = (
+    *LOOP_GAINS,
+    "observer_bandwidth",
+    "observer_inertia",
+    "observer_viscous",
+    "observer_lag",
+    "contour_gain",
+)
 
 UNLESS_GIVEN: dict[str, float | str] = {
     "notch_frequency": notch.NONE,
@@ -132,7 +153,7 @@ def checked(name: str, value: Any) -> Any:
     if name in _LAW_NAMES:
         return at_least(name, value, 0)
     if name in _DRIVE_NAMES:
-        return between(name, value, 0, _LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)
+        return between(name, value, 0, LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)
     if name in ("torque_limit", "following_error_limit"):
         return value if value == math.inf else positive(name, value)
     if name == "resolution":

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.derivation import LARGEST_PEAK
+from gantrysim.controllers.axis_loop import LARGEST_PEAK
 from gantrysim.controllers.servo import Servo
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors
 from gantrysim.machine.machine import Machine

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim import memory
+from gantrysim.controllers.axis_loop import LoopTask
 from gantrysim.controllers.cascade import gains
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.laws.parameters import PD
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
+from gantrysim.controllers.servo_values import LOOP_GAINS
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
@@ -30,9 +32,6 @@ from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
 from gantrysim.toml_files import validated
-
-# of the loop
-_SHAPING = ["kp", "ki", "kd", "output_velocity", "notch_frequency", "notch_width", "notch_depth", "velocity_gain"]
 
 
 class Job(JobContent):
@@ -186,14 +185,14 @@ class Job(JobContent):
     @property
     def servo_reason(self) -> str:
         """What bounds the natural frequency of the servo, and why it has notches, in words."""
-        given = [name for name in _SHAPING if getattr(self.servo, name) is not None]
+        given = [name for name in LOOP_GAINS if getattr(self.servo, name) is not None]
         if given:
             return f"{', '.join(given)} as given"
-        servo, own = self.servo, self.built_servo
-        lags = own.lags._replace(drives=own.drives._replace(velocity=()))
-        shape = servo.frequency, servo.damping, math.inf if PD in own.law else servo.integral_time
-        axes = self.built_machine.axes
-        return gains(axes, servo.period, *shape, lags, servo.velocity_bandwidth, own.law)[1]
+        servo, built = self.servo, self.built_servo
+        lags = built.lags._replace(drives=built.drives._replace(velocity=()))
+        integral_time = math.inf if PD in built.law else servo.integral_time
+        task = LoopTask(self.built_machine.axes, servo.period, lags, servo.damping, integral_time, built.law)
+        return gains(task, servo.frequency, servo.velocity_bandwidth)[1]
 
     @cached_property
     def margins(self) -> tuple[Margins, ...] | None:
@@ -231,7 +230,7 @@ class Job(JobContent):
                 `simulate`.
         """
         if not self.simulation.allow_unstable:
-            check_stability(self.built_machine, self.margins)
+            check_stability(self.built_machine, self.margins, self.servo)
         with self._located():
             record = simulate(
                 self.built_machine if machine is None else machine,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from gantrysim.controllers.servo_values import SHAPING
 from gantrysim.errors import InputError
+from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.stability.margins import Margins
 
@@ -18,12 +20,24 @@ def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple
     )
 
 
-def check_stability(machine: Machine, margins: tuple[Margins, ...] | None) -> None:
-    """Raise InputError for a servo that is unstable on its machine."""
+def check_stability(machine: Machine, margins: tuple[Margins, ...] | None, settings: ServoSettings) -> None:
+    """Raise InputError for a servo that is unstable on its machine.
+
+    Args:
+        machine: the machine.
+        margins: of each axis.
+        settings: of the servo; derived loops are stable, but for those of a user's own law, so that the values given
+            that shape the loops are to be changed.
+    """
     named = zip(machine.axis_names, margins or (), strict=False)
     unstable = [f"{name} is {own}" for name, own in named if not own.stable]
     if unstable:
+        advice = "change the law, or give lower gains"
+        names = (*SHAPING, "frequency", "velocity_bandwidth")
+        given = [name for name in names if getattr(settings, name) is not None]
+        if given:
+            advice = f"change {', '.join(given)}, or leave out what is given to have it derived"
         raise InputError(
-            f"servo on machine {machine.name}: {'; '.join(unstable)}: lower the gains or leave them out to have them "
-            "derived, or set simulation.allow_unstable = true to run it all the same"
+            f"servo on machine {machine.name}: {'; '.join(unstable)}: {advice}, or set simulation.allow_unstable = "
+            "true to run it all the same"
         )

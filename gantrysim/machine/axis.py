@@ -63,6 +63,8 @@ class Axis:
             has a delay of its own.
         friction: model of its friction; all zero without one.
         chain: that of all axes, where a closed chain couples them; else None.
+        coupled: that of all axes that move each other, this one among them, in their order; None for an axis that
+            moves no other. In a closed chain it is that of all axes.
         efficiency: share of the work that its transmission passes on.
         mode: what its drive is made to be told, see `gantrysim.Servo`.
         phases: of a motor whose custom numerics state them, else None.
@@ -85,6 +87,7 @@ class Axis:
     friction: Friction = field(repr=False)
     motion: Motion | None = field(default=None, repr=False)
     chain: Motion | None = field(default=None, repr=False)
+    coupled: Motion | None = field(default=None, repr=False)
     efficiency: float = 1.0
     mode: str = "torque"
     phases: Phases | None = None
@@ -173,9 +176,21 @@ def with_dynamics(
     except UnknownLoopError:
         return tuple(known)
     if not closed:
-        return tuple(replace(axis, motion=whole.of_axis(a)) for a, axis in enumerate(known))
+        coupled = _coupled_motions(whole)
+        return tuple(replace(axis, motion=whole.of_axis(a), coupled=coupled.get(a)) for a, axis in enumerate(known))
     alone = [_alone(model, axes, addresses, qpos, a).of_axis(a) for a in range(len(axes))]
-    return tuple(replace(axis, motion=motion, chain=whole) for axis, motion in zip(known, alone, strict=True))
+    return tuple(
+        replace(axis, motion=motion, chain=whole, coupled=whole) for axis, motion in zip(known, alone, strict=True)
+    )
+
+
+def _coupled_motions(whole: Motion) -> dict[int, Motion]:
+    """Return the motion of the group of each axis that moves others, by the number of the axis."""
+    coupled: dict[int, Motion] = {}
+    for states, members in whole.groups():
+        if len(members) > 1:
+            coupled |= dict.fromkeys(members, whole.of_group(states, members))
+    return coupled
 
 
 def _alone(

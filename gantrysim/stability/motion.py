@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.arrays import Complexes, Floats
 from gantrysim.errors import InputError
 
 MODES = ("torque", "velocity", "position", "stepper")  # of a drive, what the servo sends to it
 _NO_EFFECT = 1e-9  # effect of one state on another that is rounding, relative to the largest
+_NO_COUPLING = 1e-6  # coupling by inertia, of 1 for axes that move as one, which moves no margin by more
 
 
 class UnknownLoopError(InputError):
@@ -162,10 +164,37 @@ class Motion:
         swings: Floats = np.sort(np.abs(roots[roots.imag > 0])) / (2 * np.pi)
         return swings
 
+    def of_group(self, states: Sequence[int], axes: Sequence[int]) -> Motion:
+        """Return the motion of one of the groups, with its axes numbered from 0 on."""
+        L = None if self.L is None else self.L[np.ix_(axes, states)]
+        row_of = {state: row for row, state in enumerate(states)}
+        currents = tuple(row_of.get(self.currents[a], -1) for a in axes) if self.currents else ()
+        return Motion(
+            self.A[np.ix_(states, states)], self.B[np.ix_(states, axes)], self.C[np.ix_(axes, states)], L, currents
+        )
+
     def groups(self) -> list[tuple[list[int], list[int]]]:
         """Return the groups of axes that move each other: states and axes of each."""
-        found = ((states, [a for a in range(len(self.C)) if np.any(self.C[a, states])]) for states in _coupled(self.A))
+        groups = _coupled(self.A)
+        for first, second in zip(*np.nonzero(np.triu(self._coupled_by_inertia(), 1)), strict=True):
+            moved = set(np.flatnonzero(self.C[[first, second]].any(axis=0)).tolist())
+            joined = sorted(state for group in groups if moved & set(group) for state in group)
+            groups = [group for group in groups if not moved & set(group)] + [joined]
+        found = ((states, [a for a in range(len(self.C)) if np.any(self.C[a, states])]) for states in groups)
         return [(states, axes) for states, axes in found if axes]
+
+    def _coupled_by_inertia(self) -> NDArray[np.bool_]:
+        """Return which axes the torques of which others accelerate at once, (axes, axes).
+
+        Without springs, damping and windings A holds no trace of it: the inverse of the mass matrix is in B alone. With
+        the acceleration D = C A B of axis i by the torque of axis j, the coupling squared is D_ij D_ji / (D_ii D_jj).
+        """
+        D = self.C @ self.A @ self.B
+        # a load on a spring does not move at once: the accelerations of motor and spring cancel but for rounding
+        D[np.abs(D) < _NO_EFFECT * (np.abs(self.C) @ np.abs(self.A) @ np.abs(self.B))] = 0.0
+        alone = np.abs(np.diag(D))
+        coupled: NDArray[np.bool_] = np.abs(D * D.T) > _NO_COUPLING**2 * np.outer(alone, alone)
+        return coupled
 
     def sampled(self, period: float, delay: float = 0.0) -> list[LinearSystem]:
         """Return the exact motion from tick to tick, of each group of axes that move each other.

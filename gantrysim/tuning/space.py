@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.derivation import AxisDynamics
+from gantrysim.controllers.axis_dynamics import AxisDynamics
 from gantrysim.controllers.servo import Servo
 
 SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets

@@ -24,6 +24,7 @@ class Plant:
     resolution: float = 1e-3
     motion: None = None
     chain: None = None
+    coupled: None = None
     mode: str = "torque"
 
 

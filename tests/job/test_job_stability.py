@@ -11,6 +11,9 @@ from gantrysim.stability.margins import margins_of
 SHORT = ("diameter=40", "turns=1")
 
 
+LAW = "def backwards(tick, state, torque):\n    for a in range(tick.axes):\n        torque[a] = -tick.error[a]\n"
+
+
 def with_gains(factor, *more):
     """The spiral of one turn with kp and kd of y times a factor."""
     servo = Job.load("an225", SHORT).built_servo
@@ -40,10 +43,32 @@ def test_a_margin_below_one_and_a_half_is_a_note_in_table_and_summary(margin, no
 
 def test_an_unstable_servo_is_refused_unless_it_is_allowed():
     job = with_gains(1.1 * edge())
-    line = "^servo on machine xy: y is unstable, stable with its gains times 0.91: lower the gains or leave them out"
+    line = "^servo on machine xy: y is unstable, stable with its gains times 0.91: change kp, kd, or leave out what is"
     with pytest.raises(InputError, match=line):
         job.run()
     assert with_gains(1.1 * edge(), "allow_unstable=true").run().time.size > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "advice"),
+    [
+        (["frequency=200.0"], "change frequency, or leave out what is given to have it derived"),
+        (["servo.law='{law}:backwards'"], "change the law, or give lower gains"),
+    ],
+)
+def test_a_refusal_advises_to_leave_out_what_is_given_and_nothing_else(change, advice, tmp_path):
+    (tmp_path / "turned.py").write_text(LAW)
+    job = Job.load("an225", (*SHORT, *(one.format(law=tmp_path / "turned.py") for one in change)))
+    with pytest.raises(InputError, match=f": {advice}, or set simulation.allow_unstable = true") as caught:
+        job.run()
+    assert ("derived" in str(caught.value)) is (change[0].startswith("frequency"))
+
+
+def test_a_job_without_a_loop_of_enough_margin_is_refused_with_what_has_one():
+    """Nothing of its servo's gains is given, so none can be left out to have it derived."""
+    with pytest.raises(InputError, match=r"use integral_time = .* each tried") as caught:
+        Job.load("delta-arc", ["servo.feedback='load'"]).run()
+    assert "derived" not in str(caught.value)
 
 
 def test_the_command_refuses_an_unstable_servo_with_status_2(gantrysim_command, tmp_path):

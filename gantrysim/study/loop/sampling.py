@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.arrays import Floats
-from gantrysim.controllers.derivation import AxisDynamics
+from gantrysim.controllers.axis_dynamics import AxisDynamics
 from gantrysim.controllers.servo import Servo
 
 
@@ -37,7 +37,7 @@ def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -
         rate: w [rad/s].
     """
     s = 1j * rate
-    lag = servo.lags.of_axis(index).winding(axis)
+    lag = servo.lags.of_axes([index]).winding(axis)
     hold = cmath.exp(-s * (0.5 * servo.period + lag + servo.delay))
     late = cmath.exp(-s * servo.feedback_delay * servo.period)
     back = (1 - cmath.exp(-s * servo.period)) / servo.period

@@ -1,0 +1,221 @@
+"""The loop of an axis and those of coupled axes, by their natural frequency, and the margins they must keep."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from gantrysim.arrays import Floats
+from gantrysim.controllers import notch
+from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
+from gantrysim.controllers.law import GAIN_NAMES
+from gantrysim.controllers.laws.defaults import law_values
+from gantrysim.controllers.laws.linear import linear_law
+from gantrysim.controllers.laws.parameters import PID
+from gantrysim.controllers.laws.user import LawName
+from gantrysim.stability.compensator import Compensator
+from gantrysim.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
+
+LEAST_GAIN_MARGIN = 2.0  # of every derived loop
+LARGEST_PEAK = 2.0  # of its |S|
+
+# Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
+NOTCH_WIDTH = 0.35
+NOTCH_DEPTH = 0.1
+
+_SWINGS = 0.3  # damping ratio below which a closed loop's mode is to be left out by input shaping
+_BESIDE = 1e-5
+_BELOW_NYQUIST = 0.9  # highest frequency of a notch, relative
+
+
+class LoopTask(NamedTuple):
+    """Axes whose loops demand torques at one period, and the shape of these loops.
+
+    Attributes:
+        axes: the machine's axes, or some of them.
+        period: of the loops [s].
+        lags: what makes them late, of these axes.
+        damping: damping ratio zeta.
+        integral_time: kp / ki, inf for no integral term [s].
+        law: names of the laws in the loops.
+        notched: whether there may be notches.
+    """
+
+    axes: tuple[AxisDynamics, ...]
+    period: float
+    lags: Lags
+    damping: float = 1.0
+    integral_time: float = math.inf
+    law: tuple[LawName, ...] = (PID,)
+    notched: bool = True
+
+    @property
+    def lag(self) -> float:
+        """Time constant of winding, sampling and output together, of the slowest axis [s]."""
+        slowest = max(self.lags.of_axes([a]).winding(axis) for a, axis in enumerate(self.axes))
+        return slowest + self.period + self.lags.delay + self.lags.feedback * self.period
+
+
+class AxisLoop:
+    """The loop of one axis, by its natural frequency and with or without a notch."""
+
+    def __init__(self, task: LoopTask, axis: int) -> None:
+        self.axis = task.axes[axis]
+        self.lags = task.lags.of_axes([axis])
+        self._task = task
+        motion = self.axis.motion
+        self._plant = None if motion is None else Plant(motion, task.period, self.lags.delay, self.lags.drives)
+
+    def law(self, frequency: float, mode: float) -> Compensator:
+        """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
+        task = self._task
+        gains = pd_gains(self.axis, frequency, task.damping, task.integral_time)
+        in_order = tuple(gains.get(name, 0.0) for name in GAIN_NAMES)
+        filter = notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, task.period)
+        values = self.law_values(frequency)
+        return linear_law(task.law, in_order, filter, values, task.period, self.lags.delay, self.lags.feedback)
+
+    def law_values(self, frequency: float) -> dict[str, float]:
+        """Return the parameters of the laws at a natural frequency."""
+        return law_values(self._task.law, self.axis, frequency, self.lags.winding(self.axis), self._task.period)
+
+    def notch_at(self, frequency: float) -> float | None:
+        """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
+        if self._keeps(frequency, notch.NONE):
+            return notch.NONE
+        mode = self._mode(frequency)
+        return mode if self._usable(mode) and self._keeps(frequency, mode) else None
+
+    def limit(self, frequency: float) -> str:
+        """Return what is wrong at a natural frequency at which no notch helps, in words."""
+        mode = self._mode(frequency)
+        if not mode:
+            return self.trouble(frequency)
+        if self._usable(mode):
+            return f"{self.trouble(frequency, mode)} even with a notch at its mode of {mode:.0f} Hz"
+        if not self._task.notched:
+            return self.trouble(frequency)
+        nyquist = 0.5 / self._task.period
+        where = "above" if mode > nyquist else "too near"
+        return f"{self.trouble(frequency)}, and its mode of {mode:.0f} Hz is {where} half the servo's, {nyquist:.0f} Hz"
+
+    def trouble(self, frequency: float, mode: float = notch.NONE) -> str:
+        """Return which margin a notch, or none, leaves too small, in words."""
+        return margin_in_words(self.axis.name, self._margins(frequency, mode))
+
+    def slowest_swing(self, frequency: float, mode: float) -> tuple[float, float]:
+        """Return frequency [Hz] and damping ratio of the closed loop's slowest mode that swings, 0 without one."""
+        if self._plant is None:
+            return 0.0, 0.0
+        period = self._task.period
+        roots = np.log(self._plant.poles(self._laws(frequency, mode)).astype(complex) + 1e-300) / period
+        swings = roots[
+            (roots.imag > 0) & (-roots.real < _SWINGS * np.abs(roots)) & (roots.imag * period < 0.9 * math.pi)
+        ]
+        if not swings.size:
+            return 0.0, 0.0
+        slowest = swings[np.abs(swings).argmin()]
+        return float(np.abs(slowest)) / (2 * math.pi), max(float(-slowest.real / np.abs(slowest)), 0.0)
+
+    @cached_property
+    def _resonances(self) -> Floats:
+        """Natural frequencies of the axis' modes, rising, (n,) [Hz]."""
+        return np.zeros(0) if self.axis.motion is None else self.axis.motion.resonances()
+
+    def _usable(self, mode: float) -> bool:
+        return self._task.notched and 0 < mode < _BELOW_NYQUIST * 0.5 / self._task.period
+
+    def _keeps(self, frequency: float, mode: float) -> bool:
+        return self._plant is None or keeps_margins(self._plant, self._laws(frequency, mode))
+
+    def _margins(self, frequency: float, mode: float = notch.NONE) -> Margins:
+        if self._plant is None:
+            return NO_LOOP
+        return self._plant.margins(self._laws(frequency, mode))[0]
+
+    def _laws(self, frequency: float, mode: float) -> Laws:
+        return Laws(self._task.period, self.lags.delay, (self.law(frequency, mode),), self.lags.drives)
+
+    def _mode(self, frequency: float) -> float:
+        """Return the frequency of the mode at which the loop is largest, 0 without modes [Hz]."""
+        if self._plant is None:
+            return 0.0
+        modes = self._resonances
+        below = modes[modes < 0.5 / self._task.period]
+        if not below.size:
+            return float(modes.min(initial=math.inf)) if modes.size else 0.0
+        plain = self._laws(frequency, notch.NONE)
+        beside = below * (1 + _BESIDE)  # the loop has no bound at a mode without damping
+        return float(below[np.abs(self._plant.loop(plain, beside)[:, 0]).argmax()])
+
+
+class CoupledLoops:
+    """The loops of axes that move each other, all closed."""
+
+    def __init__(self, task: LoopTask, loops: Sequence[AxisLoop], members: Sequence[int]) -> None:
+        motion = task.axes[members[0]].coupled
+        assert motion is not None  # they are a group
+        self._task = task
+        self._loops = [loops[a] for a in members]
+        self._drives = task.lags.drives.of_axes(members)
+        self._plant = Plant(motion, task.period, task.lags.delay, self._drives)
+
+    @classmethod
+    def of(cls, task: LoopTask, loops: Sequence[AxisLoop]) -> list[CoupledLoops]:
+        """Return those of each group of axes that move each other."""
+        return [cls(task, loops, members) for members in coupled_groups(task.axes)]
+
+    def keep(self, frequency: float) -> bool:
+        """Return whether all keep their margins at a natural frequency."""
+        return keeps_margins(self._plant, self._laws(frequency))
+
+    def trouble(self, frequency: float) -> str:
+        """Return which margin is too small at a natural frequency, in words; empty if none is."""
+        found = self._plant.margins(self._laws(frequency))
+        names = [loop.axis.name for loop in self._loops]
+        return next(
+            (
+                margin_in_words(f"{name} with the loops of all axes closed", margins)
+                for name, margins in zip(names, found, strict=True)
+                if not kept(margins)
+            ),
+            "",
+        )
+
+    def _laws(self, frequency: float) -> Laws:
+        laws = tuple(loop.law(frequency, loop.notch_at(frequency) or notch.NONE) for loop in self._loops)
+        return Laws(self._task.period, self._task.lags.delay, laws, self._drives)
+
+
+def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time: float) -> dict[str, float]:
+    """Return the gains that place the poles of the continuous loop of an axis' inertia: kp = J w^2, kd = 2 zeta J w."""
+    w = 2 * math.pi * frequency
+    kp = axis.inertia * w**2
+    return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
+
+
+def kept(margins: Margins) -> bool:
+    """Return whether a loop keeps the margins of derived ones."""
+    gain = min(margins.gain, margins.together)
+    return gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
+
+
+def keeps_margins(plant: Plant, servo: LinearLaw) -> bool:
+    """Return whether all loops keep the margins of derived ones."""
+    if plant.exceeds(servo, LARGEST_PEAK):  # most that fail do so here, in a fraction of the time
+        return False
+    return all(kept(margins) for margins in plant.margins(servo))
+
+
+def margin_in_words(name: str, margins: Margins) -> str:
+    """Return which margin of an axis is too small."""
+    gain = min(margins.gain, margins.together)
+    if not gain:
+        return f"{name} is unstable"
+    if gain < LEAST_GAIN_MARGIN:
+        return f"{name} has a gain margin of {gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"
+    return f"{name} has a peak of |S| of {margins.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
