@@ -29,7 +29,7 @@ from rich.table import Table
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.bead import Bead
-from gantrysim.controllers.paths.path import Path
+from gantrysim.controllers.paths.kinds import kind_of, path_of
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
@@ -150,10 +150,10 @@ def analysis(rounds: int) -> float:
     def share(name: str) -> float:
         job = Job.load(name)
         run = job.run()
-        kind, parameters = type(run.requested).__name__, run.requested.parameters()
+        kind, parameters = kind_of(run.requested), run.requested.parameters()
 
         def analyse() -> None:
-            fresh = replace(run, requested=Path.build(kind, parameters))  # without the tables of an earlier analysis
+            fresh = replace(run, requested=path_of(kind, parameters))  # without the tables of an earlier analysis
             found = Analysis(fresh)
             _ = found.values, Budget(found).values, Bead(fresh, job.bead, found).values
 
