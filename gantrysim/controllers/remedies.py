@@ -20,6 +20,7 @@ _WIDER = (2.0, 4.0, 8.0, 16.0)  # factors on current loops
 _NARROWER = (2.0, 4.0, 8.0, 16.0)  # divisors of velocity loops
 _SHORTER = (2, 4, 8)  # divisors of periods
 _MOST = 3  # single changes named
+_IDLE = 0.1  # natural frequency of a loop not worth its name beside a useful one, relative to that
 _NEARLY = 0.5  # natural frequency with which a milder change will do, relative to that of the strongest
 _USEFUL = 0.1  # natural frequency of a loop that is worth a change, relative to what the lags leave room for
 
@@ -147,7 +148,7 @@ def _remedies(changes: Sequence[Change], tries: _Tries) -> list[dict[Change, int
     single = [change for change in changes if tries.speed({change: -1})]
     remedies = [tries.nearest(change, {}) for change in single[:_MOST]]
     if any(tries.speed(remedy) >= tries.useful for remedy in remedies):
-        return remedies
+        return [remedy for remedy in remedies if tries.speed(remedy) >= _IDLE * tries.useful]
     together = {change: len(change.values) - 1 for change in changes}
     if tries.speed(together) < tries.useful and (remedies or not tries.speed(together)):
         return remedies

@@ -14,7 +14,8 @@ from gantrysim import InputError, Machine, Servo
 from gantrysim.controllers import notch
 from gantrysim.controllers.axis_dynamics import Lags
 from gantrysim.controllers.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, NOTCH_DEPTH, NOTCH_WIDTH, LoopTask
-from gantrysim.controllers.derivation import loop, natural_frequency
+from gantrysim.controllers.derivation import NoLoopError, loop, natural_frequency
+from gantrysim.controllers.servo_design import ServoRequest, check_margins
 from gantrysim.machine.machine import builtin_models
 from gantrysim.stability.margins import Plant, margins_of
 from gantrysim.stability.motion import Motion
@@ -64,7 +65,9 @@ def test_a_servo_whose_integral_term_leaves_no_loop_is_refused_with_the_time_tha
         Servo.derive(machine("delta").axes, **ON_THE_LOAD)
     message = str(caught.value)
     assert message.startswith("servo integral_time = 0.03 s, feedback = 'load': no loop keeps a gain margin of 2")
-    assert "an integral term makes slow loops unstable; use integral_time = 0.05 s (2.66 Hz) or feedback" in message
+    assert "(at 26.9 Hz a1 has a gain margin of 0.306 (at least 2)" in message
+    assert "at 0.0276 Hz a1 is unstable): an integral term makes slow loops unstable;" in message
+    assert "; use integral_time = 0.05 s (2.66 Hz) or feedback = 'motor' (21.1 Hz), each tried" in message
     assert "\n" not in message
     assert keeps(machine("delta"), Servo.derive(machine("delta").axes, **(ON_THE_LOAD | {"integral_time": 0.05})))
 
@@ -85,7 +88,7 @@ def test_the_time_proposed_is_the_shortest_of_its_series():
         (
             {"mode": "velocity", "velocity_bandwidth": 1e3},
             "velocity_bandwidth = 1000 Hz, drive_period = 0.000125 s",
-            "use velocity_bandwidth = 500 Hz \\([0-9.]+ Hz\\) or drive_period",
+            "\\(around velocity loops of .* use velocity_bandwidth = 500 Hz \\([0-9.]+ Hz\\) or drive_period",
         ),
         (
             {"feedback_delay": 16, "integral_time": 0.05},
@@ -123,6 +126,16 @@ def test_gains_that_are_all_given_are_never_refused(mode):
     servo = Servo.derive(machine("delta").axes, **ON_THE_LOAD, **given_gains)
     assert servo.kp == (1.0,) * 4
     assert servo.notch_frequency == (0.0,) * 4
+
+
+@pytest.mark.parametrize("name", ["xy", "stage", "delta"])
+def test_a_servo_that_is_not_as_it_was_derived_is_noticed(name):
+    request = ServoRequest(machine(name).axes)
+    servo = Servo.derive(machine(name).axes)
+    check_margins(request, servo)
+    stronger = {gain: tuple(4 * value for value in getattr(servo, gain)) for gain in ("kp", "kd")}
+    with pytest.raises(NoLoopError, match="in the servo derived"):
+        check_margins(request, dataclasses.replace(servo, **stronger))
 
 
 def test_a_frequency_that_is_given_is_taken_whatever_its_margins():

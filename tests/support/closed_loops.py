@@ -11,6 +11,9 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
+# Of the magnitude of a pole: three and more lie together near 1 where a loop is some 10,000 times slower than its
+# ticks, and move by the cube root of rounding.
+ROUNDING = 2e-5
 ANGLES = np.pi * np.logspace(-5, 0, 500)
 
 
@@ -180,7 +183,7 @@ def shortfall(machine, servo, factor=1.98, peak=2.0 * (1 + 2e-3)):
             scales = [*(1 + (more - 1) * unit for unit in many), np.full(loops.m, more)]
             for scale in scales:
                 radius = loops.radius(scale)
-                if not radius < 1 - 1e-9:
+                if not radius < 1 + ROUNDING:
                     return f"a pole of {radius:.9f} with gains times {scale}"
         peaks = loops.peaks()
         if peaks.max() > peak:
