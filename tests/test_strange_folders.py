@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Job, files
 from gantrysim.exchange.tables import load_record
 from gantrysim.files import LOCK, complete, held, replaced, replaced_files
+from gantrysim.report.folder import output_folder
 from gantrysim.report.saved import SavedRun
 from gantrysim.study.ledger import LEDGER, Ledger
 from gantrysim.swap import NAMES, NEW, OLD, PARTIAL, SWAP
@@ -289,6 +290,14 @@ def test_a_reader_says_what_a_killed_command_has_left_and_the_next_writer_comple
     assert (folder / "job.toml").read_text() == FASTER
     assert not (folder / SWAP).exists()
     assert SavedRun.load(folder).job.program["loop_period"] == 0.02
+
+
+def test_an_output_folder_is_looked_at_after_what_a_killed_command_has_left_is_complete(tmp_path):
+    (tmp_path / "summary.json").write_text("of a run whose record is still on its way")
+    half_done(tmp_path, names=None, new={"run.npz": "record"})
+    with output_folder(tmp_path) as scratch:
+        (scratch / "run.npz").write_text("new record")
+    assert tree(tmp_path) == {"run.npz": b"new record"}
 
 
 def test_a_reader_waits_for_a_command_that_replaces_files(tmp_path, monkeypatch):

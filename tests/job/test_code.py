@@ -114,6 +114,8 @@ def test_in_the_present_folder_code_runs_unasked(stranger, tmp_path, gantrysim_c
 def test_what_the_caller_names_may_run_and_what_is_replaced_need_not(stranger):
     own = f'servo.law="{stranger}/mine.py:pd"'
     assert Job.load("an225", [*SHORT, own]).run().fault is None
+    (stranger / "plain.toml").write_text(Job.load("an225", SHORT).toml())
+    Job.load(stranger / "plain.toml", [own]).check_code()
     assert Job.load(stranger / "job.toml", ["servo.law=pd"]).servo.law == "pd"
     assert Job.load(stranger / "job.toml", servo=_servo(stranger, "pid")).servo.law == ["pid", "friction"]
     with pytest.raises(InputError, match=r"^servo "):
