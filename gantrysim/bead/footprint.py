@@ -59,19 +59,26 @@ def _pass_over(
     dx = stop[0] - start[0]
     dy = stop[1] - start[1]
     square = dx * dx + dy * dy
+    per_square = 1.0 / square if square > 0.0 else 0.0
     reach = max(start[2], stop[2]) + 1.0
     rows = (max(math.ceil(min(start[1], stop[1]) - reach), 0), math.floor(max(start[1], stop[1]) + reach) + 1)
     columns = (max(math.ceil(min(start[0], stop[0]) - reach), 0), math.floor(max(start[0], stop[0]) + reach) + 1)
     for j in range(rows[0], min(rows[1], share.shape[0])):
+        py = j - start[1]
         for i in range(columns[0], min(columns[1], share.shape[1])):
             px = i - start[0]
-            py = j - start[1]
-            along = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-            distance = math.hypot(px - along * dx, py - along * dy)
+            along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
             half = start[2] + along * (stop[2] - start[2])
-            wetted = hat_below(half - distance) - hat_below(-half - distance)
-            if wetted <= 0.0:
+            across = px - along * dx
+            upward = py - along * dy
+            distance = across * across + upward * upward  # squared: most cells need no root
+            if distance >= (half + 1.0) ** 2:
                 continue
+            if half >= 1.0 and distance <= (half - 1.0) ** 2:
+                wetted = 1.0
+            else:
+                distance = math.sqrt(distance)
+                wetted = hat_below(half - distance) - hat_below(-half - distance)
             if last[j, i] >= number - 1:
                 present[j, i] = max(present[j, i], wetted)
             else:

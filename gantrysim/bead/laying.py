@@ -134,15 +134,26 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
     for k in range(volume.size):
         if volume[k] <= 0.0:
             continue
-        dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
+        dx = x[k + 1] - x[k]
+        dy = y[k + 1] - y[k]
         square = dx * dx + dy * dy
+        per_square = 1.0 / square if square > 0.0 else 0.0
         low, high = min(y[k], y[k + 1]) - reach, max(y[k], y[k + 1]) + reach
         left, right = min(x[k], x[k + 1]) - reach, max(x[k], x[k + 1]) + reach
         for j in range(max(math.ceil(low), 0), min(math.floor(high), ny - 1) + 1):
+            py = j - y[k]
             for i in range(max(math.ceil(left), 0), min(math.floor(right), nx - 1) + 1):
-                px, py = i - x[k], j - y[k]
-                along = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-                distance = math.hypot(px - along * dx, py - along * dy)
+                px = i - x[k]
+                along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
+                across = px - along * dx
+                upward = py - along * dy
+                distance = across * across + upward * upward  # squared: most cells need no root
+                if distance >= reach * reach or under[j, i] == 1.0:
+                    continue
+                if radius >= 1.0 and distance <= (radius - 1.0) ** 2:
+                    under[j, i] = 1.0
+                    continue
+                distance = math.sqrt(distance)
                 share = hat_below(radius - distance) - hat_below(-radius - distance)
                 under[j, i] = max(under[j, i], share)
 
