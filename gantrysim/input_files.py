@@ -32,8 +32,12 @@ def check_regular(file: Path, label: str = "") -> None:
     _check_mode(mode, label or str(file))
 
 
-def opened(file: Path) -> BinaryIO:
+def opened(file: Path, label: str = "") -> BinaryIO:
     """Return a regular file, open for reading.
+
+    Args:
+        file: to be read.
+        label: of the file in the error; its path by default.
 
     Raises:
         InputError: a folder, a pipe, a socket or a device.
@@ -42,7 +46,7 @@ def opened(file: Path) -> BinaryIO:
     # without O_NONBLOCK the call would wait for a writer of a named pipe; regular files ignore it
     number = os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
-        _check_mode(os.fstat(number).st_mode, str(file))
+        _check_mode(os.fstat(number).st_mode, label or str(file))
     except InputError:
         os.close(number)
         raise

@@ -21,21 +21,22 @@ _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def read_text(file: Path, errors: str = "strict") -> str:
+def read_text(file: Path, errors: str = "strict", label: str = "") -> str:
     """Return the text of a file in UTF-8.
 
     Args:
         file: to be read.
         errors: what becomes of bytes that are no text, as `open` takes it.
+        label: of the file in errors; its path by default.
 
     Raises:
         InputError: no regular file, or one that is too long.
         OSError: a file that cannot be read.
     """
-    with opened(file) as stream:
+    with opened(file, label) as stream:
         content = stream.read(_MOST + 1)
     if len(content) > _MOST:
-        raise InputError(f"{file}: is longer than {_MOST:.3g} bytes")
+        raise InputError(f"{label or file}: is longer than {_MOST:.3g} bytes")
     text = content.decode("utf-8", errors)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
@@ -45,7 +46,7 @@ def read_toml(file: Path, label: str) -> dict[str, Any]:
     if not file.exists():
         check_whole(file.parent, label)
     try:
-        text = read_text(file)
+        text = read_text(file, label=label)
     except FileNotFoundError:
         raise InputError(f"{label}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -202,7 +202,7 @@ def test_a_servo_file_replaces_the_servo_of_the_job(tmp_path):
         ("", r"has no table \[servo\]; it has: nothing"),
         ("name = 'a'\n[program]\n", r"has no table \[servo\]; it has: name, program"),
         ("servo = 3\n", r"has no table \[servo\]; it has: servo"),
-        ("[servo]\nkpp = 1.0\n", r"unknown key kpp"),
+        ("[servo]\nkpp = 1.0\n", r"unknown key kpp: did you mean kp\?"),
         ("[servo]\nkp = 'high'\n", r"kp = 'high': .*"),
         ("[servo]\nkp = [1.0]\n", r"kp has 1 values: must be one or 2, of the axes x, y of machine xy"),
         ("[servo]\nkd = [1.0, 2.0, 3.0]\n", r"kd has 3 values: must be one or 2, of the axes x, y of machine xy"),
@@ -221,5 +221,5 @@ def test_an_invalid_servo_file_is_a_one_line_error(gantrysim_command, tmp_path, 
 
 
 def test_a_folder_as_servo_file_cannot_be_read(tmp_path):
-    with pytest.raises(InputError, match=f"^servo {tmp_path}: cannot be read: "):
+    with pytest.raises(InputError, match=f"^servo {tmp_path}: is a folder: must be a regular file$"):
         Job.load("an225", servo=tmp_path)

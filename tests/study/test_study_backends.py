@@ -32,7 +32,7 @@ def test_a_backend_holds_inside_the_block():
     [
         (
             "lky",
-            r"^unknown backend 'lky': did you mean loky\? known: dask=ADDRESS, loky, ",
+            r"^unknown backend 'lky': did you mean loky\? known: loky, dask=ADDRESS, ",
         ),
         ("ray=tcp://a:1", "^unknown backend 'ray=tcp://a:1': "),
         ("", "^unknown backend '': "),
