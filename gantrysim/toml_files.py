@@ -17,6 +17,7 @@ from gantrysim.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
 _SHOWN = 80  # characters of a wrong value
+_FEW = 5  # problems of one file that are named
 _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -116,7 +117,7 @@ def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
 
 
 def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
-    """Return the problems that pydantic found, in one line.
+    """Return the first problems that pydantic found, in one line, and the number of the others.
 
     Args:
         error: of a model.
@@ -124,19 +125,24 @@ def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
     """
     names = tuple(known)
     problems: dict[str, str] = {}
+    hints = set[str]()
     for item in error.errors():
         where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))
         cause = item.get("ctx", {}).get("error")
         if item["type"] == "value_error" and isinstance(cause, Exception):
             text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            text = f"unknown key {where}{_meant(where, names)}"
+            hint = _meant(where, names)
+            text = f"unknown key {shorten(where, _SHOWN)}{'' if hint in hints else hint}"  # a list of keys once
+            hints.add(hint)
         elif item["type"] in ("missing", "missing_argument"):
             text = f"{where} is missing"
         else:
             text = f"{where} = {shorten(repr(item['input']), _SHOWN)}: {item['msg'][:1].lower()}{item['msg'][1:]}"
         problems.setdefault(where or text, text)
-    return "; ".join(dict.fromkeys(problems.values()))
+    texts = list(dict.fromkeys(problems.values()))
+    more = [f"and {len(texts) - _FEW} more"] if len(texts) > _FEW else []
+    return "; ".join([*texts[:_FEW], *more])
 
 
 def _meant(where: str, known: Sequence[str]) -> str:
