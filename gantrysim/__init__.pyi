@@ -2,6 +2,8 @@
 from . import env as env
 from . import faults as faults
 from . import metrics as metrics
+from .base.errors import GantryError as GantryError
+from .base.errors import InputError as InputError
 from .bead import Bead as Bead
 from .bead import BeadSettings as BeadSettings
 from .bead import HeightMap as HeightMap
@@ -10,8 +12,6 @@ from .controllers.servo import Servo as Servo
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
-from .errors import GantryError as GantryError
-from .errors import InputError as InputError
 from .fault import Fault as Fault
 from .job.causes import Causes as Causes
 from .job.causes import causes_of as causes_of

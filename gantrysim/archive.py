@@ -15,9 +15,9 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim import memory
-from gantrysim.columns import FileTable, Stored, array_of, blocks
-from gantrysim.errors import InputError
+from gantrysim.base import memory
+from gantrysim.base.columns import FileTable, Stored, array_of, blocks
+from gantrysim.base.errors import InputError
 
 CHECKSUM = "sha256"
 _SUFFIX = ".npy"

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.columns import Column, OptionalColumn
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import Column, OptionalColumn
+from gantrysim.base.display import Shown
+from gantrysim.base.errors import InputError
+from gantrysim.base.files import replaced
+from gantrysim.base.input_files import opened
 from gantrysim.controllers.paths.path import Path
-from gantrysim.display import Shown
-from gantrysim.errors import InputError
 from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault
-from gantrysim.files import replaced
-from gantrysim.input_files import opened
 from gantrysim.named_columns import frame
 from gantrysim.run_file import read_record, write_record
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
-from gantrysim.arrays import read_only
-from gantrysim.columns import Stored, array_of, blocks
+from gantrysim.base.arrays import read_only
+from gantrysim.base.columns import Stored, array_of, blocks
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.kinds import kind_of, path_of
-from gantrysim.errors import InputError
 from gantrysim.fault import Fault
 from gantrysim.faults import fault_of
 

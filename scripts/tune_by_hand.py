@@ -18,9 +18,9 @@ from rich.console import Console
 from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
+from gantrysim.base.errors import finite, unknown
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo_values import DERIVED
-from gantrysim.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.plots.style import UM, sheet, thinned, turn_colours
 from gantrysim.stability.margins import Plant

@@ -10,10 +10,10 @@ import weakref
 import numpy as np
 import pytest
 
-from gantrysim import columns, memory
-from gantrysim.arrays import Floats
-from gantrysim.columns import Column, FileTable, by_blocks, table_by_blocks
-from gantrysim.errors import InputError
+from gantrysim.base import columns, memory
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import Column, FileTable, by_blocks, table_by_blocks
+from gantrysim.base.errors import InputError
 
 
 @dataclasses.dataclass(frozen=True)

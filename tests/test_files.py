@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from gantrysim import InputError, files, swap
-from gantrysim.files import LOCK, ReplacedError, complete, held, replaced, replaced_files
-from gantrysim.signals import ENDING, deferred, handled, interrupt
-from gantrysim.swap import PARTIAL, SWAP
+from gantrysim import InputError
+from gantrysim.base import files, swap
+from gantrysim.base.files import LOCK, ReplacedError, complete, held, replaced, replaced_files
+from gantrysim.base.signals import ENDING, deferred, handled, interrupt
+from gantrysim.base.swap import PARTIAL, SWAP
 
 from support.kills import forked
 from support.studies import PATIENCE, content
@@ -163,7 +164,7 @@ def test_an_interrupt_says_what_it_has_left(old, number):
 
 def test_a_folder_in_use_is_refused_and_a_dead_owner_is_none(tmp_path):
     folder = tmp_path / "deep" / "out"
-    script = "import sys, time; from pathlib import Path; from gantrysim.files import held\n"
+    script = "import sys, time; from pathlib import Path; from gantrysim.base.files import held\n"
     script += "with held(Path(sys.argv[1]), 'x'): print('held', flush=True); time.sleep(99)"
     owner = subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE)
     assert owner.stdout.readline() == b"held\n"
@@ -294,7 +295,7 @@ def test_a_process_ends_with_its_parent_even_if_that_is_gone_before(tmp_path):
             assert time.monotonic() < until
             time.sleep(0.05)
 
-    child = "import os, sys, time; from gantrysim.signals import end_with\n"
+    child = "import os, sys, time; from gantrysim.base.signals import end_with\n"
     child += (
         "open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep({}); end_with(int(sys.argv[2])); time.sleep(99)"
     )

@@ -6,7 +6,7 @@ import numba
 import pytest
 from rich.console import Console
 
-from gantrysim import jit
+from gantrysim.base import jit
 from gantrysim.cli import terminal
 
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from gantrysim import memory
-from gantrysim.errors import InputError
+from gantrysim.base import memory
+from gantrysim.base.errors import InputError
 
 GB = 10**9
 

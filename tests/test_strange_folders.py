@@ -12,13 +12,14 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gantrysim import InputError, Job, files
+from gantrysim import InputError, Job
+from gantrysim.base import files
+from gantrysim.base.files import LOCK, complete, held, replaced, replaced_files
+from gantrysim.base.swap import NAMES, NEW, OLD, PARTIAL, SWAP
 from gantrysim.exchange.tables import load_record
-from gantrysim.files import LOCK, complete, held, replaced, replaced_files
 from gantrysim.report.folder import output_folder
 from gantrysim.report.saved import SavedRun
 from gantrysim.study.ledger import LEDGER, Ledger
-from gantrysim.swap import NAMES, NEW, OLD, PARTIAL, SWAP
 
 from support.films import saved, small_job
 from support.strangers import half_done, neighbours, tree

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gantrysim as gs
+from gantrysim.base.errors import nearest, unknown_text
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import nearest, unknown_text
 from gantrysim.faults import StuckAxis
 from gantrysim.job.job import Job
 

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats, spans
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.columns import by_blocks
+from gantrysim.base.display import Shown
+from gantrysim.base.errors import InputError
 from gantrysim.bead.height_map import HeightMap
 from gantrysim.bead.layers import merging_height
 from gantrysim.bead.trace import BeadTrace, cumulated
-from gantrysim.columns import by_blocks
-from gantrysim.display import Shown
-from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward
 

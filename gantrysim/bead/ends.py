@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.errors import InputError
 
 SAMPLES = 3.0  # per cell, across the bead and along it
 MOST_CELLS = 2e7

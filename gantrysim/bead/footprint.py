@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.bead.laying import hat_below
-from gantrysim.jit import jit
 
 
 @jit

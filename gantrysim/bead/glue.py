@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.bead.ends import SAMPLES, End, check_cells, upright
 from gantrysim.bead.footprint import footprint, wet_where_pushed
 from gantrysim.bead.laying import cover, drop, headroom, lay

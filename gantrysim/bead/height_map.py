@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.bead.ends import MOST_CELLS, End, check_cells, round_ends
 from gantrysim.bead.glue import lay_glue, stacked
 from gantrysim.bead.layers import layers_of
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.errors import InputError
 
 _MARGIN = 4  # cells around the bead
 _SPREADING = 0.25  # further margin, of the bead's width

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.jit import jit
 
 # Layers of a print lie a bead's height apart, but for the machine's error; turns on a gentle slope lie closer.
 _MERGING = 0.75

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 
 
 @jit

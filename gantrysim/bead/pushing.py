@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 
 _COARSEST = 16  # rows or columns
 _FINER = 0.25  # ripple of a coarser grid over that of the finer one

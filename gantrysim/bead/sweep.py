@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import GantryError
 from gantrysim.bead.rings import SIDES, Mesh, joined, rings
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadSettings, BeadTrace
-from gantrysim.errors import GantryError
 from gantrysim.run import Run
 
 _DISTANCE = 2.0  # of the rings [mm]

@@ -13,10 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats, spans
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.columns import by_blocks
+from gantrysim.base.errors import InputError, at_least, finite, whole
 from gantrysim.bead.section import Section
-from gantrysim.columns import by_blocks
-from gantrysim.errors import InputError, at_least, finite, whole
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run, check_run
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.base.errors import InputError, expanded, finite
 from gantrysim.cli.terminal import say, show, warn
-from gantrysim.errors import InputError, expanded, finite
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from gantrysim.base.errors import expanded
 from gantrysim.cli.terminal import say
-from gantrysim.errors import expanded
 
 
 def export(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.base.errors import InputError, expanded
 from gantrysim.cli.options import AllowCode, Model, Settings
 from gantrysim.cli.terminal import say, show, warn
-from gantrysim.errors import InputError, expanded
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -49,11 +49,11 @@ def gains(
 
     Exit status: 0, 2 for bad input or a gain that the controller has no word for.
     """
+    from gantrysim.base.files import replaced
+    from gantrysim.base.toml_files import read_text
     from gantrysim.exchange.gains import DIALECTS, dialect, exported, imported
     from gantrysim.exchange.shaper import klipper
-    from gantrysim.files import replaced
     from gantrysim.job.job import Job
-    from gantrysim.toml_files import read_text
     from gantrysim.tuning.servo import servo_toml
 
     if export is not None and source is not None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.base.errors import InputError
 from gantrysim.cli.terminal import interruptible, say, share_bar, show
-from gantrysim.errors import InputError
 
 if TYPE_CHECKING:
     from gantrysim.machine.machine import Machine
@@ -56,7 +56,7 @@ def identify(
 
 
 def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
-    from gantrysim.files import replaced
+    from gantrysim.base.files import replaced
     from gantrysim.identify.plan import excitation
 
     text, suffix = excitation(machine, controller)

@@ -35,9 +35,9 @@ def new(
 
     Jobs take the table itself too, as in `machine = "belt.toml"` or --model belt.toml.
     """
+    from gantrysim.base.errors import InputError, expanded
+    from gantrysim.base.files import replaced
     from gantrysim.design.build import mjcf_in
-    from gantrysim.errors import InputError, expanded
-    from gantrysim.files import replaced
     from gantrysim.machine.machine import Machine
 
     source = expanded(file)

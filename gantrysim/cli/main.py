@@ -12,7 +12,9 @@ import typer
 from pydantic import ValidationError
 from typer.core import TyperGroup
 
-from gantrysim import signals
+from gantrysim.base import signals
+from gantrysim.base.errors import GantryError, InputError, shortened
+from gantrysim.base.toml_files import one_line
 from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
 from gantrysim.cli.export import export
@@ -26,8 +28,6 @@ from gantrysim.cli.study import study_app
 from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
-from gantrysim.errors import GantryError, InputError, shortened
-from gantrysim.toml_files import one_line
 
 
 class _Commands(TyperGroup):

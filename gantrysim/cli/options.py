@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from gantrysim.errors import expanded, point
-from gantrysim.files import complete
+from gantrysim.base.errors import expanded, point
+from gantrysim.base.files import complete
 
 Model = Annotated[
     str | None,

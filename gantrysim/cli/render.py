@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from gantrysim.base.errors import InputError, expanded, positive
 from gantrysim.cli.options import Colour
 from gantrysim.cli.terminal import interruptible, say, share_bar, warn
-from gantrysim.errors import InputError, expanded, positive
 
 _COMPARISON = "comparison"
 

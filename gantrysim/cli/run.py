@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.base.errors import text_of
 from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement, to_write
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_bar, show, warn
-from gantrysim.errors import text_of
 
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
@@ -58,13 +58,13 @@ def run(
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
     input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
+    from gantrysim.base.memory import LONG
     from gantrysim.job.causes import check_causes
     from gantrysim.job.cost import computing_time
     from gantrysim.job.job import Job
     from gantrysim.job.losses import events
     from gantrysim.job.scatter import check_repeats
     from gantrysim.job.steps import run_notes
-    from gantrysim.memory import LONG
     from gantrysim.report.folder import output_folder, write_fault
 
     loaded = Job.load(

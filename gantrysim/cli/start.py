@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from types import TracebackType
 
-from gantrysim import signals
+from gantrysim.base import signals
 
 _left = ": nothing is written"  # as long as modules are being imported
 _BAD_INPUT = 2  # as in gantrysim.cli.terminal, which is slow to import

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim import signals
+from gantrysim.base import signals
 from gantrysim.cli.options import AllowCode, Model, Settings, to_write
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, count_bar, interruptible, say, show, warn
 

@@ -7,8 +7,8 @@ from typing import Literal
 from rich.markup import escape
 from rich.table import Table
 
+from gantrysim.base.display import decimals_of
 from gantrysim.bead import BeadValues
-from gantrysim.display import decimals_of
 from gantrysim.job.causes import TITLE, Causes, cell_text
 from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN

@@ -26,7 +26,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from gantrysim import signals
+from gantrysim.base import signals
 
 # exit statuses; that of an interrupted command is signals.status()
 INPUT_ERROR = 2
@@ -87,7 +87,7 @@ def tell_compiling() -> None:
         if _messages.is_terminal:
             warn("compiling for this machine, once: some 15 s")
 
-    wrapt.when_imported("gantrysim.jit")(lambda jit: jit.tell_compiling(tell))
+    wrapt.when_imported("gantrysim.base.jit")(lambda jit: jit.tell_compiling(tell))
 
 
 @contextmanager

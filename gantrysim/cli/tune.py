@@ -115,8 +115,8 @@ def tune(
 
 def write_words(folder: Path, name: str | None) -> None:
     """Write the tuned gains of a folder in the words of a controller; those of an earlier search are removed."""
+    from gantrysim.base.files import replaced
     from gantrysim.exchange.gains import DIALECTS, exported
-    from gantrysim.files import replaced
     from gantrysim.job.job import Job
     from gantrysim.report.folder import JOB
     from gantrysim.tuning.servo import TUNED

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gantrysim.base.errors import InputError, expanded, positive
+from gantrysim.base.signals import deferred
 from gantrysim.cli.options import AllowCode, Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
-from gantrysim.errors import InputError, expanded, positive
-from gantrysim.signals import deferred
 
 if TYPE_CHECKING:
     from gantrysim.fault import Fault

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers import notch
 from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
 from gantrysim.controllers.law import GAIN_NAMES

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, ClassVar, Protocol
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.errors import InputError, positive
 
 
 class Recorded(Protocol):

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+from gantrysim.base.errors import InputError, between, positive
 from gantrysim.controllers import notch
 from gantrysim.controllers.axis_dynamics import AxisDynamics
 from gantrysim.controllers.axis_loop import (
@@ -17,7 +18,6 @@ from gantrysim.controllers.axis_loop import (
     LoopTask,
 )
 from gantrysim.controllers.laws.parameters import ZV, ZVD
-from gantrysim.errors import InputError, between, positive
 from gantrysim.stability.motion import Motion
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Complexes, Floats
+from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.laws.linear import linear_law
 from gantrysim.controllers.servo import Servo

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.stability.compensator import Compensator
 
 

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
-from gantrysim.jit import jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.jit import jit
 
 MARGIN = 1e-3  # share of an acceleration limit reserved for excesses between nodes
 _FEWEST = 8  # intervals of a piece

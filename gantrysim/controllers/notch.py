@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from gantrysim.errors import InputError, positive
+from gantrysim.base.errors import InputError, positive
 
 NONE = 0.0  # frequency of an axis without a notch
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import finite, positive
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import finite, positive
 
 
 @dataclass(frozen=True)

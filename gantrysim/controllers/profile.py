@@ -13,8 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, at_least, positive
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, positive
 
 _HALVINGS = 200
 

@@ -13,10 +13,10 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers import cad, fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode import linuxcnc, slicer
-from gantrysim.errors import InputError, unknown
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,

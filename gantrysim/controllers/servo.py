@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from gantrysim.base.display import Shown
+from gantrysim.base.errors import InputError, at_least, unknown_text
 from gantrysim.controllers import notch
 from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags
 from gantrysim.controllers.derivation import NoLoopError
@@ -37,8 +39,6 @@ from gantrysim.controllers.servo_values import (
     checked,
     drives_of,
 )
-from gantrysim.display import Shown
-from gantrysim.errors import InputError, at_least, unknown_text
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import MODES, Drives
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gantrysim.base.errors import InputError, at_least, between, finite, positive
 from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
 from gantrysim.controllers.axis_loop import (
     LARGEST_PEAK,
@@ -53,7 +54,6 @@ from gantrysim.controllers.servo_values import (
     per_axis,
     whole_ratio,
 )
-from gantrysim.errors import InputError, at_least, between, finite, positive
 from gantrysim.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
 
 _ROUNDING = 1e-6  # of margins computed of the same loop in two ways, relative

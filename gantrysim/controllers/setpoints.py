@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.columns import by_blocks
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import by_blocks
+from gantrysim.base.errors import InputError, at_least, positive, whole
+from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Constant, Profile
-from gantrysim.errors import InputError, at_least, positive, whole
-from gantrysim.memory import check_ticks
 
 MAX_TICKS = 50_000_000
 _ROUNDING = 1e-9  # relative, of lengths

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.laws.parameters import ZV, ZVD
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.memory import check_ticks
 
 _SHAPERS = (ZV, ZVD)
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import mujoco
 
+from gantrysim.base.errors import InputError
 from gantrysim.design.arrangements.cartesian import bridge, cantilever, moving_table
 from gantrysim.design.arrangements.coupled import corexy, tandem
 from gantrysim.design.mjcf import Mjcf
 from gantrysim.design.modes import modes
 from gantrysim.design.table import MachineTable, read_table
-from gantrysim.errors import InputError
 
 ARRANGEMENTS: dict[str, Callable[[MachineTable], Mjcf]] = {
     "bridge": bridge,

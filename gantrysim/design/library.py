@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.toml_files import validated
 from gantrysim.design.settings import NotNegative, Positive, Table, key
-from gantrysim.errors import InputError, unknown
-from gantrysim.toml_files import validated
 
 RPM = 2 * math.pi / 60  # [rad/s]
 CONSISTENT = 0.015  # of a catalogue's no-load speed and stall torque with what follows from its other values, relative

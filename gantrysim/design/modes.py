@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.linalg import eigh, null_space
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 _STEP = 1e-7  # of a joint for the stiffness [m or rad]
 _SWINGS = 1.0  # squared frequency below which a mode is free motion [rad²/s²]

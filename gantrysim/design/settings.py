@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 _MOST = 1e9
 Positive = Annotated[float, Field(gt=0, le=_MOST)]

@@ -9,11 +9,11 @@ from typing import Any, Literal, Self
 
 from pydantic import field_validator, model_validator
 
+from gantrysim.base.errors import InputError
+from gantrysim.base.toml_files import read_toml, validated
 from gantrysim.design.library import RPM, Motor, counts_of, motor_of
 from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.design.transmission import Transmission
-from gantrysim.errors import InputError
-from gantrysim.toml_files import read_toml, validated
 
 Arrangement = Literal["bridge", "table", "cantilever", "tandem", "corexy"]
 Mode = Literal["torque", "velocity", "position", "stepper"]

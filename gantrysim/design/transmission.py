@@ -7,9 +7,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from gantrysim.base.errors import InputError
 from gantrysim.design.accuracy import SCREWS
 from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
-from gantrysim.errors import InputError
 
 _STEEL = 7850.0  # density [kg/m³]
 

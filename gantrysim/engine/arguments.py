@@ -7,11 +7,11 @@ from numbers import Real
 from types import NoneType
 from typing import Any
 
+from gantrysim.base.errors import InputError, shown
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.errors import InputError, shown
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine

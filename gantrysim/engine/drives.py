@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.servo import Servo
-from gantrysim.errors import InputError
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import DRIVE, POSITION, STEPPER, VELOCITY

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.servo import Servo
-from gantrysim.errors import InputError
 from gantrysim.faults import (
     AirBubble,
     BusSag,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.laws.friction import Friction
 from gantrysim.controllers.laws.observer import low_pass, torque_taps
 from gantrysim.controllers.laws.parameters import CASCADE, IN_THE_TICK

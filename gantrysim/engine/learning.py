@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
-from gantrysim.errors import InputError
 
 
 def following_error(run: Started) -> Floats:

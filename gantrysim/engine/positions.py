@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats, read_only
+from gantrysim.base.arrays import Floats, read_only
+from gantrysim.base.errors import InputError, TimedError
+from gantrysim.base.jit import jit
 from gantrysim.controllers.setpoints import Setpoints, Supervision
-from gantrysim.errors import InputError, TimedError
-from gantrysim.jit import jit
 from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.machine import Machine
 

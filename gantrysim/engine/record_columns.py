@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats, read_only
-from gantrysim.columns import FileTable, blocks
+from gantrysim.base.arrays import Floats, read_only
+from gantrysim.base.columns import FileTable, blocks
+from gantrysim.base.jit import jit
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
-from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import Log

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.law import PlainLaw
 from gantrysim.controllers.laws.parameters import LEARNING
@@ -16,7 +17,6 @@ from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, checked_dispenser
 from gantrysim.engine.started import Started
-from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine

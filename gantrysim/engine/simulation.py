@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.laws.parameters import CONTOUR, PREVIEW
@@ -22,12 +24,10 @@ from gantrysim.engine.injection import injected_entries, no_entries, stuck_model
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
-from gantrysim.errors import InputError
 from gantrysim.faults import InjectedFault, check_faults
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.memory import check_ticks
 from gantrysim.native.row import (
     Log,
 )

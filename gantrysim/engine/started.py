@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import GantryError
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.laws.user import STATE, resolved
 from gantrysim.controllers.setpoints import periods
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import GantryError
 from gantrysim.fault import Fault
 from gantrysim.machine.timing import delay_steps
 from gantrysim.native.layout import offsets

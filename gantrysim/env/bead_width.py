@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.profile import Profile
 from gantrysim.env.episode_batch import EpisodeBatch
@@ -21,7 +22,6 @@ from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.errors import InputError, at_least, positive
 from gantrysim.machine.tolerances import Tolerances
 
 # What is drawn for an episode: viscosity over the nominal one and how it changes, a clog of the needle, lag of the

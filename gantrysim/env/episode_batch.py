@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.batch import Batch, Moment
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
@@ -21,7 +22,6 @@ from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, TOTAL, measure
 from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.outcome import Ends, Outcome
 from gantrysim.env.settings import PathSettings
-from gantrysim.errors import GantryError, InputError
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 

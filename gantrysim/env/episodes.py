@@ -9,8 +9,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from gantrysim import memory
-from gantrysim.arrays import Floats
+from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.controllers.laws.parameters import LEARNING, words
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
@@ -19,7 +20,6 @@ from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
-from gantrysim.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.job.job import Job
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import ERRORS

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.base.errors import InputError, whole
 from gantrysim.env.episode_batch import EpisodeBatch
-from gantrysim.errors import InputError, whole
 
 if TYPE_CHECKING:
     from gantrysim.render import Renderer

@@ -10,12 +10,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.jit import inner_jit, jit
 from gantrysim.controllers.laws.friction import friction_torque
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.settings import PathSettings
-from gantrysim.errors import InputError
-from gantrysim.jit import inner_jit, jit
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.native.row import Log

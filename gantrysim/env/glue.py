@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.jit import jit
+from gantrysim.base.jit import jit
 
 PIECE = 0.5  # length of the pieces [mm]
 PIECES = 64  # of the bead that are kept, more than lie between nozzle and camera

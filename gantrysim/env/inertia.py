@@ -9,9 +9,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.env.friction import Changing
-from gantrysim.jit import jit
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.native.row import Log
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from gantrysim.base.jit import cached, inner_jit
 from gantrysim.controllers.paths.nearest import along
-from gantrysim.jit import cached, inner_jit
 from gantrysim.native.pointers import floats, logs_at, octets
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.env.episodes import TUNED_GAINS
 from gantrysim.env.interval import PER_AXIS, SHARED
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
+from gantrysim.base.errors import InputError
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.errors import InputError
 
 
 class SB3VecEnv(VecEnv):

@@ -13,13 +13,13 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from gantrysim.base.errors import GantryError, InputError, unknown
 from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
 from gantrysim.env.gains import GainBatch
 from gantrysim.env.settings import PathSettings, Settings
 from gantrysim.env.spec import with_bound
-from gantrysim.errors import GantryError, InputError, unknown
 from gantrysim.run import Run
 
 Observation = NDArray[np.float32]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.axis_loop import LARGEST_PEAK
 from gantrysim.controllers.servo import Servo
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors

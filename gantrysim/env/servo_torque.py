@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
@@ -20,7 +21,6 @@ from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine.machine import Machine
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors

@@ -17,11 +17,11 @@ from pydantic import (
     field_validator,
 )
 
-from gantrysim.errors import InputError, finite, positive, unknown, whole
+from gantrysim.base.errors import InputError, finite, positive, unknown, whole
+from gantrysim.base.toml_files import field_names, one_line
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
-from gantrysim.toml_files import field_names, one_line
 
 Bounds = float | tuple[float, float]  # a fixed value, or the lowest and the highest value drawn
 

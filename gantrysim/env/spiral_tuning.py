@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.base.errors import InputError, between, finite, positive
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
@@ -21,7 +22,6 @@ from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.errors import InputError, between, finite, positive
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
 

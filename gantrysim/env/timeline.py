@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim import memory
-from gantrysim.arrays import Floats
+from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.base.jit import jit
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import SPIRAL, Plan
 from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.settings import Bounds, PathSettings
-from gantrysim.errors import InputError, at_least, positive
-from gantrysim.jit import jit
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 

@@ -15,12 +15,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from gantrysim.base.errors import GantryError, InputError, unknown, whole
 from gantrysim.env.episode_batch import EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
 from gantrysim.env.scalar import OPTIONS, PathEnv, SpiralTuningEnv, chosen_in
 from gantrysim.env.spec import with_bound
-from gantrysim.errors import GantryError, InputError, unknown, whole
 from gantrysim.run import Run
 
 Observations = NDArray[np.float32]

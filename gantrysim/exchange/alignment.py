@@ -17,8 +17,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import correlate, correlation_lags
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, unknown
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.exchange.measured import LEAST, Trace
 from gantrysim.run import Run
 

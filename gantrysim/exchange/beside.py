@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.exchange.alignment import Alignment, turned
 from gantrysim.exchange.measured import Trace
 from gantrysim.machine.machine import Machine

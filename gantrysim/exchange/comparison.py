@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import find_peaks, welch
 
-from gantrysim.arrays import Floats, spans
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.errors import InputError
 from gantrysim.exchange.alignment import Alignment, aligned
 from gantrysim.exchange.beside import beside, evenly
 from gantrysim.exchange.measured import Trace

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
-from gantrysim.errors import InputError
 from gantrysim.machine.axis import Axis
 
 # letters of the formulas

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
-from gantrysim.errors import InputError, unknown
 from gantrysim.exchange.cascade import Fanuc, SoftMC
 from gantrysim.exchange.dialect import AxisServo, Dialect
 from gantrysim.exchange.linuxcnc import LinuxCNC, LinuxCNCIni

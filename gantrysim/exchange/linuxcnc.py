@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
 
 # pins of pid, keys of an INI file and gains of the servo

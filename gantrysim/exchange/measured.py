@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, unknown
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.exchange.traces import Assignment, Log, Source
 from gantrysim.run import Run
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.exchange.comparison import Comparison
 from gantrysim.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigvals
 
-from gantrysim.arrays import Complexes, Floats
-from gantrysim.errors import InputError, between, positive, unknown
+from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.base.errors import InputError, between, positive, unknown
 from gantrysim.machine.axis import Axis
 from gantrysim.stability.motion import Motion
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.errors import InputError, expanded, unknown
-from gantrysim.files import check_whole, replaced
+from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.files import check_whole, replaced
 from gantrysim.named_columns import columns, description
 from gantrysim.report.folder import RUN
 from gantrysim.run import Run

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, expanded, positive, unknown
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, expanded, positive, unknown
+from gantrysim.base.heads import name_and_unit
+from gantrysim.base.toml_files import read_text, read_toml
 from gantrysim.exchange.dialect import NUMBER
-from gantrysim.heads import name_and_unit
-from gantrysim.toml_files import read_text, read_toml
 
 # factors to s, mm and deg
 UNITS = {

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from gantrysim.errors import InputError, at_least, between, finite, unknown, whole
+from gantrysim.base.errors import InputError, at_least, between, finite, unknown, whole
 from gantrysim.faults.fault import InjectedFault, Lasting
 
 

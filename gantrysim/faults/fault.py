@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
-from gantrysim.errors import InputError, at_least
+from gantrysim.base.errors import InputError, at_least
 
 _ROUNDING = 1e-9  # of a time in servo periods
 

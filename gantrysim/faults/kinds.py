@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, TypeAlias
 
-from gantrysim.errors import InputError, unknown
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.faults.drive import (
     BusSag,
     EncoderDropout,

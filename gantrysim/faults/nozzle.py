@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from gantrysim.errors import at_least, between, positive
+from gantrysim.base.errors import at_least, between, positive
 from gantrysim.faults.fault import InjectedFault, Lasting
 
 ATMOSPHERE = 101.325  # [kPa]

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.plausible import check_inertia
 from gantrysim.identify.model import AxisModel, innovations
 from gantrysim.identify.regression import in_motion, regression

@@ -8,8 +8,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gantrysim.errors import InputError
-from gantrysim.files import replaced
+from gantrysim.base.errors import InputError
+from gantrysim.base.files import replaced
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.model import AxisModel, model_of
 from gantrysim.identify.result import AxisFit

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import welch
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.encoder import check_encoder
 from gantrysim.identify.checks.excitation import check_excitation
 from gantrysim.identify.checks.judgement import Judgement, judged

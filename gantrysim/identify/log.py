@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, expanded, unknown
-from gantrysim.files import replaced
-from gantrysim.heads import name_and_unit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.files import replaced
+from gantrysim.base.heads import name_and_unit
+from gantrysim.base.input_files import opened
 from gantrysim.identify.checks.times import even_period
-from gantrysim.input_files import opened
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run

@@ -8,7 +8,7 @@ from typing import Any
 import tomli_w
 from rich.table import Table
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log

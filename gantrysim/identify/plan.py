@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.errors import InputError, unknown
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.identify.model import model_of
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine

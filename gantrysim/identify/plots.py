@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import csd, welch
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.identify.identification import spectrum
 from gantrysim.identify.result import AxisFit
 from gantrysim.identify.whiteness import correlation

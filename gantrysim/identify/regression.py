@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 
 _WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
 _MOVING = 0.02  # share of the highest speed from which an axis slides

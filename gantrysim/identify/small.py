@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import inner_jit, jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import inner_jit, jit
 
 _TERMS = 14  # of the exponential's series, for a norm of at most 1/2
 _DOUBLINGS = 60

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 LAGS = 25  # of the correlation of the residual
 

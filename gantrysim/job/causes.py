@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
-from gantrysim.errors import InputError
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
 from gantrysim.machine.geometry import Geometry

@@ -11,16 +11,16 @@ from typing import Annotated, Any, Self
 import tomli_w
 from pydantic import BaseModel, Field, PrivateAttr, field_validator, model_validator
 
+from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.toml_files import validated
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import build, reject_booleans
-from gantrysim.errors import InputError, unknown
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import Geometry
-from gantrysim.toml_files import validated
 
 
 class JobContent(BaseModel):

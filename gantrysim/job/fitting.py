@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
-from gantrysim.errors import InputError
 from gantrysim.machine.machine import Machine
 
 _PROBES = 64  # places along the path

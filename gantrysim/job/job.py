@@ -10,7 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from gantrysim import memory
+from gantrysim.base import memory
+from gantrysim.base.errors import InputError, TimedError, at_least
+from gantrysim.base.toml_files import validated
 from gantrysim.controllers.axis_loop import LoopTask
 from gantrysim.controllers.cascade import gains
 from gantrysim.controllers.controller import Controller
@@ -21,7 +23,6 @@ from gantrysim.controllers.servo_values import LOOP_GAINS
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import InputError, TimedError, at_least
 from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit
 from gantrysim.job.margins import check_stability, margin_notes
@@ -31,7 +32,6 @@ from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.run import Run
 from gantrysim.stability.margins import Margins, margins_of
-from gantrysim.toml_files import validated
 
 
 class Job(JobContent):

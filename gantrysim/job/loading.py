@@ -9,11 +9,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.files import check_whole
+from gantrysim.base.toml_files import read_text, read_toml, validated
 from gantrysim.controllers.programs import PROGRAMS, reader, suffixes
-from gantrysim.errors import InputError, expanded, unknown
-from gantrysim.files import check_whole
 from gantrysim.job.settings import ServoSettings
-from gantrysim.toml_files import read_text, read_toml, validated
 
 
 def builtin_jobs() -> list[str]:

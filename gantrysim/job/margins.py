@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.servo_values import SHAPING
-from gantrysim.errors import InputError
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.stability.margins import Margins

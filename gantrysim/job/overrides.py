@@ -8,15 +8,15 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
+from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.toml_files import toml_content
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import dotted, keys
-from gantrysim.errors import InputError, expanded, unknown
 from gantrysim.faults import KINDS
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.machine import builtin_models
-from gantrysim.toml_files import toml_content
 
 Content = dict[str, Any]  # of a job file
 _SHOWN = 200  # characters of an option

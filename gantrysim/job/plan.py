@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.memory import needed_files, needed_memory
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
-from gantrysim.memory import needed_files, needed_memory
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gantrysim.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded
 from gantrysim.job.code import named_code, refusal
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.overrides import absolute_law, absolute_machine, known_keys, override, place

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, whole
 from gantrysim.bead import Bead
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
-from gantrysim.errors import InputError, whole
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis

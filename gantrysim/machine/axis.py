@@ -11,9 +11,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, between
 from gantrysim.controllers.laws.friction import Friction
-from gantrysim.errors import InputError, between
 from gantrysim.machine.linear_motion import linear_motion
 from gantrysim.stability.motion import MODES, Motion, UnknownLoopError
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 
 _MM = 1e3  # per m
 

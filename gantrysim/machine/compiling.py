@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gantrysim.errors import InputError, between
+from gantrysim.base.errors import InputError, between
 from gantrysim.machine.naming import rename
 from gantrysim.machine.sizes import check_sizes
 from gantrysim.native.row import ROW_NUMBERS

@@ -14,10 +14,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.columns import blocks
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import blocks
+from gantrysim.base.errors import InputError, at_least, positive, unknown
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.errors import InputError, at_least, positive, unknown
 from gantrysim.machine.lag import driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.machine.needle import Needle
 from gantrysim.machine.syringe import ATMOSPHERE, Syringe

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from gantrysim.base.errors import InputError, at_least, between, unknown
 from gantrysim.design.accuracy import SCREWS
-from gantrysim.errors import InputError, at_least, between, unknown
 
 _UM = 1e-3
 PerAxis = float | tuple[float, ...]

@@ -46,9 +46,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
-from gantrysim.jit import jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.jit import jit
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.geometry import (
     BENDING,

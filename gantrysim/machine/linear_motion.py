@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.machine.motors import smooth_model
 from gantrysim.native.quiet import quiet
 from gantrysim.stability.motion import Motion, UnknownLoopError

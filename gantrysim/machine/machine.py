@@ -18,10 +18,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
-from gantrysim.display import table_html
-from gantrysim.errors import InputError, expanded, positive, unknown
-from gantrysim.input_files import check_regular
+from gantrysim.base.arrays import Floats
+from gantrysim.base.display import table_html
+from gantrysim.base.errors import InputError, expanded, positive, unknown
+from gantrysim.base.input_files import check_regular
 from gantrysim.machine.axis import (
     PER_SI,
     Axis,

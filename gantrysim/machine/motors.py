@@ -6,7 +6,7 @@ import copy
 
 import mujoco
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 # indices of a dcmotor's parameters in MuJoCo's arrays
 MOTOR_CONSTANT = 1  # gainprm

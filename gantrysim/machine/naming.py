@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 
-from gantrysim.errors import InputError, unknown
+from gantrysim.base.errors import InputError, unknown
 
 _OBJECT = mujoco.mjtObj
 

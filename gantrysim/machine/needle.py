@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, at_least, positive, unknown
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, positive, unknown
 
 PASCAL = 1e3  # pascals per kilopascal
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, finite, positive
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from gantrysim.errors import InputError
-from gantrysim.input_files import check_regular
+from gantrysim.base.errors import InputError
+from gantrysim.base.input_files import check_regular
 
 _MOST_ELEMENTS = 20_000  # those of replicate, composite and flexcomp counted each time
 _MOST_CELLS = 100_000_000  # of height fields and textures together: as floats 400 MB

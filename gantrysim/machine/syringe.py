@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from gantrysim.errors import InputError, at_least, finite, positive
-from gantrysim.jit import jit
+from gantrysim.base.errors import InputError, at_least, finite, positive
+from gantrysim.base.jit import jit
 
 ATMOSPHERE = 101.325  # [kPa]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gantrysim.base.errors import InputError, at_least
 from gantrysim.controllers.setpoints import periods
-from gantrysim.errors import InputError, at_least
 from gantrysim.machine.machine import Machine
 
 _SHORTEST_STEP = 1e-7  # [s]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, at_least, unknown, whole
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, unknown, whole
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import FACTORS, Perturbation

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats, dot
-from gantrysim.columns import blocks, by_blocks
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.columns import blocks, by_blocks
+from gantrysim.base.display import Shown
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.path import Projection
-from gantrysim.display import Shown
-from gantrysim.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
 from gantrysim.run import Run, check_run
 

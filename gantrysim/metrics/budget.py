@@ -33,9 +33,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, dot
-from gantrysim.columns import blocks, by_blocks, table_by_blocks
-from gantrysim.display import table_html
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
+from gantrysim.base.display import table_html
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, BudgetValues, Part, PartValues, TurnValues

@@ -18,8 +18,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, positive
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, positive
 from gantrysim.metrics.zone import least_squares_circle, minimum_zone, plane_points
 
 SPIKE_REACH = 15.0  # range of a spike after its reversal [deg]

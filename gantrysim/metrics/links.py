@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.columns import blocks, table_by_blocks
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import blocks, table_by_blocks
 from gantrysim.controllers.paths.corners import Components
 from gantrysim.controllers.paths.path import Path, Projection
 from gantrysim.metrics.parts import Part, difference

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.metrics.analysis import ErrorSize
 
 CORNER = "corner"  # name of what belongs to no link

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.path import Path
-from gantrysim.errors import InputError
 from gantrysim.metrics.spacing import forward
 
 _LEAST_CYCLES = 2

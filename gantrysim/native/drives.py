@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from gantrysim.base.jit import inner_jit
 from gantrysim.controllers import law, notch
-from gantrysim.jit import inner_jit
 from gantrysim.native.injection import reported, turned
 from gantrysim.native.pointers import axis_log, drives_of, vector
 from gantrysim.native.row import POSITION, STEPPER, TORQUE, VELOCITY

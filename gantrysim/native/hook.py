@@ -15,8 +15,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.controllers.law import PlainLaw, Tick
-from gantrysim.errors import GantryError, InputError
 from gantrysim.native.interrupts import Interrupts
 from gantrysim.native.quiet import heard, silence
 from gantrysim.native.row import ROW, ROW_NUMBERS

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from gantrysim.jit import inner_jit
+from gantrysim.base.jit import inner_jit
 from gantrysim.native.pointers import injected_faults, vector
 from gantrysim.native.row import BUS, DROPOUT, EXTRAPOLATED, HELD, OFFSET, SLIP, WINDING
 

@@ -8,9 +8,9 @@ import numba
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from gantrysim.base.jit import inner_jit
 from gantrysim.controllers import law, notch
 from gantrysim.controllers.laws import cascade, contour, friction, observer
-from gantrysim.jit import inner_jit
 from gantrysim.native.pointers import call, floats, laws_of, tick_log
 from gantrysim.native.row import TOLD
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import mujoco
 
-from gantrysim.errors import GantryError
+from gantrysim.base.errors import GantryError
 
 _SCALARS: dict[str, Any] = {
     "int": ctypes.c_int,

@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from gantrysim.jit import inner_jit
+from gantrysim.base.jit import inner_jit
 from gantrysim.native.row import DRIVE, INJECTED, LAW, LOG_AXIS, LOG_TICK, ROW
 
 _MANY = 2**31  # nothing is checked against it

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from gantrysim.jit import inner_jit
+from gantrysim.base.jit import inner_jit
 from gantrysim.native.pointers import floats, integers, tick_log
 from gantrysim.native.row import (
     OSCILLATION,

@@ -16,8 +16,8 @@ import numpy as np
 from numba import types
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from gantrysim.base.jit import cached, inner_jit
 from gantrysim.controllers import law, notch
-from gantrysim.jit import cached, inner_jit
 from gantrysim.native import drives, injection, laws, pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.drives import delayed, follow_demands, read

@@ -13,9 +13,9 @@ import numpy as np
 from numba import types
 from numba.core.errors import NumbaError
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.laws.user import STATE, UserLaw, UserTick
-from gantrysim.errors import InputError
 from gantrysim.native.interrupts import deliver
 from gantrysim.native.pointers import floats, row_at
 from gantrysim.native.row import ROW

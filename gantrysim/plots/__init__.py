@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gantrysim.base.errors import GantryError, text_of
+from gantrysim.base.files import replaced
 from gantrysim.bead import Bead
-from gantrysim.errors import GantryError, text_of
-from gantrysim.files import replaced
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.bead import draw_bead_along, draw_height_map

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.bead import Bead
 from gantrysim.plots.style import COLOURS, INK, axes_on, thinned
 

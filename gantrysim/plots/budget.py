@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, INK, UM, thinned
 

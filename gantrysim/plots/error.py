@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.arrays import Floats, spans
-from gantrysim.columns import by_blocks
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
 from gantrysim.run import Run

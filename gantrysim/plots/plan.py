@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.columns import by_blocks
+from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots.style import COLOURS, INK, UM, add_legend, axes_on
 

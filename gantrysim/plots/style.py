@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import unknown
 from gantrysim.bead.sweep import Sweep
 from gantrysim.bead.trace import BeadSettings, BeadTrace
-from gantrysim.errors import unknown
 from gantrysim.run import Run
 
 COLOURS = ("plain", "width", "error")

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gantrysim.errors import GantryError, InputError, positive, text_of
-from gantrysim.files import replaced
+from gantrysim.base.errors import GantryError, InputError, positive, text_of
+from gantrysim.base.files import replaced
 
 Picture = NDArray[np.uint8]
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gantrysim import memory
+from gantrysim.base import memory
+from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.errors import InputError, finite, positive
 from gantrysim.machine.machine import Machine
 from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture

@@ -8,9 +8,9 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+from gantrysim.base.errors import expanded
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import PROGRAMS, described
-from gantrysim.errors import expanded
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.dispenser import Dispenser

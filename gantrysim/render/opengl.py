@@ -10,7 +10,7 @@ import sys
 from functools import cache
 from typing import Any, Self
 
-from gantrysim.errors import GantryError
+from gantrysim.base.errors import GantryError
 
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 from PIL import Image, ImageDraw
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture

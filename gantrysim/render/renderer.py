@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from gantrysim.base.errors import InputError, whole
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.errors import InputError, whole
 from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import unknown
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.sweep import Sweep
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.errors import unknown
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.native.quiet import quiet
 from gantrysim.render.colours import Scale, errors_along, scale_for

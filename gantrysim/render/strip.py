@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import MUTED, PAPER, Font, rgb

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.bead.trace import BeadTrace
-from gantrysim.jit import jit
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.run import Run
 

@@ -12,8 +12,8 @@ from importlib.resources import files
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
-from gantrysim.errors import InputError
-from gantrysim.files import replaced
+from gantrysim.base.errors import InputError
+from gantrysim.base.files import replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.files import check_free, held, replaced_files
+from gantrysim.base.swap import pending
 from gantrysim.bead import BeadValues
-from gantrysim.errors import InputError, expanded
-from gantrysim.files import check_free, held, replaced_files
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -19,7 +20,6 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.run import Run
-from gantrysim.swap import pending
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run

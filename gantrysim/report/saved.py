@@ -7,15 +7,15 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from gantrysim.errors import InputError, expanded
-from gantrysim.files import check_whole
-from gantrysim.input_files import opened
+from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.files import check_whole
+from gantrysim.base.input_files import opened
+from gantrysim.base.toml_files import read_toml
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.folder import JOB, RUN, SUMMARY
 from gantrysim.run import Run
-from gantrysim.toml_files import read_toml
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from gantrysim.base.display import decimals_of
 from gantrysim.bead import Bead, BeadValues
-from gantrysim.display import decimals_of
 from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis

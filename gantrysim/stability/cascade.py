@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.stability.motion import LinearSystem
 
 _SAME_TIME = 1e-9  # relative

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Complexes, Floats
+from gantrysim.base.arrays import Complexes, Floats
 
 
 @dataclass(frozen=True, eq=False)

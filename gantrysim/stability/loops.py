@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Complexes, Floats
+from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import LinearSystem
 

@@ -17,8 +17,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Complexes, Floats
-from gantrysim.errors import InputError, at_least, positive
+from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.stability.cascade import with_velocity_loops
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.loops import FrequencyResponse, Loops

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Complexes, Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.base.errors import InputError
 
 MODES = ("torque", "velocity", "position", "stepper")  # of a drive, what the servo sends to it
 _NO_EFFECT = 1e-9  # effect of one state on another that is rounding, relative to the largest

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from gantrysim.errors import InputError, unknown
+from gantrysim.base.errors import InputError, unknown
 
 _DASK = "dask"
 

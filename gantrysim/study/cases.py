@@ -14,9 +14,9 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from gantrysim.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead, BeadSettings
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation

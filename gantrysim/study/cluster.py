@@ -21,7 +21,7 @@ from distributed.security import Security
 from joblib import parallel_config
 from joblib.parallel import ParallelBackendBase
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.study.worker import WorkerError
 
 _PATIENCE = 5.0  # timeout for the scheduler, and for a first worker [s]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from gantrysim.errors import positive, unknown
+from gantrysim.base.errors import positive, unknown
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Study

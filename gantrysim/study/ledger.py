@@ -9,10 +9,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
-from gantrysim.errors import InputError
-from gantrysim.files import held
+from gantrysim.base.errors import InputError
+from gantrysim.base.files import held
+from gantrysim.base.swap import open_regular
 from gantrysim.study.cases import Row
-from gantrysim.swap import open_regular
 
 LEDGER = ".study-progress.jsonl"
 _CHECKED = 16  # digits of a checksum

@@ -10,9 +10,9 @@ from typing import Any
 
 import tomli_w
 
+from gantrysim.base.errors import GantryError, InputError, text_of
+from gantrysim.base.files import ReplacedError
 from gantrysim.engine.simulate import simulate
-from gantrysim.errors import GantryError, InputError, text_of
-from gantrysim.files import ReplacedError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.report.document import Section, Table, write_page

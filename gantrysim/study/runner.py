@@ -11,8 +11,8 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from gantrysim.errors import whole
-from gantrysim.signals import blocked, deferred, end_with
+from gantrysim.base.errors import whole
+from gantrysim.base.signals import blocked, deferred, end_with
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.worker import MeasureTogether, Origin, WorkerError, measured

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.study.cases import OK, Row, Value
 
 

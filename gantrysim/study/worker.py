@@ -17,7 +17,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from gantrysim.errors import GantryError, InputError
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.report.summary import package_versions
 from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
 

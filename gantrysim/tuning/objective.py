@@ -13,11 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.engine.batch import simulate_batch
-from gantrysim.errors import GantryError, InputError
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.servo import Servo
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import BudgetValues

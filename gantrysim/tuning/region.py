@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.tuning.surrogate import Surrogate
 
 _RADIUS, _LARGEST, _SMALLEST = 0.4, 0.8, 0.01  # half the side of the region

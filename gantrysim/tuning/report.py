@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, UM

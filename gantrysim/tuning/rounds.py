@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.tuning.candidates import Candidate
 from gantrysim.tuning.region import Measured, TrustRegion
 

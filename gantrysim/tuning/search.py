@@ -31,7 +31,7 @@ from typing import Literal
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.servo import Servo
 from gantrysim.tuning.candidates import Candidate, Trial, TrialResult

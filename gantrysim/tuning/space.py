@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.axis_dynamics import AxisDynamics
 from gantrysim.controllers.servo import Servo
 

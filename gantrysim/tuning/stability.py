@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Complexes, Floats
+from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.base.errors import InputError, finite
 from gantrysim.controllers.servo import Servo
-from gantrysim.errors import InputError, finite
 from gantrysim.machine.machine import Machine
 from gantrysim.stability.margins import Margins, Plant
 from gantrysim.stability.motion import Drives

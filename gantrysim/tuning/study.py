@@ -9,11 +9,11 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from typing import Any
 
+from gantrysim.base.errors import InputError, positive, unknown, whole
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.servo_values import DRIVE
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
-from gantrysim.errors import InputError, positive, unknown, whole
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 _SCALE, _SCALE_SPREAD = 1.0, 1.0  # prior of a scale, lognormal: its median, and the deviation of its logarithm
 _NOISE, _NOISE_SPREAD = 1e-2, 1.5  # prior of the noise's deviation over s, likewise

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 
-from gantrysim.errors import positive
+from gantrysim.base.errors import positive
 
 SLOWEST, FASTEST = 1e-3, 1e3  # speeds that keys reach
 _SPAN = 1.0  # of the wall clock, over which the pace is taken [s]

@@ -7,7 +7,7 @@ import sys
 import warnings
 from collections.abc import Mapping
 
-from gantrysim.errors import GantryError
+from gantrysim.base.errors import GantryError
 
 _HINT = "`gantrysim render RUN_DIR` makes a video"
 

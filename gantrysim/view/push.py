@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 
 STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's 100 is too weak against a servo [N/(m·kg)]
 

@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import whole
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import whole
 from gantrysim.fault import Fault
 from gantrysim.run import Run
 

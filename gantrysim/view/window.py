@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.render.legend import colour_bar
 from gantrysim.render.scene import Scene
 from gantrysim.view.chart import Chart

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from gantrysim import Dispenser, InputError, Job, Machine, columns
+from gantrysim import Dispenser, InputError, Job, Machine
+from gantrysim.base import columns
 from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.cli.tables import outcome_table

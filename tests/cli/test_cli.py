@@ -20,16 +20,16 @@ from typer.core import TyperCommand, TyperGroup
 
 import gantrysim
 from gantrysim import Fault, Job, Run, metrics
+from gantrysim.base.files import held, replaced
+from gantrysim.base.signals import ENDING
+from gantrysim.base.swap import PARTIAL
 from gantrysim.cli.main import main
 from gantrysim.cli.start import last_words
 from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
-from gantrysim.files import held, replaced
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report.summary import summary as summary_of
-from gantrysim.signals import ENDING
-from gantrysim.swap import PARTIAL
 
 from support.runs import turn, turntable
 from support.studies import PATIENCE

@@ -80,7 +80,7 @@ def test_a_users_matplotlibrc_does_not_change_the_plots():
 def test_code_is_compiled_where_no_folder_can_be_written(monkeypatch):
     from numba.core import caching
 
-    from gantrysim.jit import jit
+    from gantrysim.base.jit import jit
 
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
 

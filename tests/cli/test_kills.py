@@ -15,9 +15,9 @@ import pytest
 from PIL import Image
 
 from gantrysim import Run
-from gantrysim.files import complete
+from gantrysim.base.files import complete
+from gantrysim.base.swap import SWAP
 from gantrysim.study.ledger import LEDGER
-from gantrysim.swap import SWAP
 
 from support.kills import KILLS, Commands
 from support.studies import PATIENCE, SHORT, content

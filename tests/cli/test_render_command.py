@@ -13,13 +13,13 @@ import pytest
 from PIL import Image
 
 from gantrysim import InputError, Job, Run
+from gantrysim.base.swap import PARTIAL
 from gantrysim.cli.render import size_of
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, Take
 from gantrysim.render.labels import labels_of
 from gantrysim.render.panel import run_colours
 from gantrysim.report.saved import SavedRun
-from gantrysim.swap import PARTIAL
 
 from support.films import cut, saved, shows, small_job
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.special import ellipe
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.cad import Drawing
 from gantrysim.controllers.paths.pieces import Coil
 from gantrysim.controllers.placement import Placement
-from gantrysim.errors import InputError
 
 from support import drawings
 from support.drawings import arc, circle, csv, dxf, farthest, line, polyline, sampled, svg

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc import Arc, Line, Program, Spiral
-from gantrysim.errors import InputError
 
 PERIOD = 1e-3
 OVER = 2e-3  # relative, between the places looked at

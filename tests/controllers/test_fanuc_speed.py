@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc import Arc, Clamp, Dwell, Line, Program, Rapid, Spiral
-from gantrysim.errors import InputError
 
 FEED = 1e-6  # relative, of a constant feed
 STEEP = 1e-5  # the same of cones of a few mm that rise as much, where F counts in the plane

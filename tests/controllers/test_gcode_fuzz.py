@@ -4,10 +4,10 @@ import random
 
 import pytest
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc import Program as Fanuc
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
 from gantrysim.controllers.gcode.slicer import Program as Slicer
-from gantrysim.errors import InputError
 
 SEEDS = [
     "G21 G90 G64 P0.05 Q0.01\nG0 X1 Y2\nG1 X5 F600\nG2 X9 Y6 I2 J2 P2\nG4 P0.1\nG61 G3 X1 Y1 R9\nM2",

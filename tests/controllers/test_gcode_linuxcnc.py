@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.dialect import Dispense
 from gantrysim.controllers.gcode.expressions import Scanner
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.moves import ANGLE, END, FEED, GLUE, KIND, SOURCE
-from gantrysim.errors import InputError
 
 
 def moves(text, **settings):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.moves import END
 from gantrysim.controllers.paths.chain import Chain
@@ -14,7 +15,6 @@ from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil, Line
 from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
-from gantrysim.errors import InputError
 
 A = 500.0  # acceleration of every test [mm/s²]
 PERIOD = 1e-3

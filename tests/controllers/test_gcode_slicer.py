@@ -7,10 +7,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.dialect import Dispense
 from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND
 from gantrysim.controllers.gcode.slicer import Program
-from gantrysim.errors import InputError
 
 PART = """; layer 0
 M104 S210 T0

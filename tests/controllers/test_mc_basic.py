@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.softmc import Basic
-from gantrysim.errors import InputError
 
 MOVES = "\nmove {0, 0}\nmove {10, 0}\n"
 

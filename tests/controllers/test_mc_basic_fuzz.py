@@ -6,8 +6,8 @@ import re
 import pytest
 
 from gantrysim import Job
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.softmc import Basic
-from gantrysim.errors import InputError
 
 SEEDS = (
     Job.load("softmc-basic").program["text"].replace("sleep 1\n", "sleep 50\n"),

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Servo, simulate
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc import Basic, Group, Program
 from gantrysim.controllers.softmc.stream import Leg, Rest
-from gantrysim.errors import InputError
 
 from support.runs import PERIOD
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.limits import Limited, fastest, nodes
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Coil, Line
-from gantrysim.errors import InputError
 
 IN_HAND = 1e-3  # of an acceleration limit, kept for what lies between the nodes
 # Between nodes 0.02 mm apart, along waves of 15 mm and more, relative:

@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Sine
-from gantrysim.errors import InputError
 
 ROUNDING = 1e-12  # relative
 INTEGRAL = 1e-9  # of the length

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.profile import Constant, Jerk, PointToPoint, Sine
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError
 
 POSITION = 1e-9  # [mm]
 FORGIVEN = 1e-9  # rounding that `ticks` forgives, of a period

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.softmc import Circle, Group, Move, Program, SoftMCError
-from gantrysim.errors import InputError
 
 
 @pytest.mark.parametrize(

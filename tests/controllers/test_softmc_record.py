@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Servo, simulate
+from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc
 from gantrysim.controllers.softmc import Group, Move, Program, Record
-from gantrysim.errors import InputError
 
 from support.runs import PERIOD
 

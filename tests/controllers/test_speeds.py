@@ -2,9 +2,9 @@
 
 import pytest
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc, trio
 from gantrysim.controllers.programs import build
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 
 SPEEDS = {  # of the built-in jobs [mm/s]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.stage import OutlineTrace
-from gantrysim.errors import InputError
 
 from support.outlines import POSITION, RECTANGLE, Rounded, on_the_work, traces
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import metrics
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import InputError
 
 POSITION = 1e-8  # after up to some thousand passes [mm]
 RELATIVE = 1e-10

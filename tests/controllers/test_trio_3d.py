@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import InputError
 
 POSITION = 1e-8  # [mm]
 PLANE_SPEED = 1e-6  # relative, of the speed in the plane

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.controllers.trio.basic.words import IGNORED
-from gantrysim.errors import InputError
 
 NO_TIME = InterpreterTime(0, 0, 0, 0)
 

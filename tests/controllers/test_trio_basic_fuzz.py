@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import Basic
 from gantrysim.controllers.trio.basic.expressions import known_words
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic import interpreter
-from gantrysim.errors import InputError
 
 POSITION = 1e-9  # of positions [mm]
 NO_TIME = InterpreterTime(0, 0, 0, 0)

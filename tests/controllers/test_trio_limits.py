@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import InputError
 
 from support.stepped import NEVER_BELOW, POSITION, RELATIVE, SPEED, STEPPED, WHOLE_MS, Controller, end_of, note, places
 

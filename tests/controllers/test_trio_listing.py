@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import InputError
 
 from support.stepped import RELATIVE, WHOLE_MS, Controller, note, places
 

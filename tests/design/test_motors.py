@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError
+from gantrysim.base.toml_files import validated
 from gantrysim.design.library import Motor, largest_torque, motor_names, motor_of
-from gantrysim.toml_files import validated
 
 CONTENT = tomllib.loads((files("gantrysim.design") / "library.toml").read_text(encoding="utf-8"))
 SERVOS = [name for name in CONTENT["motors"] if "stepper" not in CONTENT["motors"][name]["kind"]]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
+from gantrysim.base.errors import GantryError
 from gantrysim.controllers.paths.path import Path
 from gantrysim.engine.advance import CALLS
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
 
 from support.runs import STEP, ramp

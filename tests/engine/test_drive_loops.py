@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.cascade import velocity_loop
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import Source
 from gantrysim.env.settings import Settings
-from gantrysim.errors import InputError
 from gantrysim.exchange.gains import exported
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation

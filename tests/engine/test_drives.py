@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo, simulate, simulate_batch
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.drives import drive_entries
-from gantrysim.errors import InputError
 from gantrysim.faults import BusSag, OpenWinding
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.job.job import Job

@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from gantrysim import Job, Run, columns, memory, simulate
+from gantrysim import Job, Run, simulate
+from gantrysim.base import columns, memory
+from gantrysim.base.columns import Stored
+from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
-from gantrysim.columns import Stored
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import InputError
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.needle import Needle

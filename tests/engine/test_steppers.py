@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from gantrysim import Machine, Servo, simulate
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import InputError
 from gantrysim.faults import BusSag
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log

@@ -15,12 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, simulate
+from gantrysim.base.errors import GantryError
 from gantrysim.engine.started import Started
 from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuningVectorEnv
 from gantrysim.env.episodes import TUNED_GAINS
 from gantrysim.env.observation import entries
 from gantrysim.env.settings import PathSettings
-from gantrysim.errors import GantryError
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import cont2discrete
 
 from gantrysim import Budget, Job, causes_of
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.errors import InputError
 from gantrysim.job import causes as module
 from gantrysim.job.causes import CAUSES, HEADS, Cause, Setup
 from gantrysim.job.ideal import FINE

@@ -3,7 +3,8 @@
 import pytest
 from typer.testing import CliRunner
 
-from gantrysim import Job, memory
+from gantrysim import Job
+from gantrysim.base import memory
 from gantrysim.cli.main import app
 from gantrysim.job import cost
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gantrysim as gs
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.job.scatter import Figure, check_repeats, figures_of, scatter_of, scatters
 from gantrysim.machine.perturbation import Perturbation

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim import Job, Machine, memory, simulate
-from gantrysim.errors import InputError
+from gantrysim import Job, Machine, simulate
+from gantrysim.base import memory
+from gantrysim.base.errors import InputError
 from gantrysim.machine.geometry import SCREWS, Geometry, typical
 from gantrysim.machine.kinematic_errors import PRESLIDING
 from gantrysim.machine.perturbation import Perturbation

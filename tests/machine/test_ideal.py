@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, simulate
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.perturbation import Perturbation

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo, simulate
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import InputError
 from gantrysim.machine.axis import read_axes
 from gantrysim.machine.perturbation import FACTORS, Perturbation
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.machine.perturbation import FACTORS, Perturbation
 from gantrysim.machine.tolerances import Tolerances
 

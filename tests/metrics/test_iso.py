@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brute
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Coil
-from gantrysim.errors import InputError
 from gantrysim.metrics import CircularTest, RepeatedPath, Trace, least_squares_circle, minimum_zone, offset_over_length
 
 EXACT = 1e-9  # [mm]

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.lengths import arc_length
 from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import InputError
 from gantrysim.fault import Fault
 from gantrysim.metrics import (
     Analysis,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.metrics import Positioning
 
 TARGETS = np.linspace(-100, 100, 9)

@@ -8,11 +8,12 @@ import re
 import numpy as np
 import pytest
 
-from gantrysim import Dispenser, Run, Servo, memory, simulate
+from gantrysim import Dispenser, Run, Servo, simulate
+from gantrysim.base import memory
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.softmc import Group, Program
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import InputError
 from gantrysim.native.tick import magic
 
 from support.runs import PERIOD, plain, ramp, turned, turntable

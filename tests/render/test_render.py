@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, InputError, Machine, Servo, simulate
+from gantrysim.base.errors import unknown
 from gantrysim.cli import main as cli
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.errors import unknown
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, save_video
 from gantrysim.render.opengl import offscreen
 from gantrysim.render.renderer import checked_size

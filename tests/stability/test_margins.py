@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gantrysim import Machine, Servo, simulate
+from gantrysim.base.errors import InputError
 from gantrysim.cli import info
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.stability.margins import Margins, Plant, _factors, margins_of

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.metrics import Trace
 from gantrysim.study import OK, run_study
 from gantrysim.study.circle import CircleStudy

@@ -12,9 +12,9 @@ import typer
 from matplotlib.figure import Figure
 
 from gantrysim import Job
+from gantrysim.base.files import LOCK
+from gantrysim.base.signals import ENDING
 from gantrysim.cli.study import carry_out
-from gantrysim.files import LOCK
-from gantrysim.signals import ENDING
 from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study import run as study_run
 from gantrysim.study.ledger import LEDGER

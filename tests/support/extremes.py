@@ -4,8 +4,8 @@ import warnings
 
 import numpy as np
 
+from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 
 VALUES = (

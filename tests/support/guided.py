@@ -195,7 +195,7 @@ def search(name: str, runs: int, folder: Path) -> None:
     with atheris.instrument_imports(include=["gantrysim"], exclude=compiled()):
         import_module("gantrysim.cli.start")
         seeds = target.seeds()
-    from gantrysim.errors import InputError
+    from gantrysim.base.errors import InputError
 
     warnings.simplefilter("ignore")
 

@@ -403,7 +403,7 @@ def _alarm(number: int, frame: object) -> None:
 
 def attempt(kind: str, seed: int) -> str:
     """Return "read", "refused", or what is wrong: the traceback of another error, a long message, files left behind."""
-    from gantrysim.errors import InputError
+    from gantrysim.base.errors import InputError
 
     rng = random.Random(f"{kind} {seed}")
     said = io.StringIO()

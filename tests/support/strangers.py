@@ -4,7 +4,7 @@ import json
 import os
 from pathlib import Path
 
-from gantrysim.swap import NAMES, NEW, OLD, SWAP
+from gantrysim.base.swap import NAMES, NEW, OLD, SWAP
 
 
 def tree(root):

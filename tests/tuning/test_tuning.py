@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Budget, InputError, Job, Servo, simulate
-from gantrysim.errors import GantryError
+from gantrysim.base.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import torque_ripple

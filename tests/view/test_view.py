@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.fault import Fault
 from gantrysim.render.strip import round_step
 from gantrysim.view.chart import Chart, lines, thinned

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gantrysim import simulate
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import InputError
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.render.scene import Scene
 from gantrysim.view.player import Player

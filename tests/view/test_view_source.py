@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, simulate
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulation import Simulation
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import builtin_models
 from gantrysim.render.scene import Scene

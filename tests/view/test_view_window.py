@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from gantrysim.errors import GantryError
+from gantrysim.base.errors import GantryError
 from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.legend import BAR_HEIGHT, colour_bar
 from gantrysim.render.scene import Scene

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.cad.fitting import arc_to, middle
 from gantrysim.controllers.paths.pieces import SHORTEST, XY, Coil, Line, vector
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
 from gantrysim.controllers.cad.dxf import BINARY, read_dxf
 from gantrysim.controllers.cad.planning import Paused, planned
 from gantrysim.controllers.cad.routing import Manner, Route, routed
@@ -23,7 +24,6 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least, finite, point, positive, unknown
 
 Three = tuple[float, float, float]
 

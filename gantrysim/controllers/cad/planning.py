@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.cad.corners import SMOOTH, tangent
 from gantrysim.controllers.cad.routing import Route
 from gantrysim.controllers.limits import Limited, fastest, nodes, velocity_bound

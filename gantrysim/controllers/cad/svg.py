@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.cad.shapes import Ellipse, Segment, Shape, Sheet, Stroke, bezier, point
-from gantrysim.errors import InputError
 
 _SPACE = "{http://www.w3.org/2000/svg}"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"

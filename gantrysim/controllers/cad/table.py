@@ -19,9 +19,9 @@ from string import whitespace
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.cad.shapes import FASTEST, LARGEST, Segment, Shape, Sheet, Stroke, bezier
-from gantrysim.errors import InputError, positive
 
 COLUMNS = ("x", "y", "z", "glue", "speed")
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gantrysim.errors import unknown
+from gantrysim.base.errors import unknown
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4, "ft": 304.8, "pt": 25.4 / 72, "px": 25.4 / 96}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 TITLES = {
     3: "TOO MANY DIGITS",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from gantrysim.base.errors import InputError, at_least, finite, positive
 from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Frame
-from gantrysim.errors import InputError, at_least, finite, positive
 
 End = tuple[float | None, ...]
 Plane = Literal["xy", "zx", "yz"]

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import FRAMES
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.controllers.paths.chain import Chain

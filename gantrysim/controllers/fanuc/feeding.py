@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import positive
 from gantrysim.controllers.limits import Limited
-from gantrysim.errors import positive
 
 
 @dataclass(frozen=True)

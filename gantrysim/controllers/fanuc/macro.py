@@ -9,11 +9,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import Alarm, Source
 from gantrysim.controllers.fanuc.words import COMMENT, LETTERS, Words, words_of
 from gantrysim.controllers.gcode.expressions import Scanner
 from gantrysim.controllers.gcode.parameters import Parameters, Scope, System
-from gantrysim.errors import InputError
 
 _DEEPEST = 10  # calls
 _MOST_DIGITS = 20  # of a block's or program's number

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
@@ -26,7 +27,6 @@ from gantrysim.controllers.paths.pieces import Vector, vector
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.profile import Constant, PointToPoint, Profile
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least, finite, place, positive, whole
 
 _LONGEST_BLEND = 10.0  # [s]
 _WORDS, _LINEAR = "ABC", "xyz"

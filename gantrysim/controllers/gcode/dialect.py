@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from typing import Protocol
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 
 class Store(Protocol):

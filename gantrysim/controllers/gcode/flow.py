@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers.gcode.lines import Statement, Words, compact, label_of, plain_words, statement
 from gantrysim.controllers.gcode.parameters import Parameters, Scope, System
-from gantrysim.errors import InputError, unknown
 
 _DEEPEST = 10  # calls
 _ARGUMENTS = 30

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 Three = list[float]
 _SYSTEMS = 9

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.flow import Flow
 from gantrysim.controllers.gcode.lines import compact, compact_firmware
 from gantrysim.controllers.gcode.modal import Modal
 from gantrysim.controllers.gcode.moves import Moves
-from gantrysim.errors import InputError
 
 
 @dataclass(frozen=True)

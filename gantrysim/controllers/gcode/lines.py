@@ -7,8 +7,8 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.expressions import Scanner, Store, Target, Value
-from gantrysim.errors import InputError
 
 Words = list[tuple[str, float]]
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from gantrysim.base.errors import InputError, finite
 from gantrysim.controllers.gcode.dialect import LINUXCNC, Dialect
 from gantrysim.controllers.gcode.program import GCode, Library
-from gantrysim.errors import InputError, finite
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.controllers.limits import Limited
-from gantrysim.jit import jit
 
 INWARD, ALONG = math.sqrt(0.75), 0.5  # shares of the acceleration on an arc
 

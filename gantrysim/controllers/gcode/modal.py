@@ -6,12 +6,12 @@ import math
 from collections import Counter
 from dataclasses import replace
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.dialect import Dialect, Dispense
 from gantrysim.controllers.gcode.frames import Frames, unit_of
 from gantrysim.controllers.gcode.lines import Words
 from gantrysim.controllers.gcode.motions import Modes, Motions
 from gantrysim.controllers.gcode.moves import EXACT_PATH, EXACT_STOP, Moves
-from gantrysim.errors import InputError
 
 _AXES = "XYZ"
 _MOTION = {0, 10, 20, 30, 50, 51}

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.dialect import Dialect, Dispense
 from gantrysim.controllers.gcode.frames import Frames
 from gantrysim.controllers.gcode.moves import (
@@ -19,7 +20,6 @@ from gantrysim.controllers.gcode.moves import (
     swept_angle,
 )
 from gantrysim.controllers.gcode.splines import chords
-from gantrysim.errors import InputError
 
 _CENTRES = "IJK"
 _LENGTHS = "IJKR"

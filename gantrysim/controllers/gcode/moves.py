@@ -7,8 +7,8 @@ from array import array
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 
 LINE, ARC, DWELL = 0.0, 1.0, 2.0
 EXACT_STOP, EXACT_PATH = -1.0, 0.0  # modes; above 0 a tolerance of rounded corners [mm]

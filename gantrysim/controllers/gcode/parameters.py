@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers.gcode.expressions import Target
-from gantrysim.errors import InputError, unknown
 
 _MOST = 100_000  # parameters in use
 

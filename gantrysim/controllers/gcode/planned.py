@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.interpret import Interpreted
 from gantrysim.controllers.gcode.lookahead import ALONG, jump_speed, planned, turning_speed
 from gantrysim.controllers.gcode.moves import (
@@ -31,7 +32,6 @@ from gantrysim.controllers.gcode.rounding import Rounded, merged, rounded
 from gantrysim.controllers.limits import Limited
 from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
-from gantrysim.errors import InputError
 
 _SHORTEST = 1e-6  # length of a move that is kept; less is rounding of coordinates [mm]
 _STOP = 0.1  # share of the feed below which a corner is a stop

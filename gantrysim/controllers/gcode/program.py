@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialect import Dialect, Dispense
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
@@ -21,7 +22,6 @@ from gantrysim.controllers.gcode.planned import Plan, Settings, plan
 from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, ticks
-from gantrysim.errors import InputError, at_least, place, positive, whole
 
 PER_MINUTE = 60.0
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.jit import jit
 from gantrysim.controllers.paths.track import Track
-from gantrysim.jit import jit
 
 _SMALLEST = 1e-6  # radius of an arc [mm]
 _SLIGHTEST = 1e-7  # corner that is none [rad]

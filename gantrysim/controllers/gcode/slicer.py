@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from gantrysim.base.errors import positive
 from gantrysim.controllers.gcode.dialect import SLICER, ByExtrusion, Dialect
 from gantrysim.controllers.gcode.program import GCode
-from gantrysim.errors import positive
 
 
 @dataclass(frozen=True, kw_only=True)

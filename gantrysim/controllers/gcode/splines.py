@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 _CHORD = 1e-3  # largest distance of a chord from its curve [mm]
 _MOST = 20_000  # chords of a curve

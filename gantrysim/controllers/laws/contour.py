@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 
 def tangents(velocity: Floats, linear: Floats, tangent: Floats, axes: int) -> None:

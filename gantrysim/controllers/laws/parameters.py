@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gantrysim.base.errors import InputError, between, unknown, whole
 from gantrysim.controllers.law import Parameter
 from gantrysim.controllers.laws.user import LawName
-from gantrysim.errors import InputError, between, unknown, whole
 from gantrysim.stability.motion import Motion
 
 PD, PID, CASCADE = "pd", "pid", "p-pi"

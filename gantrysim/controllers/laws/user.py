@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, text_of
-from gantrysim.input_files import check_regular
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, text_of
+from gantrysim.base.input_files import check_regular
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import UnknownLoopError
 

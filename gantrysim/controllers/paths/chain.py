@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.jit import jit
 from gantrysim.controllers.paths.lengths import swept_angle
 from gantrysim.controllers.paths.path import Local, Path
 from gantrysim.controllers.paths.pieces import (
@@ -22,8 +24,6 @@ from gantrysim.controllers.paths.pieces import (
     piece_from,
     row_of,
 )
-from gantrysim.errors import InputError
-from gantrysim.jit import jit
 
 Columns = dict[str, NDArray[Any]]
 _JOINT = 1e-6  # largest gap between two pieces [mm]

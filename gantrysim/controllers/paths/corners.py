@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot
 
 _BESIDE = 1e-11  # of a corner, where its legs' frames are taken [mm],
 _BESIDE_ROUNDING = 4.0  # and at least so many times the rounding of its arc length

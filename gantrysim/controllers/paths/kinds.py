@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.paths.track import Track
-from gantrysim.errors import InputError, unknown
 
 KINDS: dict[str, type[Path]] = {
     "ArcChain": ArcChain,

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import inner_jit, jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import inner_jit, jit
 
 _NEWTON_STEPS = 60
 _LAST_STEP = 1e-8  # relative; the remaining error is of the order of its square

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.jit import inner_jit, jit
+from gantrysim.base.jit import inner_jit, jit
 
 # A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
 # [mm]; of all feet that a point may have, the best _KEPT are followed.

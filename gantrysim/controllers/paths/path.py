@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, dot
-from gantrysim.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.corners import Corners
 from gantrysim.controllers.paths.nearest import along_blocks, longer_steps, vertices
-from gantrysim.errors import InputError
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
 # of two differ by less than spacing^2 / (8 distance).

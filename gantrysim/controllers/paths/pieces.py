@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.lengths import arc_length
-from gantrysim.errors import InputError
 
 Vector = tuple[float, float, float]
 Frame = tuple[Vector, Vector]  # the directions u and v of a plane; its normal is u x v

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats, LastCall
+from gantrysim.base.arrays import Floats, LastCall
+from gantrysim.base.errors import InputError, finite, point, positive
+from gantrysim.base.jit import jit
 from gantrysim.controllers.paths.lengths import arc_length, swept_along
 from gantrysim.controllers.paths.path import Path
-from gantrysim.errors import InputError, finite, point, positive
-from gantrysim.jit import jit
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.lengths import arc_length
 from gantrysim.controllers.paths.pieces import SHORTEST
-from gantrysim.errors import InputError
 
 
 class Track(Chain):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gantrysim.base.errors import InputError, finite
 from gantrysim.controllers.softmc.group import Nodal
-from gantrysim.errors import InputError, finite
 
 Coordinates = tuple[float, ...]  # x, y[, z[, r]]; omitted ones stay
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, vector
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates, SoftMCError

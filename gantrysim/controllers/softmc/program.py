@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from gantrysim.base.errors import InputError, finite
 from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.setpoints import Setpoints
@@ -19,7 +20,6 @@ from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.stream import Leg, leg_of, stream
 from gantrysim.controllers.softmc.text import SPEEDS, SourceLine, read
-from gantrysim.errors import InputError, finite
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import unknown, whole
+from gantrysim.base.files import replaced
 from gantrysim.controllers.controller import Recorded
-from gantrysim.errors import unknown, whole
-from gantrysim.files import replaced
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
 

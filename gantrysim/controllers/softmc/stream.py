@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import SHORTEST, length_of
 from gantrysim.controllers.placement import Placement
@@ -16,8 +18,6 @@ from gantrysim.controllers.profile import Profile
 from gantrysim.controllers.setpoints import MAX_TICKS, ticks
 from gantrysim.controllers.softmc.geometry import Segment, placed
 from gantrysim.controllers.softmc.group import Group
-from gantrysim.errors import InputError
-from gantrysim.memory import check_ticks
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.errors import InputError, finite, positive
+from gantrysim.base.errors import InputError, finite, positive
 
 Three = tuple[float, float, float]
 Place = tuple[float, float]

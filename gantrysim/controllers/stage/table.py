@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 Complex = NDArray[np.complex128]
 

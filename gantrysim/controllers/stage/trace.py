@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, point, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.limits import Limited, fastest, nodes, velocity_bound
 from gantrysim.controllers.paths.arcs import ArcChain
@@ -21,7 +22,6 @@ from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, travel
 from gantrysim.controllers.stage.outline import outline, polygon
 from gantrysim.controllers.stage.table import Complex, Table, Turning
-from gantrysim.errors import InputError, at_least, point, positive, whole
 
 _ANYWHERE = (-math.inf, math.inf)
 _STEP = 0.05  # distance of the nodes for the axes' limits [mm]

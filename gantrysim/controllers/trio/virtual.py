@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 _ROUNDING = 1e-12
 

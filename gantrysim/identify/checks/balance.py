@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
 from gantrysim.identify.checks.parts import partitions
 from gantrysim.identify.model import AxisModel, effective_torque

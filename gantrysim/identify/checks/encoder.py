@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.identify.model import AxisModel
 from gantrysim.machine.axis import Axis
 

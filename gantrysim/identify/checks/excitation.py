@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.machine.axis import Axis
 
 COUNTS = 200.0  # least travel, in encoder counts: 0.5 % of it is one

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.identify.result import AxisFit
 
 _SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.result import CONFIDENCE, AxisFit

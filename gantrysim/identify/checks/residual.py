@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import Doubt, Finding
 from gantrysim.identify.result import WHITE, AxisFit
 from gantrysim.identify.whiteness import correlation

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.excitation import strokes
 from gantrysim.machine.axis import Axis
 

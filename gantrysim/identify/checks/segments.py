@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import Doubt, Finding
 from gantrysim.identify.checks.parts import partitions
 from gantrysim.identify.result import AxisFit, Sensitivity

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 
 EVEN = 0.1  # largest deviation of a time stamp from an even one, of the period
 _MISSING = 0.5  # the same, from which samples are missing

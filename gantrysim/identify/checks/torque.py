@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.machine.axis import Axis
 
 PEAK = 1.2  # largest torque, of the drive's peak torque: room for noise and a motor constant of another temperature

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from gantrysim.errors import unknown
+from gantrysim.base.errors import unknown
 from gantrysim.machine.kinematics.base import Coordinate, Kinematics, UnreachableError
 from gantrysim.machine.kinematics.coupled import Coupled
 from gantrysim.machine.kinematics.delta import Delta

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.machine.kinematics.base import Coordinate, Kinematics, per_si_of
 
 _SINGULAR = 1e-9  # smallest singular value of the coupling, relative to the largest

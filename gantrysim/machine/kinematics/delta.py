@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.machine.kinematics.base import DEG, MM, Coordinate, Kinematics, UnreachableError
 
 LEAST_ANGLE = 5.0  # between arm and rod in the arm's plane, and a straight line [deg]

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.machine.kinematics.base import Kinematics
 
 _TOLERANCE = 1e-3  # [mm], also of unit vectors

@@ -9,14 +9,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gantrysim.errors import InputError, at_least, positive
+from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.base.toml_files import validated
 from gantrysim.job.job import Job
 from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
 from gantrysim.run import Run
 from gantrysim.study.cases import OK, Case, Row, measure
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
-from gantrysim.toml_files import validated
 
 Link = Literal["radial", "motor"]  # the nozzle's or the motors' path, by the name of its curve
 

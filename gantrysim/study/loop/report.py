@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop.plots import plots

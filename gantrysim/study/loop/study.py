@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.setpoints import ticks
-from gantrysim.errors import InputError
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.study.cases import Case, Mode
 from gantrysim.study.loop.arcs import SteppedArcs

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.study.cases import Row
 from gantrysim.study.loop.study import LOOP_ALONE, NO_LOOP
 from gantrysim.study.series import series

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.machine.tolerances import in_words
 from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, whole
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, whole
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.study.cases import Case, Row, measure

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 
 _CONFIDENCE = 0.95
 _ROUNDING = 1e-12  # of a variance

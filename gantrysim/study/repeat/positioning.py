@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
-from gantrysim.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics import Positioning

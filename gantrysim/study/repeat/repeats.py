@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job

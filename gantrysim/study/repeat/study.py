@@ -7,8 +7,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError, at_least, whole
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, whole
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics import Positioning, RepeatedPath
 from gantrysim.metrics.analysis import Analysis

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import at_least
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import at_least
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.criterion import ToleranceStudy
 from gantrysim.study.runner import Measure

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.pieces import XY, XZ, YZ, ZX, Coil, Line
-from gantrysim.errors import InputError
 
 POSITION = 1e-9  # [mm]
 ANGLE = 1e-9  # [rad]

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.paths.corners import Components
 from gantrysim.controllers.paths.pieces import Line
-from gantrysim.errors import InputError
 
 EXACT = 1e-9  # [mm]
 LEG = 10.0  # [mm]

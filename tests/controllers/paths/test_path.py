@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.arcs import ArcChain
 from gantrysim.controllers.paths.kinds import path_of
 from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.errors import InputError
 
 from support.runs import archimedean
 

@@ -8,9 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.paths.lengths import arc_length, swept_along
 from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.errors import InputError
 
 from support.runs import archimedean
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lark import Tree
 
+from gantrysim.base.errors import unknown_text
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.calls import called, executed, unknown_name
 from gantrysim.controllers.softmc.basic.syntax import Node
@@ -22,7 +23,6 @@ from gantrysim.controllers.softmc.basic.values import (
     text_of,
 )
 from gantrysim.controllers.softmc.commands import SoftMCError
-from gantrysim.errors import unknown_text
 
 _MOST_COORDINATES = 10
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from lark import Token, Tree
 
+from gantrysim.base.errors import unknown, whole
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.expressions import child, element, expression, name_of, several, trees, word
 from gantrysim.controllers.softmc.basic.recording import Column, Recording
@@ -15,7 +16,6 @@ from gantrysim.controllers.softmc.basic.task import Expression, Frame, Statement
 from gantrysim.controllers.softmc.basic.values import Element, Point, Value, number, text_of
 from gantrysim.controllers.softmc.commands import Circle, Move, SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
-from gantrysim.errors import unknown, whole
 
 _CIRCLE = {
     "angle": "angle",

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
@@ -25,7 +26,6 @@ from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.stream import Leg, Stream, stream
-from gantrysim.errors import InputError, at_least, finite, positive, whole
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
+from gantrysim.base.errors import unknown, whole
 from gantrysim.controllers.softmc.basic.values import Element, Value, number
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES, Group
-from gantrysim.errors import unknown, whole
 
 _LONG_NAMES = {
     "velocitycruise": "vcruise",

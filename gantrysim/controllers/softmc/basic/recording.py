@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.files import replaced
 from gantrysim.controllers.controller import Recorded
 from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.softmc.basic.timeline import Mark
 from gantrysim.controllers.softmc.record import evaluated
-from gantrysim.errors import InputError
-from gantrysim.files import replaced
 
 
 @dataclass(frozen=True)

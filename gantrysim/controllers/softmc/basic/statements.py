@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from lark import Tree
 
+from gantrysim.base.errors import InputError, unknown_text
 from gantrysim.controllers.softmc.basic import declarations, motion, properties
 from gantrysim.controllers.softmc.basic.calls import called, unknown_name
 from gantrysim.controllers.softmc.basic.expressions import (
@@ -23,7 +24,6 @@ from gantrysim.controllers.softmc.basic.syntax import Node, parse
 from gantrysim.controllers.softmc.basic.task import Block, Expression, Frame, Statement
 from gantrysim.controllers.softmc.basic.values import Element, Value, compare, number
 from gantrysim.controllers.softmc.commands import SoftMCError
-from gantrysim.errors import InputError, unknown_text
 
 
 class LocatedError(SoftMCError):

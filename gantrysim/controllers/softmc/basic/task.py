@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.recording import Recording

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
 from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.commands import Command, SoftMCError

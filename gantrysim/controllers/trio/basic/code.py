@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import chain
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.expressions import Expression
 from gantrysim.controllers.trio.basic.process import MOST_RETURNS, Code, Process, Statement
 from gantrysim.controllers.trio.basic.statements import LEAVES, Act, variable
 from gantrysim.controllers.trio.basic.text import Raw, Source
-from gantrysim.errors import InputError
 
 
 @dataclass

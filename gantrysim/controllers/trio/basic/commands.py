@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.moves import (
     CAM,
     CAMBOX,
@@ -26,7 +27,6 @@ from gantrysim.controllers.trio.basic.moves import (
     Table,
 )
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, Process, index
-from gantrysim.errors import InputError
 
 MOST_POINTS = 32_000  # of a cam
 REPEATS, ABSOLUTE, FORWARD_ONLY = 4, 2, 32  # bits of the link options

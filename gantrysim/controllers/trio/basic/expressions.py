@@ -9,11 +9,11 @@ from difflib import get_close_matches
 from functools import partial
 from typing import TypeVar
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, State, index
-from gantrysim.errors import InputError
 
 DEEPEST = 60  # nesting of an expression
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.process import Code, Process, State, Statement
-from gantrysim.errors import InputError
 
 MOST_PER_TICK = 1000  # statements of a process within a servo period, where they cost no time
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gantrysim.arrays import Floats
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.links import follow
 from gantrysim.controllers.trio.basic.moves import CONNECT, STATED, Move, Straight
 from gantrysim.controllers.trio.basic.profile import Glide, Speed
-from gantrysim.errors import InputError
 
 MOST_AXES = 64  # numbers of axes: 0 to 63
 MOST_MOVES = 200_000

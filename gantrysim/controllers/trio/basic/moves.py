@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from gantrysim.arrays import Floats
-from gantrysim.errors import InputError
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 
 IDLE, MOVE, MOVEABS, MHELICAL, MOVECIRC = 0, 1, 2, 3, 4
 FORWARD, REVERSE, CAM, CAMBOX, CONNECT, MOVELINK = 10, 11, 13, 20, 21, 22

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.motion import Motion
-from gantrysim.errors import InputError
 
 VR_SIZE, TABLE_SIZE = 65_536, 512_000
 MOST_OUTPUTS = 1024

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.arrays import Floats
-from gantrysim.jit import inner_jit, jit
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import inner_jit, jit
 
 _TINY = 1e-12
 

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import Expression, Reference, unknown_word
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
 from gantrysim.controllers.trio.basic.text import Raw
-from gantrysim.errors import InputError
 
 Act = Callable[[Process], int | None]
 Leaf = tuple[Act, str]

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import (
@@ -24,7 +25,6 @@ from gantrysim.controllers.trio.basic.expressions import (
     unknown_word,
     value_of,
 )
-from gantrysim.errors import InputError
 
 LONGEST, LONGEST_LINE, LONGEST_WORD = 1_000_000, 4096, 64  # characters of a text, a line, a word
 _SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)

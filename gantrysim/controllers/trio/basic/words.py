@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.process import Process, State
-from gantrysim.errors import InputError
 
 CONSTANTS = {"PI": math.pi, "TRUE": -1.0, "FALSE": 0.0, "ON": 1.0, "OFF": 0.0}
 

@@ -11,9 +11,9 @@ from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 
-from gantrysim.errors import InputError, nearest
-from gantrysim.files import check_whole
-from gantrysim.input_files import opened
+from gantrysim.base.errors import InputError, nearest
+from gantrysim.base.files import check_whole
+from gantrysim.base.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
 _SHOWN = 80  # characters of a wrong value

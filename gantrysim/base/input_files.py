@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),

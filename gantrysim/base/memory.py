@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 # Runs of more ticks keep their tables of a row per tick in temporary files instead of memory.
 LONG = 250_000

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
-from gantrysim.errors import InputError
+from gantrysim.base.errors import InputError
 
 PARTIAL = ".gantrysim-partial-"  # prefix of a hidden folder of new files that are being written
 SWAP = ".gantrysim-complete"  # hidden folder of new files that are complete

@@ -15,8 +15,8 @@ from typing import Any, Generic, TypeVar, cast, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim import memory
-from gantrysim.errors import InputError
+from gantrysim.base import memory
+from gantrysim.base.errors import InputError
 
 BLOCK = 16_384  # rows that are computed at a time
 

@@ -21,9 +21,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from gantrysim.errors import InputError, expanded
-from gantrysim.signals import deferred
-from gantrysim.swap import (
+from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.signals import deferred
+from gantrysim.base.swap import (
     NAMES,
     NEW,
     PARTIAL,
