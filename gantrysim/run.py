@@ -16,10 +16,10 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced
 from gantrysim.base.input_files import opened
-from gantrysim.controllers.paths.path import Path
 from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault
 from gantrysim.named_columns import frame
+from gantrysim.paths.path import Path
 from gantrysim.run_file import read_record, write_record
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_arc
 from gantrysim.base.arrays import read_only
 from gantrysim.base.columns import Stored, array_of, blocks
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.kinds import kind_of, path_of
 from gantrysim.fault import Fault
 from gantrysim.faults import fault_of
+from gantrysim.paths.kinds import kind_of, path_of
 
 _FORMAT = 7
 # arrays of older formats that are still read, by their names today; what they lack has its default

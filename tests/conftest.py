@@ -22,7 +22,7 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 
 from gantrysim import Machine
 from gantrysim.cli.main import main
-from gantrysim.controllers.paths.arcs import ArcChain
+from gantrysim.paths.arcs import ArcChain
 
 from support.fresh import FreshProcesses
 

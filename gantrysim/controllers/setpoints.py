@@ -13,8 +13,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.errors import InputError, at_least, positive, whole
 from gantrysim.base.memory import check_ticks
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.profile import Constant, Profile
+from gantrysim.paths.path import Path
+from gantrysim.paths.profile import Constant, Profile
 
 MAX_TICKS = 50_000_000
 _ROUNDING = 1e-9  # relative, of lengths

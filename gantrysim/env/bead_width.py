@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.profile import Profile
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import PIECE, PIECES, STATE, SUMS, lay
@@ -23,6 +21,8 @@ from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.machine.tolerances import Tolerances
+from gantrysim.paths.path import Path
+from gantrysim.paths.profile import Profile
 
 # What is drawn for an episode: viscosity over the nominal one and how it changes, a clog of the needle, lag of the
 # pressure; and how the program's speed varies along the path.

@@ -13,9 +13,6 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.controllers.laws.parameters import LEARNING, words
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.controllers.profile import PointToPoint, Profile
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.engine.simulation import Simulation
@@ -25,6 +22,9 @@ from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.tolerances import Tolerances
+from gantrysim.paths.path import Path
+from gantrysim.paths.profile import PointToPoint, Profile
+from gantrysim.paths.spirals import Involute
 
 TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
 SCALED = ("ki", *TUNED_GAINS)  # scaled by the action: ki with kp, so that the integral time stays

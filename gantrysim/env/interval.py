@@ -8,8 +8,8 @@ import numba
 import numpy as np
 
 from gantrysim.base.jit import cached, inner_jit
-from gantrysim.controllers.paths.nearest import along
 from gantrysim.native.pointers import floats, logs_at, octets
+from gantrysim.paths.nearest import along
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
 SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")

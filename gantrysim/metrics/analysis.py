@@ -18,8 +18,8 @@ from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.path import Projection
 from gantrysim.metrics.spacing import Spacing, spacing_of
+from gantrysim.paths.path import Projection
 from gantrysim.run import Run, check_run
 
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # unit of an axis' errors, by the axis' own

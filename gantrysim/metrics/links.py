@@ -1,7 +1,7 @@
 """Links of the error budget: how far each moves the nozzle off the requested path.
 
 The offset of a point from its foot, as components in the path's frame, changes nowhere faster than the point moves, on
-smooth paths but for their curvature and at corners by `gantrysim.controllers.paths.corners`. So the difference of the
+smooth paths but for their curvature and at corners by `gantrysim.paths.corners`. So the difference of the
 offsets of two neighbouring points of the chain is never larger than the displacement between them.
 
 That holds where both feet are the nearest on a stretch of the path that joins them. A trace is followed in the order of
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, table_by_blocks
-from gantrysim.controllers.paths.corners import Components
-from gantrysim.controllers.paths.path import Path, Projection
 from gantrysim.metrics.parts import Part, difference
+from gantrysim.paths.corners import Components
+from gantrysim.paths.path import Path, Projection
 
 _NOTHING = 1e-13  # [mm]
 _ROUNDING = 1e-9  # by which a difference of offsets may exceed a displacement [mm]

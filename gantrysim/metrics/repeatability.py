@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.path import Path
 from gantrysim.metrics.spacing import forward
+from gantrysim.paths.path import Path
 
 _LEAST_CYCLES = 2
 

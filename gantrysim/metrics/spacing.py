@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.jit import jit
-from gantrysim.controllers.paths.path import Local, Path, Projection
+from gantrysim.paths.path import Local, Path, Projection
 
 _NEWTON_STEPS = 20
 _LAST_STEP = 1e-7  # Newton step below which the remaining error is of the order of its square [mm]

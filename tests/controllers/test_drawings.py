@@ -14,8 +14,8 @@ from scipy.special import ellipe
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.cad import Drawing
-from gantrysim.controllers.paths.pieces import Coil
 from gantrysim.controllers.placement import Placement
+from gantrysim.paths.pieces import Coil
 
 from support import drawings
 from support.drawings import arc, circle, csv, dxf, farthest, line, polyline, sampled, svg

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.cad import Drawing
-from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.programs import build
+from gantrysim.paths.pieces import Line
 
 from support.drawings import bulge_points, circle, csv, differences, dxf, farthest, group, line, polyline, sampled, svg
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.moves import END
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.kinds import path_of
-from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil, Line
-from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.kinds import path_of
+from gantrysim.paths.pieces import XY, YZ, ZX, Coil, Line
+from gantrysim.paths.track import Track
 
 A = 500.0  # acceleration of every test [mm/s²]
 PERIOD = 1e-3

@@ -10,10 +10,10 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.limits import Limited, fastest, nodes
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Line
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.limits import Limited, fastest, nodes
+from gantrysim.paths.pieces import Coil, Line
 
 IN_HAND = 1e-3  # of an acceleration limit, kept for what lies between the nodes
 # Between nodes 0.02 mm apart, along waves of 15 mm and more, relative:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Sine
+from gantrysim.paths.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Sine
 
 ROUNDING = 1e-12  # relative
 INTEGRAL = 1e-9  # of the length

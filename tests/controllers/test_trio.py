@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from gantrysim import metrics
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.paths.spirals import Involute
 
 POSITION = 1e-8  # after up to some thousand passes [mm]
 RELATIVE = 1e-10

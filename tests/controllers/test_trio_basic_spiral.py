@@ -10,9 +10,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime, MoveSpiral, StatedSpiral
+from gantrysim.paths.spirals import Involute
 
 POSITION = 1e-9  # [mm]
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")

@@ -10,11 +10,11 @@ import pytest
 
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.base.errors import GantryError
-from gantrysim.controllers.paths.path import Path
 from gantrysim.engine.advance import CALLS
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.paths.path import Path
 
 from support.runs import STEP, ramp
 

@@ -15,9 +15,6 @@ from gantrysim.base.columns import Stored
 from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.kinds import path_of
-from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.trio import MoveSpiral
@@ -27,6 +24,9 @@ from gantrysim.machine.needle import Needle
 from gantrysim.machine.syringe import Syringe
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.kinds import path_of
+from gantrysim.paths.pieces import Line
 from gantrysim.report.folder import write_run
 from gantrysim.report.summary import summary
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, TOTAL, measure
 from gantrysim.env.observation import IntervalValues
 from gantrysim.native.row import Log
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.spirals import Involute
 
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
 AXES = 2

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError
-from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.controllers.profile import PointToPoint
 from gantrysim.env import BeadWidthEnv, SpeedOverrideEnv
 from gantrysim.env.baselines import CLASSICAL
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.paths.profile import PointToPoint
+from gantrysim.paths.spirals import Involute
 
 from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, returned, same
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.optimize import brute
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil
 from gantrysim.metrics import CircularTest, RepeatedPath, Trace, least_squares_circle, minimum_zone, offset_over_length
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Coil
 
 EXACT = 1e-9  # [mm]
 ZONE = 1e-8  # [mm], against a search on a grid that is refined

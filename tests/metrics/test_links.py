@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from gantrysim import Budget, Machine, Servo, perfect_follower, simulate
 from gantrysim.controllers.fanuc import Program as Fanuc
 from gantrysim.controllers.gcode import linuxcnc
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Line
 from gantrysim.controllers.softmc import Group, Program
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Line
 from gantrysim.report.headline import headline
 
 from support.corners import CORNERED_SEEDS, cornered_run

@@ -11,11 +11,6 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.lengths import arc_length
-from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Coil
-from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.fault import Fault
 from gantrysim.metrics import (
@@ -28,6 +23,11 @@ from gantrysim.metrics import (
     tracking_error,
     values,
 )
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.lengths import arc_length
+from gantrysim.paths.pieces import XY, YZ, ZX, Coil
+from gantrysim.paths.spirals import Involute
 from gantrysim.run import Run
 
 from support.runs import archimedean

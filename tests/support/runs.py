@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from gantrysim import Machine, Servo, simulate
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil
 from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Coil
 
 PERIOD = 1e-3
 STEP = 2.5e-4

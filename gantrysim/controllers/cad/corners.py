@@ -16,7 +16,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.cad.fitting import arc_to, middle
-from gantrysim.controllers.paths.pieces import SHORTEST, XY, Coil, Line, vector
+from gantrysim.paths.pieces import SHORTEST, XY, Coil, Line, vector
 
 SMOOTH = 1e-5  # turn that is no corner [rad]
 _SHARPEST = math.radians(175)  # turn that is rounded

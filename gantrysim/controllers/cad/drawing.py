@@ -21,9 +21,9 @@ from gantrysim.controllers.cad.svg import read_svg
 from gantrysim.controllers.cad.table import read_points, with_speeds
 from gantrysim.controllers.cad.units import millimetres
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, ticks
+from gantrysim.paths.chain import Chain
 
 Three = tuple[float, float, float]
 

@@ -15,7 +15,7 @@ import numpy as np
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.cad.shapes import Curve, Ellipse, Segment, Shape
-from gantrysim.controllers.paths.pieces import Coil, Line, vector
+from gantrysim.paths.pieces import Coil, Line, vector
 
 MOST_PIECES = 200_000  # of a drawing
 _SAFETY = 0.9  # share of the tolerance at the sampled points

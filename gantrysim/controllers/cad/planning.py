@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.cad.corners import SMOOTH, tangent
 from gantrysim.controllers.cad.routing import Route
-from gantrysim.controllers.limits import Limited, fastest, nodes, velocity_bound
-from gantrysim.controllers.paths.pieces import Coil
+from gantrysim.paths.limits import Limited, fastest, nodes, velocity_bound
+from gantrysim.paths.pieces import Coil
 
 # Largest angle of an arc between two nodes, within which the acceleration of an axis exceeds its limit by a share of an
 # eighth of the angle's square [rad].

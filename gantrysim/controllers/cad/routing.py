@@ -13,8 +13,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.cad.corners import Count, Leg, length, place, rounded
 from gantrysim.controllers.cad.fitting import MOST_PIECES, pieces_of
 from gantrysim.controllers.cad.shapes import Stroke
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import XY, Coil, Line, vector
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import XY, Coil, Line, vector
 
 _SHORTEST = 1e-6  # length of a piece [mm]
 _NO_GAP = 1e-9  # [mm]

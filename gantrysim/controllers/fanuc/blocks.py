@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gantrysim.base.errors import InputError, at_least, finite, positive
-from gantrysim.controllers.paths.pieces import XY, YZ, ZX, Frame
+from gantrysim.paths.pieces import XY, YZ, ZX, Frame
 
 End = tuple[float | None, ...]
 Plane = Literal["xy", "zx", "yz"]

@@ -14,8 +14,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import FRAMES
 from gantrysim.controllers.fanuc.legs import Leg
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Frame, Line, Vector, vector
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Coil, Frame, Line, Vector, vector
 
 _GAP = 1e-6  # between two ends taken as one [mm]
 _SHARP = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import positive
-from gantrysim.controllers.limits import Limited
+from gantrysim.paths.limits import Limited
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import FRAMES, PLANES, Arc, Line, Rapid, Spiral
-from gantrysim.controllers.paths.pieces import Coil, Vector
-from gantrysim.controllers.paths.pieces import Line as Segment
+from gantrysim.paths.pieces import Coil, Vector
+from gantrysim.paths.pieces import Line as Segment
 
 Fail = Callable[[int, str], Alarm]  # an alarm's number and detail, to be raised
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
 from gantrysim.controllers.fanuc.geometry import piece_of
 from gantrysim.controllers.fanuc.text import SourceLine
-from gantrysim.controllers.paths.pieces import Coil, Line, Vector, vector
 from gantrysim.controllers.placement import Placement
+from gantrysim.paths.pieces import Coil, Line, Vector, vector
 
 _SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
 

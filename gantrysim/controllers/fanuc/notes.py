@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gantrysim.controllers.fanuc.legs import Leg
-from gantrysim.controllers.paths.chain import Chain
+from gantrysim.paths.chain import Chain
 
 
 def notes_of(legs: Sequence[Leg], path: Chain, blend_time: float, acceleration: float) -> tuple[str, ...]:

@@ -13,9 +13,9 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
 from gantrysim.controllers.fanuc.legs import Leg
-from gantrysim.controllers.limits import MARGIN, Limited, fastest, nodes
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Line
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.limits import MARGIN, Limited, fastest, nodes
+from gantrysim.paths.pieces import Coil, Line
 
 _STEP = (0.02, 2.0)  # smallest and largest distance of nodes [mm]
 _TURN = 0.05  # largest turn between nodes [rad]

@@ -13,8 +13,8 @@ from gantrysim.controllers.fanuc.alarm import Source
 from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, Plane, Rapid, Spiral
 from gantrysim.controllers.fanuc.macro import Macro
 from gantrysim.controllers.fanuc.words import COMMENT, Words
-from gantrysim.controllers.paths.pieces import Vector
 from gantrysim.controllers.speeds import SpeedWords
+from gantrysim.paths.pieces import Vector
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _INCH = 25.4

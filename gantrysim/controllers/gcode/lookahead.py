@@ -13,7 +13,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.controllers.limits import Limited
+from gantrysim.paths.limits import Limited
 
 INWARD, ALONG = math.sqrt(0.75), 0.5  # shares of the acceleration on an arc
 

@@ -29,9 +29,9 @@ from gantrysim.controllers.gcode.moves import (
     SOURCE,
 )
 from gantrysim.controllers.gcode.rounding import Rounded, merged, rounded
-from gantrysim.controllers.limits import Limited
-from gantrysim.controllers.paths.track import Track
 from gantrysim.controllers.placement import Placement
+from gantrysim.paths.limits import Limited
+from gantrysim.paths.track import Track
 
 _SHORTEST = 1e-6  # length of a move that is kept; less is rounding of coordinates [mm]
 _STOP = 0.1  # share of the feed below which a corner is a stop

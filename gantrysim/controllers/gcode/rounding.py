@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.jit import jit
-from gantrysim.controllers.paths.track import Track
+from gantrysim.paths.track import Track
 
 _SMALLEST = 1e-6  # radius of an arc [mm]
 _SLIGHTEST = 1e-7  # corner that is none [rad]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, vector
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates, SoftMCError
+from gantrysim.paths.pieces import XY, XZ, YZ, Coil, Frame, Line, vector
 
 AXES = "xyzr"
 

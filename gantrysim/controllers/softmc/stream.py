@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import SHORTEST, length_of
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.profile import Profile
 from gantrysim.controllers.setpoints import MAX_TICKS, ticks
 from gantrysim.controllers.softmc.geometry import Segment, placed
 from gantrysim.controllers.softmc.group import Group
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import SHORTEST, length_of
+from gantrysim.paths.profile import Profile
 
 
 @dataclass(frozen=True)

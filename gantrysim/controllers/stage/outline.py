@@ -9,7 +9,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, point
-from gantrysim.controllers.paths.arcs import ArcChain
+from gantrysim.paths.arcs import ArcChain
 
 _ROUNDING = 1e-9  # [mm]
 _STRAIGHT = 1e-6  # [rad]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.paths.pieces import Coil, Line, Vector, vector
 from gantrysim.controllers.trio.virtual import Phases, VirtualAxis
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.path import Path
+from gantrysim.paths.pieces import Coil, Line, Vector, vector
 
 MAX_PASSES = 2_000_000
 

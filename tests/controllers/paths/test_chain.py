@@ -13,10 +13,10 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.kinds import path_of
-from gantrysim.controllers.paths.pieces import XY, XZ, YZ, ZX, Coil, Line
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.kinds import path_of
+from gantrysim.paths.pieces import XY, XZ, YZ, ZX, Coil, Line
 
 POSITION = 1e-9  # [mm]
 ANGLE = 1e-9  # [rad]

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.corners import Components
-from gantrysim.controllers.paths.pieces import Line
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.corners import Components
+from gantrysim.paths.pieces import Line
 
 EXACT = 1e-9  # [mm]
 LEG = 10.0  # [mm]

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from gantrysim import Budget, Job, Machine, Servo, metrics, perfect_follower, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import Coil, Line
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Coil, Line
 
 EXACT = 1e-9  # [mm]
 NEAR_A_TIP = 0.2  # [mm] of arc length: within half of it from a sharp corner its two sides are not told apart

@@ -11,13 +11,13 @@ import pytest
 
 import gantrysim
 from gantrysim import InputError
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.kinds import KINDS, kind_of, path_of
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.paths.pieces import Coil, Line
-from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.controllers.paths.track import Track
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.kinds import KINDS, kind_of, path_of
+from gantrysim.paths.path import Path
+from gantrysim.paths.pieces import Coil, Line
+from gantrysim.paths.spirals import Involute
+from gantrysim.paths.track import Track
 
 EXAMPLES = {
     "ArcChain": ArcChain((1, 2), 0.5, [0.1, 0, -0.02], [5, 6, 7]),
@@ -27,7 +27,7 @@ EXAMPLES = {
 }
 ALONE = """
 import json, sys
-from gantrysim.controllers.paths.kinds import path_of
+from gantrysim.paths.kinds import path_of
 path = path_of(sys.argv[1], json.loads(sys.argv[2]))
 print(type(path).__name__, repr(path.length))
 """

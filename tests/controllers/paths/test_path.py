@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.kinds import path_of
-from gantrysim.controllers.paths.spirals import Involute
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.kinds import path_of
+from gantrysim.paths.spirals import Involute
 
 from support.runs import archimedean
 

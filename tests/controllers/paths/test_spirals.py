@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.lengths import arc_length, swept_along
-from gantrysim.controllers.paths.spirals import Involute
+from gantrysim.paths.lengths import arc_length, swept_along
+from gantrysim.paths.spirals import Involute
 
 from support.runs import archimedean
 

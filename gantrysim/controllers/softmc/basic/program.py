@@ -13,7 +13,6 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller, Recorded
-from gantrysim.controllers.paths.chain import Chain
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.controllers.softmc.basic.declarations import routine
@@ -26,6 +25,7 @@ from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.stream import Leg, Stream, stream
+from gantrysim.paths.chain import Chain
 
 
 @dataclass(frozen=True)

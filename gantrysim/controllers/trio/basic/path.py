@@ -10,11 +10,11 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, point, positive, whole
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.pieces import SHORTEST, Coil, Line, vector
-from gantrysim.controllers.paths.spirals import Involute
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio.basic.moves import Arc, Move
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import SHORTEST, Coil, Line, vector
+from gantrysim.paths.spirals import Involute
 
 TOLERANCE = 5e-4  # of the commanded trace that stands for a path which the program does not state [mm]
 _JOINT = 1e-6  # [mm]

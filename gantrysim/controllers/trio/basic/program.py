@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.paths.path import Path
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints
 from gantrysim.controllers.speeds import SpeedWords
@@ -25,6 +24,7 @@ from gantrysim.controllers.trio.basic.motion import MOST_AXES, Motion
 from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Code, Printed, State
 from gantrysim.controllers.trio.basic.words import IGNORED
+from gantrysim.paths.path import Path
 
 _AXES = ("x", "y", "z", "r")
 _SHOWN = 20  # printed lines in the notes

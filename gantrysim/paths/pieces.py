@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.lengths import arc_length
+from gantrysim.paths.lengths import arc_length
 
 Vector = tuple[float, float, float]
 Frame = tuple[Vector, Vector]  # the directions u and v of a plane; its normal is u x v

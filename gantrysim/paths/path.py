@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.corners import Corners
-from gantrysim.controllers.paths.nearest import along_blocks, longer_steps, vertices
+from gantrysim.paths.corners import Corners
+from gantrysim.paths.nearest import along_blocks, longer_steps, vertices
 
 # Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
 # of two differ by less than spacing^2 / (8 distance).
@@ -186,7 +186,7 @@ class Path(ABC):
         """Project a trace onto the path in the order of its points: the feet advance as the trace does.
 
         A trace thus stays on its own turn of a spiral, at any distance, and on its own leg of a path that retraces
-        itself. See `gantrysim.controllers.paths.nearest.along`.
+        itself. See `gantrysim.paths.nearest.along`.
 
         Args:
             trace: points in the order of the motion, (n, 3) [mm].

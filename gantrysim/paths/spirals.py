@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from gantrysim.base.arrays import Floats, LastCall
 from gantrysim.base.errors import InputError, finite, point, positive
 from gantrysim.base.jit import jit
-from gantrysim.controllers.paths.lengths import arc_length, swept_along
-from gantrysim.controllers.paths.path import Path
+from gantrysim.paths.lengths import arc_length, swept_along
+from gantrysim.paths.path import Path
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.lengths import arc_length
-from gantrysim.controllers.paths.pieces import SHORTEST
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.lengths import arc_length
+from gantrysim.paths.pieces import SHORTEST
 
 
 class Track(Chain):

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.controllers.paths.lengths import swept_angle
-from gantrysim.controllers.paths.path import Local, Path
-from gantrysim.controllers.paths.pieces import (
+from gantrysim.paths.lengths import swept_angle
+from gantrysim.paths.path import Local, Path
+from gantrysim.paths.pieces import (
     ROW,
     SHORTEST,
     Coil,

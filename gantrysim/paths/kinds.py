@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.controllers.paths.arcs import ArcChain
-from gantrysim.controllers.paths.chain import Chain
-from gantrysim.controllers.paths.path import Path
-from gantrysim.controllers.paths.spirals import Involute
-from gantrysim.controllers.paths.track import Track
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.path import Path
+from gantrysim.paths.spirals import Involute
+from gantrysim.paths.track import Track
 
 KINDS: dict[str, type[Path]] = {
     "ArcChain": ArcChain,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.paths.path import Path
+from gantrysim.paths.path import Path
 
 
 class ArcChain(Path):
