@@ -12,7 +12,6 @@ from .controllers.servo import Servo as Servo
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
-from .fault import Fault as Fault
 from .job.causes import Causes as Causes
 from .job.causes import causes_of as causes_of
 from .job.job import Job as Job
@@ -22,6 +21,7 @@ from .machine.machine import Machine as Machine
 from .machine.needle import Needle as Needle
 from .machine.syringe import Syringe as Syringe
 from .metrics.budget import Budget as Budget
-from .run import Run as Run
+from .record.fault import Fault as Fault
+from .record.run import Run as Run
 
 __version__: str

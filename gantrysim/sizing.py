@@ -15,7 +15,7 @@ from gantrysim.design.modes import modes
 from gantrysim.machine.axis import PER_SI, Axis, fact
 from gantrysim.machine.machine import Machine
 from gantrysim.native.quiet import quiet
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 from gantrysim.stability.margins import margins_of
 
 INERTIA_RATIO = 10.0  # above which a finding says so

@@ -30,7 +30,6 @@ from rich.table import Table
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.bead import Bead
 from gantrysim.controllers.programs import build
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
@@ -39,6 +38,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.native.tick import compiled
 from gantrysim.paths.kinds import kind_of, path_of
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Film, Take
 
 SIDE_BY_SIDE = 64  # simulations or environments at once

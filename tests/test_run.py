@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, InputError, Needle, Run, Servo, perfect_follower, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import archimedean, turn, turntable
 

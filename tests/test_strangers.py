@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.log import Log
 from gantrysim.identify.plan import excitation
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.record.setpoints import Setpoints
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

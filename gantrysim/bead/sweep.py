@@ -17,7 +17,7 @@ from gantrysim.base.errors import GantryError
 from gantrysim.bead.rings import SIDES, Mesh, joined, rings
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadSettings, BeadTrace
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 _DISTANCE = 2.0  # of the rings [mm]
 _TURN = np.radians(15)  # of the trace, between two rings

@@ -18,7 +18,7 @@ from gantrysim.base.columns import by_blocks
 from gantrysim.base.errors import InputError, at_least, finite, whole
 from gantrysim.bead.section import Section
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.run import Run, check_run
+from gantrysim.record.run import Run, check_run
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)

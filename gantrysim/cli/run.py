@@ -15,7 +15,7 @@ from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_
 
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
-    from gantrysim.run import Run
+    from gantrysim.record.run import Run
 
 
 def run(

@@ -18,9 +18,9 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.parts import CORNER, PartValues
+from gantrysim.record.run import Run
 from gantrysim.report.scatter import HEADS, remark_of, rows_of
 from gantrysim.report.scatter import TITLE as SCATTER
-from gantrysim.run import Run
 from gantrysim.stability.margins import NO_LOOP, Margins
 
 _UM = 1e3

@@ -14,8 +14,8 @@ from gantrysim.cli.options import AllowCode, Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
 
 if TYPE_CHECKING:
-    from gantrysim.fault import Fault
     from gantrysim.job.job import Job
+    from gantrysim.record.fault import Fault
     from gantrysim.render.scene import Scene
     from gantrysim.view.push import Bodies
     from gantrysim.view.source import Source

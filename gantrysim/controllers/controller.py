@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Protocol
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.paths.path import Path
+from gantrysim.record.setpoints import Setpoints
 
 
 class Recorded(Protocol):

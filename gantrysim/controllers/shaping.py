@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.laws.parameters import ZV, ZVD
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
+from gantrysim.record.setpoints import Setpoints
 
 _SHAPERS = (ZV, ZVD)
 

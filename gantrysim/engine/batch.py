@@ -16,7 +16,6 @@ from gantrysim.base.errors import GantryError, InputError, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import MOST_STEPS, advance
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
@@ -27,7 +26,8 @@ from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.hook import installed
 from gantrysim.native.row import OFFSETS, ROW, ROW_NUMBERS, Log
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 
 
 def simulate_batch(

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.errors import InputError, TimedError
 from gantrysim.base.jit import jit
-from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.machine import Machine
+from gantrysim.record.setpoints import Setpoints, Supervision
 
 _ROUNDING, _NEAR = 1e-9, 1e-3  # of positions [mm]
 

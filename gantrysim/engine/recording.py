@@ -11,14 +11,14 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import FileTable, array_of, blocks
 from gantrysim.base.memory import check_ticks
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.record_columns import IDEAL, TIPS, columns_of, constants, measured, protected, sent_columns
-from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import STEPPER, Log
-from gantrysim.run import Run
+from gantrysim.record.fault import Fault
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 
 
 class LogBook:

@@ -9,7 +9,6 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.law import PlainLaw
 from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
@@ -20,7 +19,8 @@ from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 
 
 def simulate(

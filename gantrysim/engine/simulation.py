@@ -16,7 +16,6 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.feeding import Inverse
 from gantrysim.controllers.laws.parameters import CONTOUR, PREVIEW
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.shaping import shaped
 from gantrysim.engine.arguments import check_argument, sent
 from gantrysim.engine.drives import drive_entries
@@ -31,6 +30,7 @@ from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.native.row import (
     Log,
 )
+from gantrysim.record.setpoints import Setpoints
 
 _NO_GLUE = Dispenser()
 

@@ -12,9 +12,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
 from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.controllers.laws.user import STATE, resolved
-from gantrysim.controllers.setpoints import periods
 from gantrysim.engine.simulation import Simulation
-from gantrysim.fault import Fault
 from gantrysim.machine.timing import delay_steps
 from gantrysim.native.layout import offsets
 from gantrysim.native.row import (
@@ -30,7 +28,9 @@ from gantrysim.native.row import (
 )
 from gantrysim.native.tick import magic
 from gantrysim.native.user import CalledLaw
-from gantrysim.run import Run
+from gantrysim.record.fault import Fault
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import periods
 
 
 @dataclass(frozen=True, eq=False)

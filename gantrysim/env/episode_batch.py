@@ -23,7 +23,7 @@ from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.outcome import Ends, Outcome
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 _SHARED = 16  # places from which on threads share the measurements
 

@@ -20,7 +20,7 @@ from gantrysim.env.frames import Frames
 from gantrysim.env.gains import GainBatch
 from gantrysim.env.settings import PathSettings, Settings
 from gantrysim.env.spec import with_bound
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 Observation = NDArray[np.float32]
 

@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
@@ -21,7 +20,8 @@ from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.timeline import SpeedOverrideSettings, SpeedOverrideSource, move
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 
 _SPEEDS = {"speed": "commanded path speed", "program_speed": "path speed of the program"}
 _NEAR = 1.0  # range of the distances to reversals that are observed a second time [mm]

@@ -14,7 +14,6 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.base.jit import jit
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import SPIRAL, Plan
@@ -22,6 +21,7 @@ from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
+from gantrysim.record.setpoints import Setpoints
 
 _BEAD = 2.0  # cross-section of the bead [mm²]
 

@@ -21,7 +21,7 @@ from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
 from gantrysim.env.scalar import OPTIONS, PathEnv, SpiralTuningEnv, chosen_in
 from gantrysim.env.spec import with_bound
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 Observations = NDArray[np.float32]
 Numbers = NDArray[np.float64]

@@ -20,7 +20,7 @@ from scipy.signal import correlate, correlation_lags
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.exchange.measured import LEAST, Trace
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 ALIGNED = ("time", "offset", "rotation")
 _STEPS = 50

@@ -16,7 +16,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.exchange.alignment import Alignment, turned
 from gantrysim.exchange.measured import Trace
 from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 _UNEVEN = 0.01  # of a period, between samples of one rate
 

@@ -20,7 +20,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.metrics.parts import Part
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 from gantrysim.study.circle.study import circle_row
 
 PEAKS = 5  # of the spectrum that are named

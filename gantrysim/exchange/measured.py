@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.exchange.traces import Assignment, Log, Source
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 LEAST = 8  # samples of a trace
 

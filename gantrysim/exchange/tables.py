@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole, replaced
-from gantrysim.named_columns import columns, description
+from gantrysim.record.named_columns import columns, description
+from gantrysim.record.run import Run
 from gantrysim.report.folder import RUN
-from gantrysim.run import Run
 
 Columns = Mapping[str, NDArray[Any]]
 
 _LONGEST_FIELD = 63  # of MATLAB [characters]
-_TOPIC = "/gantrysim/run"
+_TOPIC = "/gantrysim/record/run"
 
 
 def load_record(run: str | os.PathLike[str]) -> Run:
@@ -92,7 +92,7 @@ def _parquet(file: Path, table: Columns, about: Mapping[str, str]) -> None:
 
 
 def _mcap(file: Path, table: Columns, about: Mapping[str, str]) -> None:
-    """A message in JSON per servo tick on /gantrysim/run, at its time; nan is null."""
+    """A message in JSON per servo tick on /gantrysim/record/run, at its time; nan is null."""
     writer_of = _library("mcap.writer", "mcap").Writer
     kinds = {name: "boolean" if column.dtype == bool else "number" for name, column in table.items()}
     schema = {"type": "object", "properties": {name: {"type": kind} for name, kind in kinds.items()}}

@@ -20,7 +20,7 @@ from gantrysim.base.input_files import opened
 from gantrysim.identify.checks.times import even_period
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 DEMAND, TORQUE = "demand", "torque"
 _QUANTITIES = ("position", DEMAND, TORQUE)

@@ -20,7 +20,6 @@ import numpy as np
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
@@ -30,7 +29,8 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import substeps_of
 from gantrysim.metrics.analysis import ErrorSize
 from gantrysim.metrics.budget import Budget
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 
 Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
 

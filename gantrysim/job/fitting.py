@@ -6,9 +6,9 @@ import numpy as np
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
+from gantrysim.record.setpoints import Setpoints
 
 _PROBES = 64  # places along the path
 _OFF = 1.0  # distance of the commanded tip from the path beyond which the geometry is another [mm]

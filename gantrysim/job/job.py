@@ -20,7 +20,6 @@ from gantrysim.controllers.laws.parameters import PD
 from gantrysim.controllers.programs import build
 from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.servo_values import LOOP_GAINS
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
@@ -30,7 +29,8 @@ from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.reading import read_with_overrides
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.stability.margins import Margins, margins_of
 
 

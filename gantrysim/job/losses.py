@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.bead import Bead
 from gantrysim.faults import InjectedFault
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 _LEFT = 0.5  # share of the section below which the bead is missing
 _REACH = 1.5  # distance from a tick that stands for the path around it, in the largest distance between ticks

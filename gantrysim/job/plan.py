@@ -8,9 +8,9 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.memory import needed_files, needed_memory
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
+from gantrysim.record.setpoints import Setpoints
 
 
 @dataclass(frozen=True)

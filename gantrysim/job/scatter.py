@@ -16,14 +16,14 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
 from gantrysim.bead import Bead
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 
 _TOGETHER = 8  # runs in memory at a time
 _MOST = 1000  # repeats

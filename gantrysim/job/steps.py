@@ -9,7 +9,7 @@ import numpy as np
 from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 _FULL_STEPS = 4  # per electrical period
 

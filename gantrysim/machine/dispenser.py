@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.lag import driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.machine.needle import Needle
 from gantrysim.machine.syringe import ATMOSPHERE, Syringe
+from gantrysim.record.setpoints import Setpoints
 
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError, at_least
-from gantrysim.controllers.setpoints import periods
 from gantrysim.machine.machine import Machine
+from gantrysim.record.setpoints import periods
 
 _SHORTEST_STEP = 1e-7  # [s]
 

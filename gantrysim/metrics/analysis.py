@@ -20,7 +20,7 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
 from gantrysim.paths.path import Projection
-from gantrysim.run import Run, check_run
+from gantrysim.record.run import Run, check_run
 
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # unit of an axis' errors, by the axis' own
 

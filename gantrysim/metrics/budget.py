@@ -40,7 +40,7 @@ from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
 LINKS = ("generation", "tracking", "measurement", "structure")

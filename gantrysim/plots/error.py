@@ -10,7 +10,7 @@ from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

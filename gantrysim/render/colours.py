@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import unknown
 from gantrysim.bead.sweep import Sweep
 from gantrysim.bead.trace import BeadSettings, BeadTrace
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 COLOURS = ("plain", "width", "error")
 

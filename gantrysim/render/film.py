@@ -17,6 +17,7 @@ from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import Machine
+from gantrysim.record.run import Run
 from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
 from gantrysim.render.fonts import PAPER, rgb
@@ -25,7 +26,6 @@ from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.renderer import Renderer, checked_size
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.run import Run
 
 _LONGEST = 60.0  # of a film at the default speed [s]
 _MOST_FRAMES = 100_000

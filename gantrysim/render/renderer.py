@@ -9,11 +9,11 @@ from gantrysim.base.errors import InputError, whole
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
+from gantrysim.record.run import Run
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
-from gantrysim.run import Run
 
 _FRAMED = 4 / 3  # width over height for which the machines' cameras are framed
 _MOST_GEOMS = 2000

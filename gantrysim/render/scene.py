@@ -13,9 +13,9 @@ from gantrysim.bead.sweep import Sweep
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.native.quiet import quiet
+from gantrysim.record.run import Run
 from gantrysim.render.colours import Scale, errors_along, scale_for
 from gantrysim.render.workpiece import workpiece
-from gantrysim.run import Run
 
 _BEAD = "gantrysim bead"
 _PIECE = "gantrysim work piece"

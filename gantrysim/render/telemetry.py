@@ -10,7 +10,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 _UM = 1e3
 

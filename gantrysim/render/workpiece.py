@@ -18,7 +18,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 Triangles = NDArray[np.int32]
 

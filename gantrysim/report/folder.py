@@ -18,8 +18,8 @@ from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
+from gantrysim.record.run import Run
 from gantrysim.report.summary import fault_summary, summary
-from gantrysim.run import Run
 
 JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.job.losses import events, reached
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 

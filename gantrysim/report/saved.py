@@ -14,8 +14,8 @@ from gantrysim.base.toml_files import read_toml
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
+from gantrysim.record.run import Run
 from gantrysim.report.folder import JOB, RUN, SUMMARY
-from gantrysim.run import Run
 
 
 @dataclass(frozen=True, eq=False)

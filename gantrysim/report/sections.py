@@ -20,9 +20,9 @@ from gantrysim.plots.error import draw_error
 from gantrysim.plots.plan import draw_plan, plan_extent
 from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
 from gantrysim.plots.style import COLOURS, sheet, view_height
+from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import NO_ERROR
-from gantrysim.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

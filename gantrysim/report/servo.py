@@ -12,8 +12,8 @@ from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
+from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
-from gantrysim.run import Run
 from gantrysim.stability.margins import NO_LOOP, Margins
 
 

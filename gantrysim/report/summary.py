@@ -17,9 +17,9 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import PartValues
+from gantrysim.record.run import Run
 from gantrysim.report.causes import causes_summary
 from gantrysim.report.headline import happened, headline
-from gantrysim.run import Run
 from gantrysim.stability.margins import Margins
 
 _THOUSANDTHS = 1e3

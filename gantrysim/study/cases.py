@@ -22,7 +22,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, speed_ripple, steady
 from gantrysim.metrics.budget import Budget
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve and goes into curves.csv
 Row = dict[str, Value]

@@ -24,7 +24,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.candidates import TrialResult
 

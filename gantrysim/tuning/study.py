@@ -17,7 +17,7 @@ from gantrysim.engine.simulate import simulate
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.worker import MeasureTogether

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gantrysim.fault import Fault
+from gantrysim.record.fault import Fault
+from gantrysim.record.run import Run
 from gantrysim.render.scene import Scene
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.run import Run
 from gantrysim.view.chart import Chart
 from gantrysim.view.clock import Clock, Pace
 from gantrysim.view.push import Bodies

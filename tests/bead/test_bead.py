@@ -17,10 +17,10 @@ from gantrysim.base import columns
 from gantrysim.bead import Bead, BeadSettings, Section
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.cli.tables import outcome_table
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.fault import Fault
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.record.fault import Fault
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.sections import bead_section
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, away_from_ends, laid, line, spiral, volume_of

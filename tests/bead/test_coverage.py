@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from gantrysim import Dispenser, Machine
 from gantrysim.bead import Bead, BeadSettings, Section
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
+from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, laid, spiral
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from gantrysim import Dispenser, InputError, Machine
 from gantrysim.bead import Bead, BeadSettings, HeightMap, Section, pushing
 from gantrysim.bead.pushing import push_aside
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, laid, line, spiral
 

@@ -13,10 +13,10 @@ import gantrysim as gs
 from gantrysim import Dispenser, InputError, Machine
 from gantrysim.bead import Bead, BeadSettings
 from gantrysim.bead.layers import merging_height
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
+from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED
 

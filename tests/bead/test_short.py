@@ -7,8 +7,8 @@ import pytest
 
 from gantrysim import Dispenser, perfect_follower
 from gantrysim.bead import Bead, BeadSettings
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 
 ANGLE = 60.0
 SESSILE = BeadSettings(gap=50.0, contact_angle=ANGLE, squashed=False)

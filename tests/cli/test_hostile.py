@@ -225,13 +225,13 @@ def test_a_volume_of_rounding_is_shown_as_zero():
 @pytest.mark.parametrize("size", [(100.0, 60.0), (100.0, 50.0), (50.0, 100.0), (100.0, 10.0)])
 def test_the_title_of_a_plan_lies_on_its_sheet(size):
     from gantrysim import Machine
-    from gantrysim.controllers.setpoints import Setpoints
     from gantrysim.engine.simulate import perfect_follower
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.paths.chain import Chain
     from gantrysim.paths.pieces import Line
     from gantrysim.plots.plan import draw_plan, plan_extent
     from gantrysim.plots.style import sheet, view_height
+    from gantrysim.record.setpoints import Setpoints
 
     wide, high = size
     path = Chain([Line((0, 0, 0), (wide, 0, 0)), Line((wide, 0, 0), (wide, high, 0))])

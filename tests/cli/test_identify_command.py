@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.log import Log
 from gantrysim.identify.plan import excitation
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.record.setpoints import Setpoints
 
 
 @pytest.mark.parametrize("controller", ["trio", "softmc", "linuxcnc"])

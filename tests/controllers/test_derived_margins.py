@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.record.setpoints import Setpoints
 
 from support.closed_loops import shortfall
 from support.random_tables import request, table

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.profile import Constant, Jerk, PointToPoint, Sine
 from gantrysim.paths.spirals import Involute
+from gantrysim.record.setpoints import Setpoints, ticks
 
 POSITION = 1e-9  # [mm]
 FORGIVEN = 1e-9  # rounding that `ticks` forgives, of a period

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job, Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.job.causes import causes_of
 from gantrysim.machine.geometry import Geometry, typical
 from gantrysim.machine.ideal import without_friction
 from gantrysim.metrics.budget import Budget
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import ramp
 from support.tables import EXAMPLES, SCREW, ideal

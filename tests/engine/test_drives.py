@@ -8,13 +8,13 @@ import pytest
 
 from gantrysim import Machine, Servo, simulate, simulate_batch
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.faults import BusSag, OpenWinding
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.job.job import Job
 from gantrysim.machine.ideal import without_winding
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.stability.margins import Plant, margins_of
 from gantrysim.study.loop.sampling import circle_response
 

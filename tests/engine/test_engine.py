@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import cont2discrete
 
 from gantrysim import Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import PERIOD, STEP, plain, ramp
 

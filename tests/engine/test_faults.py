@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from gantrysim import Fault, Machine, Servo, metrics, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import PERIOD, STEP, ideal_motors, plain, ramp, turn, turntable
 

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine, Run, Servo, simulate, simulate_batch
-from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.faults import (
     ATMOSPHERE,
     AirBubble,
@@ -24,6 +23,7 @@ from gantrysim.faults import (
     SlippingAxis,
     StuckAxis,
 )
+from gantrysim.record.setpoints import Setpoints, Supervision
 
 from support.runs import PERIOD, ideal_motors, plain, ramp
 

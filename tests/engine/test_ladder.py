@@ -10,11 +10,11 @@ import pytest
 from scipy.signal import butter, filtfilt
 
 from gantrysim import InputError, Job, Machine, Servo, simulate, simulate_batch
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.stability.margins import margins_of
 
 from support.runs import PERIOD, ramp, smooth

@@ -16,7 +16,6 @@ from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
 from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.dispenser import Dispenser
@@ -27,6 +26,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.kinds import path_of
 from gantrysim.paths.pieces import Line
+from gantrysim.record.setpoints import Setpoints, Supervision
 from gantrysim.report.folder import write_run
 from gantrysim.report.summary import summary
 

@@ -11,7 +11,6 @@ from scipy.linalg import eigh
 
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.faults import BusSag
@@ -22,6 +21,7 @@ from gantrysim.job.steps import lost_steps
 from gantrysim.machine.ideal import without_winding
 from gantrysim.metrics.budget import Budget
 from gantrysim.native.drives import _mean_stepped
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.summary import summary
 
 from support.runs import ramp

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from gantrysim import Budget, InputError, Job, Machine
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.exchange.alignment import aligned
 from gantrysim.exchange.comparison import Comparison
 from gantrysim.exchange.measured import Trace
 from gantrysim.exchange.page import headline, share_text
 from gantrysim.exchange.traces import Assignment, read_log
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
 
 from support.jobs import job_run

@@ -10,7 +10,7 @@ from scipy.io import loadmat
 
 from gantrysim import Job, Run
 from gantrysim.exchange.tables import export, load_record
-from gantrysim.named_columns import columns
+from gantrysim.record.named_columns import columns
 
 from support.jobs import job_run
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.checks.times import even_period
 from gantrysim.identify.fitted import fitted_machine
@@ -18,6 +17,7 @@ from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.identify.output import content, values_table
 from gantrysim.identify.plan import excitation
+from gantrysim.record.setpoints import Setpoints
 
 from support.identification_logs import AXIS, MACHINE, confidently_wrong, random_log
 

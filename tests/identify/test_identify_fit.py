@@ -15,7 +15,6 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.ndimage import uniform_filter1d
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import identify
@@ -25,6 +24,7 @@ from gantrysim.identify.plan import excitation
 from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.record.setpoints import Setpoints
 
 from support.two_masses import Plant, follow
 

@@ -9,12 +9,12 @@ from scipy.signal import cont2discrete
 
 from gantrysim import Budget, Job, causes_of
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.job import causes as module
 from gantrysim.job.causes import CAUSES, HEADS, Cause, Setup
 from gantrysim.job.ideal import FINE
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import PERIOD, plain
 

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Job, Machine, Servo, perfect_follower
-from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path, unhurried
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints, Supervision
 
 from support.runs import PERIOD, ramp
 

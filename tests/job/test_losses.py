@@ -11,16 +11,16 @@ import pytest
 
 from gantrysim import Dispenser, InputError, Job, Run, causes_of
 from gantrysim.bead import Bead, BeadSettings
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import Source
 from gantrysim.env.settings import Settings
-from gantrysim.fault import Fault
 from gantrysim.faults import CloggedNozzle, EncoderSlip, InjectedFault, OpenWinding, StuckAxis
 from gantrysim.job.losses import Losses, events
 from gantrysim.metrics.analysis import Analysis, values
 from gantrysim.plots.error import draw_error
 from gantrysim.plots.style import sheet
+from gantrysim.record.fault import Fault
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.cases import simulated
 from gantrysim.tuning.objective import case_of, column, measure_together
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gantrysim import Budget, InputError, Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.softmc import Group, Program
 from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints, Supervision
 from gantrysim.stability.margins import margins_of
 
 from support.runs import PERIOD, STEP, plain

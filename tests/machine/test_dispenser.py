@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import digamma
 
 from gantrysim import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.needle import Needle
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import ramp
 

@@ -20,7 +20,7 @@ from gantrysim.machine.kinematic_errors import PRESLIDING
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.budget import GEOMETRY, Budget
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 from support.runs import PERIOD, plain, ramp
 

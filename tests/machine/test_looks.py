@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, perfect_follower
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.machine import builtin_models
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Renderer
 from gantrysim.render.opengl import offscreen
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import qmc
 
 from gantrysim import Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine.machine import builtin_models
+from gantrysim.record.setpoints import Setpoints
 
 from support.runs import smooth
 

@@ -9,10 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Job, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.fault import Fault
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import CORNER, DESCRIPTIONS, GEOMETRY, LINKS, Budget
@@ -20,6 +18,8 @@ from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
 from gantrysim.paths.spirals import Involute
+from gantrysim.record.fault import Fault
+from gantrysim.record.setpoints import Setpoints
 
 from support.jobs import job_run
 from support.links import record

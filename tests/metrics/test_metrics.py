@@ -12,7 +12,6 @@ from scipy.optimize import brentq
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.fault import Fault
 from gantrysim.metrics import (
     Analysis,
     ErrorSize,
@@ -28,7 +27,8 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.lengths import arc_length
 from gantrysim.paths.pieces import XY, YZ, ZX, Coil
 from gantrysim.paths.spirals import Involute
-from gantrysim.run import Run
+from gantrysim.record.fault import Fault
+from gantrysim.record.run import Run
 
 from support.runs import archimedean
 

@@ -11,10 +11,10 @@ import pytest
 from gantrysim import Dispenser, Run, Servo, simulate
 from gantrysim.base import memory
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints, Supervision
 from gantrysim.controllers.softmc import Group, Program
 from gantrysim.engine.simulation import Simulation
 from gantrysim.native.tick import magic
+from gantrysim.record.setpoints import Setpoints, Supervision
 
 from support.runs import PERIOD, plain, ramp, turned, turntable
 

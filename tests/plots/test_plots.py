@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 
 from gantrysim import Dispenser, Servo, plots, simulate
 from gantrysim.bead import Bead
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots.budget import stack_bars
 from gantrysim.plots.causes import draw_causes
+from gantrysim.record.setpoints import Setpoints
 
 from support.jobs import job_run
 from support.runs import turn, turntable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.controllers.servo import Servo
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 from .law import Law
 

@@ -15,9 +15,9 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from gantrysim import Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.stability.margins import margins_of
 
 from .compare import law_of

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, Job, Machine, perfect_follower
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
 from gantrysim.render.workpiece import workpiece
 

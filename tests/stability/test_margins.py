@@ -16,10 +16,10 @@ from scipy.optimize import brentq
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.cli import info
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.stability.margins import Margins, Plant, _factors, margins_of
 from gantrysim.stability.motion import Drives, Motion
 

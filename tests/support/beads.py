@@ -7,10 +7,10 @@ import numpy as np
 
 from gantrysim import Dispenser
 from gantrysim.bead import Bead, BeadSettings
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute
+from gantrysim.record.setpoints import Setpoints
 
 PERIOD = 1e-3
 SPEED = 100.0  # [mm/s]

@@ -118,8 +118,8 @@ def _machines() -> list[bytes]:
 
 def _records() -> list[bytes]:
     from gantrysim import Machine, Servo, simulate
-    from gantrysim.controllers.setpoints import Setpoints
     from gantrysim.paths.arcs import ArcChain
+    from gantrysim.record.setpoints import Setpoints
 
     machine = Machine("xy")
     servo = Servo.derive(machine.axes)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 
 from support.runs import PERIOD
 

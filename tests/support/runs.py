@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from gantrysim import Machine, Servo, simulate
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil
+from gantrysim.record.setpoints import Setpoints
 
 PERIOD = 1e-3
 STEP = 2.5e-4

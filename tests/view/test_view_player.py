@@ -5,10 +5,10 @@ import pytest
 
 from gantrysim import simulate
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulation import Simulation
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
 from gantrysim.view.player import Player
 from gantrysim.view.push import Bodies

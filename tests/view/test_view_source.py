@@ -8,10 +8,10 @@ import pytest
 
 from gantrysim import Machine, simulate
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import builtin_models
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
 from gantrysim.view.push import Bodies
 from gantrysim.view.source import Live, Replay

@@ -22,8 +22,8 @@ from gantrysim.controllers.cad.table import read_points, with_speeds
 from gantrysim.controllers.cad.units import millimetres
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.paths.chain import Chain
+from gantrysim.record.setpoints import Setpoints, ticks
 
 Three = tuple[float, float, float]
 

@@ -23,10 +23,10 @@ from gantrysim.controllers.fanuc.notes import notes_of
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
 from gantrysim.controllers.fanuc.text import SPEEDS, SourceLine, read
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
+from gantrysim.record.setpoints import Setpoints, ticks
 
 _LONGEST_BLEND = 10.0  # [s]
 _WORDS, _LINEAR = "ABC", "xyz"

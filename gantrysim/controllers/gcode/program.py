@@ -20,8 +20,8 @@ from gantrysim.controllers.gcode.modal import Modal
 from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.planned import Plan, Settings, plan
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import Setpoints, ticks
 from gantrysim.paths.track import Track
+from gantrysim.record.setpoints import Setpoints, ticks
 
 PER_MINUTE = 60.0
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]

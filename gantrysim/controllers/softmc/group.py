@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
-from gantrysim.controllers.setpoints import Supervision
 from gantrysim.paths.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Shape, Sine
+from gantrysim.record.setpoints import Supervision
 
 ProfileType = Literal["trapezoid", "sine", "trapezoidal acceleration", "constant", "smooth"]
 

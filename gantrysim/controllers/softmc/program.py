@@ -12,7 +12,6 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, finite
 from gantrysim.controllers.controller import Controller, Recorded
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES, segment
 from gantrysim.controllers.softmc.group import Group
@@ -20,6 +19,7 @@ from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.stream import Leg, leg_of, stream
 from gantrysim.controllers.softmc.text import SPEEDS, SourceLine, read
 from gantrysim.paths.chain import Chain
+from gantrysim.record.setpoints import Setpoints
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import MAX_TICKS, ticks
 from gantrysim.controllers.softmc.geometry import Segment, placed
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import SHORTEST, length_of
 from gantrysim.paths.profile import Profile
+from gantrysim.record.setpoints import MAX_TICKS, ticks
 
 
 @dataclass(frozen=True)

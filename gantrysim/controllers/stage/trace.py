@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, point, positive, whole
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, travel
 from gantrysim.controllers.stage.outline import outline, polygon
 from gantrysim.controllers.stage.table import Complex, Table, Turning
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.limits import Limited, fastest, nodes, velocity_bound
 from gantrysim.paths.profile import Constant
+from gantrysim.record.setpoints import Setpoints
 
 _ANYWHERE = (-math.inf, math.inf)
 _STEP = 0.05  # distance of the nodes for the axes' limits [mm]

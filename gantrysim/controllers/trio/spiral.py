@@ -13,11 +13,11 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute
+from gantrysim.record.setpoints import Setpoints
 
 _ROUNDING = 1e-12
 

@@ -13,7 +13,7 @@ from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.base.toml_files import validated
 from gantrysim.job.job import Job
 from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 from gantrysim.study.cases import OK, Case, Row, measure
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study

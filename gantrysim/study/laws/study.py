@@ -14,7 +14,7 @@ from gantrysim.base.errors import at_least, positive
 from gantrysim.controllers.laws.parameters import LEARNING, NOT_PD, PD
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
-from gantrysim.run import Run
+from gantrysim.record.run import Run
 from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study

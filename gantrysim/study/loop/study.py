@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import ticks
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.record.setpoints import ticks
 from gantrysim.study.cases import Case, Mode
 from gantrysim.study.loop.arcs import SteppedArcs
 from gantrysim.study.study import Rounds, Study

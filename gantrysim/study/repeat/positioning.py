@@ -9,13 +9,13 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics import Positioning
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
+from gantrysim.record.setpoints import Setpoints
 
 CYCLES = 5
 TARGETS = 11

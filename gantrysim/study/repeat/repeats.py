@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job
 from gantrysim.metrics import interpolated, offset_over_length
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.run import Run
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.cases import Case, Row, judged
 
 PHASES = 8  # of a servo period, in which a program may start

@@ -14,7 +14,6 @@ import numpy as np
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller, Recorded
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import Setpoints, periods
 from gantrysim.controllers.softmc.basic.declarations import routine
 from gantrysim.controllers.softmc.basic.expressions import trees
 from gantrysim.controllers.softmc.basic.statements import LocatedError, block, interpreted, line_of, statement
@@ -26,6 +25,7 @@ from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.stream import Leg, Stream, stream
 from gantrysim.paths.chain import Chain
+from gantrysim.record.setpoints import Setpoints, periods
 
 
 @dataclass(frozen=True)

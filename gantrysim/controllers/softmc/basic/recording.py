@@ -14,9 +14,9 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced
 from gantrysim.controllers.controller import Recorded
-from gantrysim.controllers.setpoints import Setpoints
 from gantrysim.controllers.softmc.basic.timeline import Mark
 from gantrysim.controllers.softmc.record import evaluated
+from gantrysim.record.setpoints import Setpoints
 
 
 @dataclass(frozen=True)

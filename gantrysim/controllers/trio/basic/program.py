@@ -15,7 +15,6 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.setpoints import MAX_TICKS, Setpoints
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.trio.basic import interpreter, text
 from gantrysim.controllers.trio.basic.code import assemble
@@ -25,6 +24,7 @@ from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Code, Printed, State
 from gantrysim.controllers.trio.basic.words import IGNORED
 from gantrysim.paths.path import Path
+from gantrysim.record.setpoints import MAX_TICKS, Setpoints
 
 _AXES = ("x", "y", "z", "r")
 _SHOWN = 20  # printed lines in the notes

@@ -16,11 +16,11 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced
 from gantrysim.base.input_files import opened
-from gantrysim.fault import Fault
 from gantrysim.faults import InjectedFault
-from gantrysim.named_columns import frame
 from gantrysim.paths.path import Path
-from gantrysim.run_file import read_record, write_record
+from gantrysim.record.fault import Fault
+from gantrysim.record.named_columns import frame
+from gantrysim.record.run_file import read_record, write_record
 
 if TYPE_CHECKING:
     import pandas
@@ -114,7 +114,7 @@ class Run(Shown):
         return Run(**{f.name: vars(self)[f.name] for f in fields(self)} | changes)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame with a row per servo tick, see `gantrysim.named_columns`; `attrs` describe the run.
+        """Return a pandas DataFrame with a row per servo tick, see `gantrysim.record.named_columns`; `attrs` describe the run.
 
         Raises:
             InputError: pandas is not installed.

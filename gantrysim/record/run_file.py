@@ -10,13 +10,13 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.base.arrays import read_only
 from gantrysim.base.columns import Stored, array_of, blocks
 from gantrysim.base.errors import InputError
-from gantrysim.fault import Fault
 from gantrysim.faults import fault_of
 from gantrysim.paths.kinds import kind_of, path_of
+from gantrysim.record.archive import CHECKSUM, Archive, Member, open_archive, write_archive
+from gantrysim.record.fault import Fault
 
 _FORMAT = 7
 # arrays of older formats that are still read, by their names today; what they lack has its default
