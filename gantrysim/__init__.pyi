@@ -7,8 +7,6 @@ from .base.errors import InputError as InputError
 from .bead import Bead as Bead
 from .bead import BeadSettings as BeadSettings
 from .bead import HeightMap as HeightMap
-from .controllers.law import Tick as Tick
-from .controllers.servo import Servo as Servo
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
@@ -23,5 +21,7 @@ from .machine.syringe import Syringe as Syringe
 from .metrics.budget import Budget as Budget
 from .record.fault import Fault as Fault
 from .record.run import Run as Run
+from .servo.law import Tick as Tick
+from .servo.servo import Servo as Servo
 
 __version__: str

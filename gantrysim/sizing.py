@@ -9,13 +9,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gantrysim.controllers.servo import Servo
 from gantrysim.design.library import largest_torque
 from gantrysim.design.modes import modes
 from gantrysim.machine.axis import PER_SI, Axis, fact
 from gantrysim.machine.machine import Machine
 from gantrysim.native.quiet import quiet
 from gantrysim.record.run import Run
+from gantrysim.servo.servo import Servo
 from gantrysim.stability.margins import margins_of
 
 INERTIA_RATIO = 10.0  # above which a finding says so

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Job
-from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.servo.law import GAIN_NAMES
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 

@@ -7,10 +7,10 @@ from contextlib import AbstractContextManager
 
 import mujoco
 
-from gantrysim.controllers.law import PlainLaw
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed, installed_law
+from gantrysim.servo.law import PlainLaw
 
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
 MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer

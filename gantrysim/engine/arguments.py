@@ -9,12 +9,12 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, shown
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.servo import Servo
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.paths.path import Path
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.servo import Servo
 
 _KINDS: dict[str, tuple[tuple[type, ...], str]] = {
     "machine": ((Machine,), "a Machine"),

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError, whole
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.laws.parameters import LEARNING
-from gantrysim.controllers.servo import Servo
 from gantrysim.engine.advance import MOST_STEPS, advance
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
@@ -28,6 +26,8 @@ from gantrysim.native.hook import installed
 from gantrysim.native.row import OFFSETS, ROW, ROW_NUMBERS, Log
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.laws.parameters import LEARNING
+from gantrysim.servo.servo import Servo
 
 
 def simulate_batch(

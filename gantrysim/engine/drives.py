@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.servo import Servo
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import DRIVE, POSITION, STEPPER, VELOCITY
+from gantrysim.servo.servo import Servo
 
 _PRESLIDING = 5e-6  # of a transmission's friction at a slide [m]
 _PRESLIDING_TURN = 3e-3  # of a rotary axis, at the motor [rad]

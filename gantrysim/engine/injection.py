@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.servo import Servo
 from gantrysim.faults import (
     AirBubble,
     BusSag,
@@ -28,6 +27,7 @@ from gantrysim.faults import (
 )
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import BUS, DROPOUT, EXTRAPOLATED, HELD, INJECTED, NEVER, OFFSET, SLIP, WINDING
+from gantrysim.servo.servo import Servo
 
 _SEIZED = 1e9  # friction of a seized axis [N or N·m]
 _RIGID = (0.9999, 0.9999, 0.001, 0.5, 2)  # impedance of its friction; MuJoCo's own lets it creep

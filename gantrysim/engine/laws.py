@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.laws.friction import Friction
-from gantrysim.controllers.laws.observer import low_pass, torque_taps
-from gantrysim.controllers.laws.parameters import CASCADE, IN_THE_TICK
-from gantrysim.controllers.servo import Servo
 from gantrysim.native.row import LAW
+from gantrysim.servo.laws.friction import Friction
+from gantrysim.servo.laws.observer import low_pass, torque_taps
+from gantrysim.servo.laws.parameters import CASCADE, IN_THE_TICK
+from gantrysim.servo.servo import Servo
 
 
 def law_entries(servo: Servo, torque: Floats | None) -> NDArray[np.void] | None:

@@ -10,10 +10,10 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.feeding import Inverse
-from gantrysim.controllers.laws.parameters import LEARNING
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
+from gantrysim.servo.feeding import Inverse
+from gantrysim.servo.laws.parameters import LEARNING
 
 
 def following_error(run: Started) -> Floats:

@@ -6,9 +6,6 @@ from collections.abc import Callable, Sequence
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.law import PlainLaw
-from gantrysim.controllers.laws.parameters import LEARNING
-from gantrysim.controllers.servo import Servo
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
@@ -21,6 +18,9 @@ from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.law import PlainLaw
+from gantrysim.servo.laws.parameters import LEARNING
+from gantrysim.servo.servo import Servo
 
 
 def simulate(

@@ -13,10 +13,6 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.feeding import Inverse
-from gantrysim.controllers.laws.parameters import CONTOUR, PREVIEW
-from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.shaping import shaped
 from gantrysim.engine.arguments import check_argument, sent
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
@@ -31,6 +27,10 @@ from gantrysim.native.row import (
     Log,
 )
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.feeding import Inverse
+from gantrysim.servo.laws.parameters import CONTOUR, PREVIEW
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.shaping import shaped
 
 _NO_GLUE = Dispenser()
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.user import STATE, resolved
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.timing import delay_steps
 from gantrysim.native.layout import offsets
@@ -31,6 +29,8 @@ from gantrysim.native.user import CalledLaw
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import periods
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.laws.user import STATE, resolved
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,6 @@ import numpy as np
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
-from gantrysim.controllers.laws.parameters import LEARNING, words
-from gantrysim.controllers.servo import Servo
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
 from gantrysim.job.job import Job
@@ -25,6 +23,8 @@ from gantrysim.paths.path import Path
 from gantrysim.paths.profile import PointToPoint, Profile
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints, periods
+from gantrysim.servo.laws.parameters import LEARNING, words
+from gantrysim.servo.servo import Servo
 
 TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
 SCALED = ("ki", *TUNED_GAINS)  # scaled by the action: ki with kp, so that the integral time stays

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Source, gain_factors
 from gantrysim.env.observation import Entry, entries, observe
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Settings
+from gantrysim.servo.law import GAIN_NAMES
 
 # Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
 _CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.axis_loop import LARGEST_PEAK
-from gantrysim.controllers.servo import Servo
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.servo.axis_loop import LARGEST_PEAK
+from gantrysim.servo.servo import Servo
 from gantrysim.stability.margins import Plant
 from gantrysim.stability.motion import UnknownLoopError
 

@@ -221,7 +221,7 @@ class ServoTorqueEnv(PathEnv):
 
     Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
     for each axis the mean following error of the last interval and its change, until the next decision the velocity
-    demanded and the torque of the nominal friction (`gantrysim.controllers.laws.friction`) over its Coulomb friction,
+    demanded and the torque of the nominal friction (`gantrysim.servo.laws.friction`) over its Coulomb friction,
     the level that is missing, of the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`), the
     level, and the last action; the mean contour error; progress.
 

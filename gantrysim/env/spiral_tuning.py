@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import InputError, between, finite, positive
-from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
@@ -24,6 +23,7 @@ from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
+from gantrysim.servo.law import GAIN_NAMES
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range

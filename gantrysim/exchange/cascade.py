@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
+from gantrysim.servo.law import GAIN_NAMES
 
 _SOFTMC = ("KPP", "KPI", "KVP", "KPVFR", "KPAFR")
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.servo import Servo
 from gantrysim.machine.axis import Axis
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.servo import Servo
 
 # letters of the formulas
 SYMBOLS = (

@@ -7,14 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.servo import Servo
 from gantrysim.exchange.cascade import Fanuc, SoftMC
 from gantrysim.exchange.dialect import AxisServo, Dialect
 from gantrysim.exchange.linuxcnc import LinuxCNC, LinuxCNCIni
 from gantrysim.exchange.trio import Trio
 from gantrysim.exchange.unsaid import beside, remedy, unsaid
 from gantrysim.machine.axis import Axis
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.servo import Servo
 
 DIALECTS: dict[str, Dialect] = {one.name: one for one in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
 

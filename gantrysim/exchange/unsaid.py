@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, PD, PID, words
-from gantrysim.controllers.servo import Servo
 from gantrysim.exchange.dialect import AxisServo, Dialect
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.laws.parameters import LAW_PARAMETERS, PD, PID, words
+from gantrysim.servo.servo import Servo
 
 # Set in the controller, the drive or the encoder beside the gains: listed in the file and in notes, where not carried.
 BESIDE = {

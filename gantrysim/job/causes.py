@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.servo import Servo
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
@@ -31,6 +30,7 @@ from gantrysim.metrics.analysis import ErrorSize
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.servo import Servo
 
 Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gantrysim.controllers.laws.parameters import is_own
+from gantrysim.servo.laws.parameters import is_own
 
 
 def named_code(content: Mapping[str, Any]) -> tuple[str, ...]:

@@ -8,10 +8,10 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.memory import check_ticks
-from gantrysim.controllers.servo import Servo
 from gantrysim.engine.positions import axis_positions, program_positions
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints, periods
+from gantrysim.servo.servo import Servo
 
 FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
 

@@ -13,13 +13,8 @@ from typing import Any
 from gantrysim.base import memory
 from gantrysim.base.errors import InputError, TimedError, at_least
 from gantrysim.base.toml_files import validated
-from gantrysim.controllers.axis_loop import LoopTask
-from gantrysim.controllers.cascade import gains
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.laws.parameters import PD
 from gantrysim.controllers.programs import build
-from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.servo_values import LOOP_GAINS
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
@@ -31,6 +26,11 @@ from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.axis_loop import LoopTask
+from gantrysim.servo.cascade import gains
+from gantrysim.servo.laws.parameters import PD
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.servo_values import LOOP_GAINS
 from gantrysim.stability.margins import Margins, margins_of
 
 

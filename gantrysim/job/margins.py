@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.servo_values import SHAPING
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
+from gantrysim.servo.servo_values import SHAPING
 from gantrysim.stability.margins import Margins
 
 LOW_MARGIN = 1.5  # gain margin below which a run says so

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from gantrysim.controllers.law import Parameter
-from gantrysim.controllers.laws.parameters import ADDITIONS, BASES, LawParameters
-from gantrysim.controllers.servo_values import DERIVED, DRIVE_PERIOD, FOLLOWING_ERROR_LIMIT
+from gantrysim.servo.law import Parameter
+from gantrysim.servo.laws.parameters import ADDITIONS, BASES, LawParameters
+from gantrysim.servo.servo_values import DERIVED, DRIVE_PERIOD, FOLLOWING_ERROR_LIMIT
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
+from gantrysim.servo.servo import Servo
 
 _FULL_STEPS = 4  # per electrical period
 

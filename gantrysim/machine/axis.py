@@ -13,8 +13,8 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, between
-from gantrysim.controllers.laws.friction import Friction
 from gantrysim.machine.linear_motion import linear_motion
+from gantrysim.servo.laws.friction import Friction
 from gantrysim.stability.motion import MODES, Motion, UnknownLoopError
 
 EFFICIENCY = "efficiency"  # custom numeric

@@ -8,11 +8,11 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
-from gantrysim.controllers import law, notch
 from gantrysim.native.injection import reported, turned
 from gantrysim.native.pointers import axis_log, drives_of, vector
 from gantrysim.native.row import POSITION, STEPPER, TORQUE, VELOCITY
 from gantrysim.native.supervision import watch_oscillation
+from gantrysim.servo import law, notch
 
 _law, _filtered = inner_jit(law.law), inner_jit(notch.filtered)
 _GAINS, _COEFFICIENTS = len(law.GAINS), len(notch.Coefficients._fields)

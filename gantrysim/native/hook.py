@@ -16,12 +16,12 @@ import mujoco
 import numpy as np
 
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.controllers.law import PlainLaw, Tick
 from gantrysim.native.interrupts import Interrupts
 from gantrysim.native.quiet import heard, silence
 from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.native.tick import compiled
 from gantrysim.native.user import CalledLaw
+from gantrysim.servo.law import PlainLaw, Tick
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 

@@ -9,10 +9,10 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
-from gantrysim.controllers import law, notch
-from gantrysim.controllers.laws import cascade, contour, friction, observer
 from gantrysim.native.pointers import call, floats, laws_of, tick_log
 from gantrysim.native.row import TOLD
+from gantrysim.servo import law, notch
+from gantrysim.servo.laws import cascade, contour, friction, observer
 
 LAWS = (law, notch, cascade, contour, friction, observer)  # modules whose functions become part of the tick
 

@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.controllers.law import GAINS
-from gantrysim.controllers.laws.friction import Friction
-from gantrysim.controllers.laws.observer import MOST_SHIFT, TAPS
-from gantrysim.controllers.notch import Coefficients
-from gantrysim.controllers.servo_values import MAX_FEEDBACK_DELAY
 from gantrysim.native.layout import POINTERS
+from gantrysim.servo.law import GAINS
+from gantrysim.servo.laws.friction import Friction
+from gantrysim.servo.laws.observer import MOST_SHIFT, TAPS
+from gantrysim.servo.notch import Coefficients
+from gantrysim.servo.servo_values import MAX_FEEDBACK_DELAY
 
 MAX_AXES = 6
 

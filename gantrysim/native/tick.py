@@ -17,7 +17,6 @@ from numba import types
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import cached, inner_jit
-from gantrysim.controllers import law, notch
 from gantrysim.native import drives, injection, laws, pointers, supervision
 from gantrysim.native import row as row_layout
 from gantrysim.native.drives import delayed, follow_demands, read
@@ -37,6 +36,7 @@ from gantrysim.native.row import (
     WARNINGS,
 )
 from gantrysim.native.supervision import trip, waits, watch_oscillation, watch_position_error
+from gantrysim.servo import law, notch
 
 
 @cache

@@ -15,10 +15,10 @@ from numba.core.errors import NumbaError
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.laws.user import STATE, UserLaw, UserTick
 from gantrysim.native.interrupts import deliver
 from gantrysim.native.pointers import floats, row_at
 from gantrysim.native.row import ROW
+from gantrysim.servo.laws.user import STATE, UserLaw, UserTick
 
 _CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 _GIVEN = UserTick._fields[3:]

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.controllers.law import GAINS
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS, LawParameters, words
-from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.servo_values import NOTCH
 from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
+from gantrysim.servo.law import GAINS
+from gantrysim.servo.laws.parameters import LAW_PARAMETERS, LawParameters, words
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.servo_values import NOTCH
 from gantrysim.stability.margins import NO_LOOP, Margins
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.servo import Servo
+from gantrysim.servo.servo import Servo
 
 RANKS = {1: "feasible", 2: "torque ripple too high", 3: "margin too small", 4: "fault"}  # of candidates that are run
 

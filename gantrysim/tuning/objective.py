@@ -15,8 +15,6 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.servo import Servo
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
@@ -25,6 +23,8 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.candidates import TrialResult
 

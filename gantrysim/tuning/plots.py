@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.servo import Servo
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import BudgetValues
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
+from gantrysim.servo.servo import Servo
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.candidates import RANKS
 from gantrysim.tuning.search import History, Phase

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.law import GAIN_NAMES
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, UM
 from gantrysim.report import Column, Table
+from gantrysim.servo.law import GAIN_NAMES
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot, Report
 from gantrysim.tuning import plots as drawing

@@ -32,8 +32,8 @@ from typing import Literal
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.servo import Servo
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.servo import Servo
 from gantrysim.tuning.candidates import Candidate, Trial, TrialResult
 from gantrysim.tuning.rounds import BATCH, rounds
 from gantrysim.tuning.space import SearchSpace

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
-from gantrysim.controllers.laws.parameters import NOT_PD, PD, PID
-from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.servo_values import DERIVED
 from gantrysim.job.job import Job
+from gantrysim.servo.laws.parameters import NOT_PD, PD, PID
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.servo_values import DERIVED
 
 TUNED = "tuned.toml"
 

@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.axis_dynamics import AxisDynamics
-from gantrysim.controllers.servo import Servo
+from gantrysim.servo.axis_dynamics import AxisDynamics
+from gantrysim.servo.servo import Servo
 
 SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets
 _COORDINATES = {"ki": "n", "velocity_ff": "v", "acceleration_ff": "a"}  # of the gains that may be held at zero

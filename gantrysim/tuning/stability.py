@@ -18,8 +18,8 @@ import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError, finite
-from gantrysim.controllers.servo import Servo
 from gantrysim.machine.machine import Machine
+from gantrysim.servo.servo import Servo
 from gantrysim.stability.margins import Margins, Plant
 from gantrysim.stability.motion import Drives
 from gantrysim.tuning.space import SearchSpace

@@ -10,14 +10,14 @@ from importlib.metadata import version
 from typing import Any
 
 from gantrysim.base.errors import InputError, positive, unknown, whole
-from gantrysim.controllers.servo import Servo
-from gantrysim.controllers.servo_values import DRIVE
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.record.run import Run
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.servo_values import DRIVE
 from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.worker import MeasureTogether

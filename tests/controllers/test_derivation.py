@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.controllers import notch
-from gantrysim.controllers.axis_dynamics import Lags
-from gantrysim.controllers.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, NOTCH_DEPTH, NOTCH_WIDTH, LoopTask
-from gantrysim.controllers.derivation import NoLoopError, loop, natural_frequency
-from gantrysim.controllers.servo_design import ServoRequest, check_margins
 from gantrysim.machine.machine import builtin_models
+from gantrysim.servo import notch
+from gantrysim.servo.axis_dynamics import Lags
+from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, NOTCH_DEPTH, NOTCH_WIDTH, LoopTask
+from gantrysim.servo.derivation import NoLoopError, loop, natural_frequency
+from gantrysim.servo.servo_design import ServoRequest, check_margins
 from gantrysim.stability.margins import Plant, margins_of
 from gantrysim.stability.motion import Motion
 

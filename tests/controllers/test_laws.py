@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.controllers.feeding import zero_phase
-from gantrysim.controllers.laws.cascade import as_pid, cascaded
-from gantrysim.controllers.laws.friction import friction_torque
-from gantrysim.controllers.laws.observer import low_pass, torque_taps
-from gantrysim.controllers.laws.parameters import ADDITIONS, BASES, LAW_PARAMETERS, law_names
-from gantrysim.controllers.shaping import impulses, shaped
+from gantrysim.servo.feeding import zero_phase
+from gantrysim.servo.laws.cascade import as_pid, cascaded
+from gantrysim.servo.laws.friction import friction_torque
+from gantrysim.servo.laws.observer import low_pass, torque_taps
+from gantrysim.servo.laws.parameters import ADDITIONS, BASES, LAW_PARAMETERS, law_names
+from gantrysim.servo.shaping import impulses, shaped
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import margins_of
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Servo
-from gantrysim.controllers.derivation import natural_frequency
-from gantrysim.controllers.law import law
+from gantrysim.servo.derivation import natural_frequency
+from gantrysim.servo.law import law
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from scipy.optimize import brentq
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.cascade import velocity_loop
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import Source
@@ -20,6 +19,7 @@ from gantrysim.exchange.gains import exported
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.cascade import velocity_loop
 from gantrysim.stability.cascade import with_velocity_loops
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Plant, margins_of

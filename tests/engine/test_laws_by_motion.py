@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gantrysim import GantryError, InputError, Servo, simulate
-from gantrysim.controllers.law import Tick
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.servo.law import Tick
 
 from support.runs import PERIOD, plain, ramp
 

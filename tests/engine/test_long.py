@@ -15,7 +15,6 @@ from gantrysim.base.columns import Stored
 from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
-from gantrysim.controllers.servo import Servo
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.dispenser import Dispenser
@@ -29,6 +28,7 @@ from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints, Supervision
 from gantrysim.report.folder import write_run
 from gantrysim.report.summary import summary
+from gantrysim.servo.servo import Servo
 
 from support.memories import open_files, resident
 

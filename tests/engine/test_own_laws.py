@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job, Servo, simulate, simulate_batch
-from gantrysim.controllers.laws.user import resolved
+from gantrysim.servo.laws.user import resolved
 from gantrysim.stability.margins import margins_of
 
 from support import own_laws

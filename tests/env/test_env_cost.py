@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import Machine
-from gantrysim.controllers.servo import Servo
 from gantrysim.env.sensitivity import SensitivityTable
+from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost
 from support.episodes import BANDIT, SHORT, TUNING

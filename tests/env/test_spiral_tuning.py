@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from gantrysim import InputError, Machine
-from gantrysim.controllers.servo import Servo
 from gantrysim.env import GainScheduleEnv, gain_schedule
 from gantrysim.env.baselines import _stiffest
 from gantrysim.env.inertia import fit, ratios
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.native.row import Log
+from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost
 from support.episodes import returned, same, seen

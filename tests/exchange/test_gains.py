@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS
 from gantrysim.exchange.gains import DIALECTS, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.exchange.unsaid import BESIDE, THROUGH
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.laws.parameters import LAW_PARAMETERS
 from gantrysim.stability.motion import Motion
 
 PERIOD = 5e-4

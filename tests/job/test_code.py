@@ -134,7 +134,7 @@ def test_a_record_is_read_without_its_law_and_its_job_does_not_run(stranger, gan
     job = Job.load(stranger / "job.toml", allow_code=True)
     folder = saved(stranger / "run", job)
     (stranger / "has-run").unlink()
-    monkeypatch.setattr("gantrysim.controllers.laws.user.resolved", lambda _: pytest.fail("code has run"))
+    monkeypatch.setattr("gantrysim.servo.laws.user.resolved", lambda _: pytest.fail("code has run"))
     for command in (("export", folder), ("render", folder, "--at", 0, "--size", "300x200")):
         assert gantrysim_command(*command)[0] == 0
     log = stranger / "log.csv"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo, simulate
-from gantrysim.controllers.derivation import natural_frequency
 from gantrysim.machine.machine import builtin_models
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.derivation import natural_frequency
 
 from support.runs import PERIOD, ends_of_travel, ramp, round_the_piece, smooth
 

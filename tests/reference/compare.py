@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.controllers.servo import Servo
 from gantrysim.record.run import Run
+from gantrysim.servo.servo import Servo
 
 from .law import Law
 

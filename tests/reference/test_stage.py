@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gantrysim import simulate
-from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.servo.servo import Servo
 
 from .compare import law_of, torques_of, within
 from .contour import contour_error, polyline

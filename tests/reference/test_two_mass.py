@@ -17,9 +17,9 @@ import pytest
 from scipy import signal
 
 from gantrysim import Machine, simulate
-from gantrysim.controllers.servo import Servo
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.servo.servo import Servo
 
 from .compare import law_of, sizes, torques_of, within
 from .contour import contour_error, polyline

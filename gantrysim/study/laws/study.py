@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import at_least, positive
-from gantrysim.controllers.laws.parameters import LEARNING, NOT_PD, PD
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
+from gantrysim.servo.laws.parameters import LEARNING, NOT_PD, PD
 from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.servo import Servo
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import Row
 from gantrysim.study.loop.arcs import involute_radius, local_pitch, loop_error
 from gantrysim.study.loop.panels import SHAPES, Panels

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.axis_dynamics import AxisDynamics
-from gantrysim.controllers.servo import Servo
+from gantrysim.servo.axis_dynamics import AxisDynamics
+from gantrysim.servo.servo import Servo
 
 
 def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -> complex:

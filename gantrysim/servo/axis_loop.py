@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers import notch
-from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.defaults import law_values
-from gantrysim.controllers.laws.linear import linear_law
-from gantrysim.controllers.laws.parameters import PID
-from gantrysim.controllers.laws.user import LawName
+from gantrysim.servo import notch
+from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.laws.defaults import law_values
+from gantrysim.servo.laws.linear import linear_law
+from gantrysim.servo.laws.parameters import PID
+from gantrysim.servo.laws.user import LawName
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
 

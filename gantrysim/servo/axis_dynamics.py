@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from gantrysim.controllers.laws.friction import Friction
+from gantrysim.servo.laws.friction import Friction
 from gantrysim.stability.motion import Drives, Motion
 
 

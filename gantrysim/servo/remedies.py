@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN
-from gantrysim.controllers.derivation import NoLoopError, natural_frequency
-from gantrysim.controllers.laws.parameters import CASCADE, CONTOUR, OBSERVER, PID
-from gantrysim.controllers.servo_design import ServoRequest
-from gantrysim.controllers.servo_values import LARGEST_BANDWIDTH, LOOPS
+from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN
+from gantrysim.servo.derivation import NoLoopError, natural_frequency
+from gantrysim.servo.laws.parameters import CASCADE, CONTOUR, OBSERVER, PID
+from gantrysim.servo.servo_design import ServoRequest
+from gantrysim.servo.servo_values import LARGEST_BANDWIDTH, LOOPS
 
 _PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0)  # steps of 10^(1/10), rounded
 _LONGER = 1e4  # longest integral time proposed, relative to that given

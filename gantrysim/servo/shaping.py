@@ -9,9 +9,9 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.memory import check_ticks
-from gantrysim.controllers.laws.parameters import ZV, ZVD
-from gantrysim.controllers.servo import Servo
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.laws.parameters import ZV, ZVD
+from gantrysim.servo.servo import Servo
 
 _SHAPERS = (ZV, ZVD)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from gantrysim.controllers.law import compensator
-from gantrysim.controllers.laws.cascade import as_pid
-from gantrysim.controllers.laws.observer import observing
-from gantrysim.controllers.laws.parameters import CASCADE
-from gantrysim.controllers.laws.user import LawName
+from gantrysim.servo.law import compensator
+from gantrysim.servo.laws.cascade import as_pid
+from gantrysim.servo.laws.observer import observing
+from gantrysim.servo.laws.parameters import CASCADE
+from gantrysim.servo.laws.user import LawName
 from gantrysim.stability.compensator import Compensator
 
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.linear import linear_law
-from gantrysim.controllers.servo import Servo
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.laws.linear import linear_law
+from gantrysim.servo.servo import Servo
 from gantrysim.stability.compensator import Compensator
 
 _TAPS = 2**13  # of a zero-phase filter, on either side

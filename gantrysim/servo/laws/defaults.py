@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from gantrysim.controllers.laws.friction import Friction
-from gantrysim.controllers.laws.parameters import CONTOUR, FRICTION, LEARNING, OBSERVER, PREVIEW
-from gantrysim.controllers.laws.user import LawName
+from gantrysim.servo.laws.friction import Friction
+from gantrysim.servo.laws.parameters import CONTOUR, FRICTION, LEARNING, OBSERVER, PREVIEW
+from gantrysim.servo.laws.user import LawName
 
 OBSERVER_SHARE = 0.5  # of the natural frequency, the observer's cut-off
 CONTOUR_GAIN = 1.0

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, between, finite, positive
-from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
-from gantrysim.controllers.axis_loop import (
+from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
+from gantrysim.servo.axis_loop import (
     LARGEST_PEAK,
     LEAST_GAIN_MARGIN,
     NOTCH_DEPTH,
@@ -20,10 +20,10 @@ from gantrysim.controllers.axis_loop import (
     LoopTask,
     margin_in_words,
 )
-from gantrysim.controllers.cascade import AxisGains, gains
-from gantrysim.controllers.derivation import NoLoopError, derived_laws, loop, natural_frequency, nominal_motions
-from gantrysim.controllers.law import GAIN_NAMES
-from gantrysim.controllers.laws.parameters import (
+from gantrysim.servo.cascade import AxisGains, gains
+from gantrysim.servo.derivation import NoLoopError, derived_laws, loop, natural_frequency, nominal_motions
+from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.laws.parameters import (
     LAW_PARAMETERS,
     LEARNING,
     NOT_PD,
@@ -35,8 +35,8 @@ from gantrysim.controllers.laws.parameters import (
     law_names,
     words,
 )
-from gantrysim.controllers.laws.user import LawName
-from gantrysim.controllers.servo_values import (
+from gantrysim.servo.laws.user import LawName
+from gantrysim.servo.servo_values import (
     DAMPINGS,
     DRIVE,
     DRIVE_PERIOD,

@@ -8,12 +8,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from gantrysim.base.errors import InputError, positive
-from gantrysim.controllers import notch
-from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags, coupled_groups
-from gantrysim.controllers.axis_loop import LoopTask, keeps_margins, kept, margin_in_words, pd_gains
-from gantrysim.controllers.derivation import Loop, NoLoopError, loop
-from gantrysim.controllers.law import GAIN_NAMES, compensator
-from gantrysim.controllers.laws.parameters import PID
+from gantrysim.servo import notch
+from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
+from gantrysim.servo.axis_loop import LoopTask, keeps_margins, kept, margin_in_words, pd_gains
+from gantrysim.servo.derivation import Loop, NoLoopError, loop
+from gantrysim.servo.law import GAIN_NAMES, compensator
+from gantrysim.servo.laws.parameters import PID
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Plant
 from gantrysim.stability.motion import MODES, Drives, Motion

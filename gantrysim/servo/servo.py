@@ -13,16 +13,16 @@ import numpy as np
 
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError, at_least, unknown_text
-from gantrysim.controllers import notch
-from gantrysim.controllers.axis_dynamics import AxisDynamics, Lags
-from gantrysim.controllers.derivation import NoLoopError
-from gantrysim.controllers.law import GAIN_NAMES, compensator
-from gantrysim.controllers.laws.linear import closed, linear_law
-from gantrysim.controllers.laws.parameters import PID, LawParameters, law_names, words
-from gantrysim.controllers.laws.user import LawName, linearised, resolved
-from gantrysim.controllers.remedies import refusal
-from gantrysim.controllers.servo_design import ServoRequest, check_margins, designed
-from gantrysim.controllers.servo_values import (
+from gantrysim.servo import notch
+from gantrysim.servo.axis_dynamics import AxisDynamics, Lags
+from gantrysim.servo.derivation import NoLoopError
+from gantrysim.servo.law import GAIN_NAMES, compensator
+from gantrysim.servo.laws.linear import closed, linear_law
+from gantrysim.servo.laws.parameters import PID, LawParameters, law_names, words
+from gantrysim.servo.laws.user import LawName, linearised, resolved
+from gantrysim.servo.remedies import refusal
+from gantrysim.servo.servo_design import ServoRequest, check_margins, designed
+from gantrysim.servo.servo_values import (
     COMMON,
     DERIVED,
     DRIVE_PERIOD,
@@ -58,7 +58,7 @@ class Servo(LawParameters, Shown):
         following_error_limit: error at which the drives are disabled [mm].
         delay: time from the sample to the output, at most one period [s].
         notch_frequency, notch_width, notch_depth: of the filter between law and clamp, by default none, see
-            `gantrysim.controllers.notch`.
+            `gantrysim.servo.notch`.
         current_bandwidth, encoder_noise, interpolation_error, interpolation_error_twice, signal_period, velocity_gain,
             velocity_time: as in `DRIVE`, by default 0.
         feedback: where the encoder of each axis is: on the "motor", the default, or on the "load" behind the axis'
@@ -251,7 +251,7 @@ class Servo(LawParameters, Shown):
         loop at the natural frequency w; ki = kp / integral_time. Feed-forward supplies the torque for the
         inertia and the viscous friction. All axes get one frequency, so that their lags match and a circle
         stays round: the highest one at which each axis keeps a gain margin of 2 and |S| <= 2, if need be with
-        a notch at its mode, see `gantrysim.controllers.derivation`. Axes that move each other do so with the loops of
+        a notch at its mode, see `gantrysim.servo.derivation`. Axes that move each other do so with the loops of
         all of them closed, and with a factor of 2 on the gains of all. Margins are not kept of what is given: a
         frequency, gains or a notch.
 
@@ -267,7 +267,7 @@ class Servo(LawParameters, Shown):
             feedback: "motor" or "load", for all axes or one per axis; a stepper in open loop without an encoder takes
                 "none" for "motor".
             mode: of the drives, for all axes or one per axis; by default that of its motor. Loops in the drives get
-                their gains likewise, see `gantrysim.controllers.cascade`.
+                their gains likewise, see `gantrysim.servo.cascade`.
             feedback_delay: from the encoder to the servo, in servo periods.
             encoder_seed: of the encoders' noise.
             law: names, of `BASES` and `ADDITIONS`.

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from gantrysim.base.errors import InputError, at_least, between, finite, positive, whole
-from gantrysim.controllers import notch
-from gantrysim.controllers.axis_loop import NOTCH_DEPTH, NOTCH_WIDTH
-from gantrysim.controllers.law import GAINS, Parameter
-from gantrysim.controllers.laws.parameters import LAW_PARAMETERS
+from gantrysim.servo import notch
+from gantrysim.servo.axis_loop import NOTCH_DEPTH, NOTCH_WIDTH
+from gantrysim.servo.law import GAINS, Parameter
+from gantrysim.servo.laws.parameters import LAW_PARAMETERS
 from gantrysim.stability.motion import MODES, Drives
 
 _LARGEST_GAIN = 1e18

@@ -8,16 +8,16 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from gantrysim.base.errors import InputError, between, positive
-from gantrysim.controllers import notch
-from gantrysim.controllers.axis_dynamics import AxisDynamics
-from gantrysim.controllers.axis_loop import (
+from gantrysim.servo import notch
+from gantrysim.servo.axis_dynamics import AxisDynamics
+from gantrysim.servo.axis_loop import (
     LARGEST_PEAK,
     LEAST_GAIN_MARGIN,
     AxisLoop,
     CoupledLoops,
     LoopTask,
 )
-from gantrysim.controllers.laws.parameters import ZV, ZVD
+from gantrysim.servo.laws.parameters import ZV, ZVD
 from gantrysim.stability.motion import Motion
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]

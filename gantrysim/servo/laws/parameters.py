@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError, between, unknown, whole
-from gantrysim.controllers.law import Parameter
-from gantrysim.controllers.laws.user import LawName
+from gantrysim.servo.law import Parameter
+from gantrysim.servo.laws.user import LawName
 from gantrysim.stability.motion import Motion
 
 PD, PID, CASCADE = "pd", "pid", "p-pi"
@@ -16,7 +16,7 @@ PREVIEW, LEARNING, ZV, ZVD = "preview", "learning", "zv", "zvd"
 
 BASES = {
     PD: "kp and kd alone, without integral and feed-forward",
-    PID: "the law of `gantrysim.controllers.law`",
+    PID: "the law of `gantrysim.servo.law`",
     CASCADE: "a position loop that gives a speed, and a PI velocity loop inside it",
 }
 ADDITIONS = {
