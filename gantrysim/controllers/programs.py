@@ -13,8 +13,9 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
+from gantrysim import drawings as cad
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.controllers import cad, fanuc, softmc, stage, trio
+from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode import linuxcnc, slicer
 

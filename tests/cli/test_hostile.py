@@ -118,7 +118,7 @@ DRAWINGS = {
 
 @pytest.mark.parametrize(("text", "settings"), [(t, s) for t, *s in DRAWINGS.values()], ids=DRAWINGS.keys())
 def test_a_route_has_a_leg_for_every_piece_of_its_chain(text, settings):
-    from gantrysim.controllers.cad import Drawing
+    from gantrysim.drawings import Drawing
 
     values = dict(setting.split("=") for setting in settings)
     if "corner_tolerance" in values:
@@ -154,7 +154,7 @@ LONG = {
 @pytest.mark.parametrize(("text", "message"), LONG.values(), ids=LONG.keys())
 def test_a_drawing_with_a_long_text_is_read_or_refused_at_once(text, message):
     from gantrysim import InputError
-    from gantrysim.controllers.cad import Drawing
+    from gantrysim.drawings import Drawing
 
     if message is None:
         assert Drawing(text=text).route.legs
@@ -164,7 +164,7 @@ def test_a_drawing_with_a_long_text_is_read_or_refused_at_once(text, message):
 
 
 def test_a_style_sheet_still_hides_and_colours():
-    from gantrysim.controllers.cad import Drawing
+    from gantrysim.drawings import Drawing
 
     sheet = "<style>/* x{ */ .a { stroke : #ff0000 ; } .b{visibility:hidden}</style>"
     text = svg(sheet + '<path class="a" d="M0 0 L10 0"/><path class="b" d="M0 5 L10 5"/>')

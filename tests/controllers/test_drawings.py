@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from scipy.special import ellipe
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.cad import Drawing
 from gantrysim.controllers.placement import Placement
+from gantrysim.drawings import Drawing
 from gantrysim.paths.pieces import Coil
 
 from support import drawings

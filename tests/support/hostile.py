@@ -278,7 +278,7 @@ def program(rng: random.Random, folder: Path) -> None:
 
 
 def drawing(rng: random.Random, folder: Path) -> None:
-    from gantrysim.controllers.cad import Drawing
+    from gantrysim.drawings import Drawing
 
     from support.drawings import circle, csv, dxf, line, polyline, svg
 

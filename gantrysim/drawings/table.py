@@ -21,7 +21,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
-from gantrysim.controllers.cad.shapes import FASTEST, LARGEST, Segment, Shape, Sheet, Stroke, bezier
+from gantrysim.drawings.shapes import FASTEST, LARGEST, Segment, Shape, Sheet, Stroke, bezier
 
 COLUMNS = ("x", "y", "z", "glue", "speed")
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}

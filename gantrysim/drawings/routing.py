@@ -10,9 +10,9 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.cad.corners import Count, Leg, length, place, rounded
-from gantrysim.controllers.cad.fitting import MOST_PIECES, pieces_of
-from gantrysim.controllers.cad.shapes import Stroke
+from gantrysim.drawings.corners import Count, Leg, length, place, rounded
+from gantrysim.drawings.fitting import MOST_PIECES, pieces_of
+from gantrysim.drawings.shapes import Stroke
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import XY, Coil, Line, vector
 

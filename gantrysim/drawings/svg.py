@@ -13,7 +13,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.cad.shapes import Ellipse, Segment, Shape, Sheet, Stroke, bezier, point
+from gantrysim.drawings.shapes import Ellipse, Segment, Shape, Sheet, Stroke, bezier, point
 
 _SPACE = "{http://www.w3.org/2000/svg}"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"

@@ -15,7 +15,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.cad.shapes import Ellipse, Segment, Shape, Sheet, Spline, Stroke, bulged, point
+from gantrysim.drawings.shapes import Ellipse, Segment, Shape, Sheet, Spline, Stroke, bulged, point
 
 BINARY = "AutoCAD Binary DXF"
 _NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta", 7: "white"}  # of colour numbers

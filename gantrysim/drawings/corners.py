@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.cad.fitting import arc_to, middle
+from gantrysim.drawings.fitting import arc_to, middle
 from gantrysim.paths.pieces import SHORTEST, XY, Coil, Line, vector
 
 SMOOTH = 1e-5  # turn that is no corner [rad]

@@ -13,15 +13,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
-from gantrysim.controllers.cad.dxf import BINARY, read_dxf
-from gantrysim.controllers.cad.planning import Paused, planned
-from gantrysim.controllers.cad.routing import Manner, Route, routed
-from gantrysim.controllers.cad.shapes import FASTEST, Sheet, Stroke, checked
-from gantrysim.controllers.cad.svg import read_svg
-from gantrysim.controllers.cad.table import read_points, with_speeds
-from gantrysim.controllers.cad.units import millimetres
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
+from gantrysim.drawings.dxf import BINARY, read_dxf
+from gantrysim.drawings.planning import Paused, planned
+from gantrysim.drawings.routing import Manner, Route, routed
+from gantrysim.drawings.shapes import FASTEST, Sheet, Stroke, checked
+from gantrysim.drawings.svg import read_svg
+from gantrysim.drawings.table import read_points, with_speeds
+from gantrysim.drawings.units import millimetres
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, ticks
 

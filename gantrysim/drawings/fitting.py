@@ -14,7 +14,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.cad.shapes import Curve, Ellipse, Segment, Shape
+from gantrysim.drawings.shapes import Curve, Ellipse, Segment, Shape
 from gantrysim.paths.pieces import Coil, Line, vector
 
 MOST_PIECES = 200_000  # of a drawing

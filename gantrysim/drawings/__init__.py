@@ -1,3 +1,3 @@
 """Drawings in DXF, SVG and CSV, traced at the fastest speed within the limits of the axes."""
 
-from gantrysim.controllers.cad.drawing import Drawing
+from gantrysim.drawings.drawing import Drawing

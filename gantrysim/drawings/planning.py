@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.cad.corners import SMOOTH, tangent
-from gantrysim.controllers.cad.routing import Route
+from gantrysim.drawings.corners import SMOOTH, tangent
+from gantrysim.drawings.routing import Route
 from gantrysim.paths.limits import Limited, fastest, nodes, velocity_bound
 from gantrysim.paths.pieces import Coil
 
