@@ -7,6 +7,9 @@ from .base.errors import InputError as InputError
 from .bead import Bead as Bead
 from .bead import BeadSettings as BeadSettings
 from .bead import HeightMap as HeightMap
+from .dispenser.dispenser import Dispenser as Dispenser
+from .dispenser.needle import Needle as Needle
+from .dispenser.syringe import Syringe as Syringe
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
@@ -14,10 +17,7 @@ from .job.causes import Causes as Causes
 from .job.causes import causes_of as causes_of
 from .job.job import Job as Job
 from .machine.axis import Axis as Axis
-from .machine.dispenser import Dispenser as Dispenser
 from .machine.machine import Machine as Machine
-from .machine.needle import Needle as Needle
-from .machine.syringe import Syringe as Syringe
 from .metrics.budget import Budget as Budget
 from .record.fault import Fault as Fault
 from .record.run import Run as Run

@@ -7,10 +7,10 @@ from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import PROGRAMS, described
+from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings, SimulationSettings
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.geometry import Geometry
 
 PAGE = Path(__file__).parent.parent / "docs" / "job-file.md"

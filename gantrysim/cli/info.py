@@ -11,13 +11,13 @@ from rich.table import Table
 
 from gantrysim.bead import BeadSettings
 from gantrysim.controllers.programs import described
+from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.dispenser.needle import Needle
+from gantrysim.dispenser.syringe import Syringe
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.settings import ServoSettings
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine, builtin_models
-from gantrysim.machine.needle import Needle
-from gantrysim.machine.syringe import Syringe
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
 from gantrysim.stability.margins import Plant

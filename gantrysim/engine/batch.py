@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError, whole
 from gantrysim.controllers.controller import Controller
+from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.advance import MOST_STEPS, advance
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.hook import installed
 from gantrysim.native.row import OFFSETS, ROW, ROW_NUMBERS, Log

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import FileTable, blocks
 from gantrysim.base.jit import jit
+from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import Log
 from gantrysim.record.setpoints import Setpoints

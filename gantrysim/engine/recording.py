@@ -11,9 +11,9 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import FileTable, array_of, blocks
 from gantrysim.base.memory import check_ticks
+from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.record_columns import IDEAL, TIPS, columns_of, constants, measured, protected, sent_columns
 from gantrysim.faults import InjectedFault
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import STEPPER, Log
 from gantrysim.record.fault import Fault

@@ -13,6 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.controller import Controller
+from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.arguments import check_argument, sent
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
@@ -20,7 +21,6 @@ from gantrysim.engine.laws import law_entries
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault, check_faults
-from gantrysim.machine.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.native.row import (

@@ -16,10 +16,10 @@ from gantrysim.base.errors import InputError
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.dispenser.needle import Needle
+from gantrysim.dispenser.syringe import Syringe
 from gantrysim.job.loading import builtin_jobs
-from gantrysim.machine.dispenser import Dispenser
-from gantrysim.machine.needle import Needle
-from gantrysim.machine.syringe import Syringe
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.paths.chain import Chain

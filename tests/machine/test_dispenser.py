@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import digamma
 
 from gantrysim import InputError
-from gantrysim.machine.dispenser import Dispenser
-from gantrysim.machine.needle import Needle
+from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.dispenser.needle import Needle
 from gantrysim.record.setpoints import Setpoints
 
 from support.runs import ramp

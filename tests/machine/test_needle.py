@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from gantrysim import InputError, Needle
-from gantrysim.machine.dispenser import Dispenser
-from gantrysim.machine.needle import GAUGES
+from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.dispenser.needle import GAUGES
 
 PERIOD = 1e-3
 EXACT = 1e-12  # relative, of closed forms

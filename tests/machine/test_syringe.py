@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from gantrysim import InputError, Job, Needle
-from gantrysim.machine.dispenser import Dispenser
-from gantrysim.machine.syringe import ATMOSPHERE, Syringe, exchanged
+from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.dispenser.syringe import ATMOSPHERE, Syringe, exchanged
 
 PERIOD = 1e-3
 EXACT = 1e-9  # relative, of the air's pressure against closed forms

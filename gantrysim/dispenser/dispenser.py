@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
-from gantrysim.machine.lag import driven_volumes, lagged_volumes, syringe_volumes
-from gantrysim.machine.needle import Needle
-from gantrysim.machine.syringe import ATMOSPHERE, Syringe
+from gantrysim.dispenser.lag import driven_volumes, lagged_volumes, syringe_volumes
+from gantrysim.dispenser.needle import Needle
+from gantrysim.dispenser.syringe import ATMOSPHERE, Syringe
 from gantrysim.record.setpoints import Setpoints
 
 VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
@@ -262,7 +262,7 @@ class Dispenser:
         return begins, ends
 
     def _at_rest(self) -> Floats:
-        """Return the state of the lag before the first tick, see `gantrysim.machine.lag`."""
+        """Return the state of the lag before the first tick, see `gantrysim.dispenser.lag`."""
         if self.syringe is None:
             return np.zeros(1)
         return np.array([0.0, ATMOSPHERE, self.syringe.glue, self.syringe.air])

@@ -11,7 +11,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.machine.syringe import ATMOSPHERE, exchanged
+from gantrysim.dispenser.syringe import ATMOSPHERE, exchanged
 
 _MOST_PIECES = 40  # time constants after which a lag has settled
 _SHORT = 0.05  # step in a syringe, of its time constant

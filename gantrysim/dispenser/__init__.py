@@ -1,0 +1,1 @@
+"""The dispenser: valve, syringe and needle, and the lag of its flow."""
