@@ -29,11 +29,11 @@ from rich.table import Table
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.bead import Bead
-from gantrysim.controllers.programs import build
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.job.programs import build
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.native.tick import compiled

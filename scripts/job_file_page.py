@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from gantrysim.bead import BeadSettings
-from gantrysim.controllers.programs import PROGRAMS, described
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
 from gantrysim.job.job import Job
+from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
 

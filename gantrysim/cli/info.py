@@ -10,12 +10,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.bead import BeadSettings
-from gantrysim.controllers.programs import described
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import Syringe
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
+from gantrysim.job.programs import described
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.servo.servo import Servo

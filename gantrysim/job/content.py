@@ -14,11 +14,11 @@ from pydantic import BaseModel, Field, PrivateAttr, field_validator, model_valid
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.toml_files import validated
 from gantrysim.bead import BeadSettings
-from gantrysim.controllers.programs import build, reject_booleans
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
 from gantrysim.job.overrides import TABLES, change, known_keys, override
+from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
 

@@ -14,13 +14,13 @@ from gantrysim.base import memory
 from gantrysim.base.errors import InputError, TimedError, at_least
 from gantrysim.base.toml_files import validated
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.programs import build
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit
 from gantrysim.job.margins import check_stability, margin_notes
 from gantrysim.job.plan import Plan, plan_of
+from gantrysim.job.programs import build
 from gantrysim.job.reading import read_with_overrides
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine

@@ -12,7 +12,7 @@ from typing import Any
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole
 from gantrysim.base.toml_files import read_text, read_toml, validated
-from gantrysim.controllers.programs import PROGRAMS, reader, suffixes
+from gantrysim.job.programs import PROGRAMS, reader, suffixes
 from gantrysim.job.settings import ServoSettings
 
 

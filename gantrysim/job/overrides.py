@@ -11,9 +11,9 @@ from typing import Any
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.toml_files import toml_content
 from gantrysim.bead import BeadSettings
-from gantrysim.controllers.programs import dotted, keys
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
+from gantrysim.job.programs import dotted, keys
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.machine import builtin_models

@@ -10,9 +10,9 @@ from typing import Any, get_args, get_type_hints
 
 from gantrysim.base.errors import expanded
 from gantrysim.bead import BeadSettings
-from gantrysim.controllers.programs import PROGRAMS, described
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
+from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings
 from gantrysim.report.saved import SavedRun
 

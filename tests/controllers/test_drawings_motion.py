@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.programs import build
 from gantrysim.drawings import Drawing
+from gantrysim.job.programs import build
 from gantrysim.paths.pieces import Line
 
 from support.drawings import bulge_points, circle, csv, differences, dxf, farthest, group, line, polyline, sampled, svg

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.programs import build
 from gantrysim.drawings import Drawing
+from gantrysim.job.programs import build
 
 from support.drawings import arc, circle, csv, dxf, group, line, polyline, svg
 

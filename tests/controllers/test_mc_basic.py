@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.programs import build
 from gantrysim.controllers.softmc import Basic
+from gantrysim.job.programs import build
 
 MOVES = "\nmove {0, 0}\nmove {10, 0}\n"
 

@@ -4,8 +4,8 @@ import pytest
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc, trio
-from gantrysim.controllers.programs import build
 from gantrysim.job.job import Job
+from gantrysim.job.programs import build
 
 SPEEDS = {  # of the built-in jobs [mm/s]
     "an225": 100.0,

@@ -8,8 +8,8 @@ import pytest
 
 from gantrysim import Job, Machine
 from gantrysim.cli import terminal
-from gantrysim.controllers.programs import PROGRAMS, build
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.job.programs import PROGRAMS, build
 from gantrysim.machine.machine import builtin_models
 from gantrysim.metrics.analysis import Analysis
 

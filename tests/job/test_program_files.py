@@ -7,7 +7,7 @@ import pytest
 
 from gantrysim import InputError, Job
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.programs import reader, suffixes
+from gantrysim.job.programs import reader, suffixes
 
 SQUARE = """G21 G90 G17
 G0 X10 Y0

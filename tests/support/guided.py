@@ -41,9 +41,9 @@ class Target(NamedTuple):
 
 def program_seeds(name: str, page: str, fence: str) -> list[bytes]:
     """Return the programs of a controller's built-in jobs and of its page."""
-    from gantrysim.controllers.programs import PROGRAMS
     from gantrysim.job.job import Job
     from gantrysim.job.loading import builtin_jobs
+    from gantrysim.job.programs import PROGRAMS
 
     key = PROGRAMS[name].text_argument
     found = [job.program[key] for job in map(Job.load, builtin_jobs()) if job.program["controller"] == name]
@@ -55,7 +55,7 @@ def reads(name: str, **limits: object) -> Callable[[bytes], object]:
     """Return the reader of a controller's programs."""
 
     def read(content: bytes) -> object:
-        from gantrysim.controllers.programs import PROGRAMS
+        from gantrysim.job.programs import PROGRAMS
 
         kind: Any = PROGRAMS[name]
         program = kind(**{kind.text_argument: content.decode("utf-8", errors="replace"), **limits})

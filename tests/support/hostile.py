@@ -267,7 +267,7 @@ def _programs() -> list[tuple[str, str]]:
 
 
 def program(rng: random.Random, folder: Path) -> None:
-    from gantrysim.controllers.programs import PROGRAMS
+    from gantrysim.job.programs import PROGRAMS
 
     name, text = rng.choice(_programs())
     kind: Any = PROGRAMS[name]
