@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Machine, simulate
-from gantrysim.sizing import Sizing
+from gantrysim.machine.sizing import Sizing
 
 from support.runs import plain, ramp
 from support.tables import EXAMPLES, SCREW

@@ -60,7 +60,7 @@ def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> 
     from gantrysim.cli.sizing import sizing_table
     from gantrysim.job.job import Job
     from gantrysim.machine.checks import notes
-    from gantrysim.sizing import Sizing
+    from gantrysim.machine.sizing import Sizing
 
     period, run = 1e-3, None
     if job is not None:

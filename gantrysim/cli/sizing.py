@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from rich.table import Table
 
 from gantrysim.machine.machine import Machine
-from gantrysim.sizing import AxisSizing, Mode, Sizing
+from gantrysim.machine.sizing import AxisSizing, Mode, Sizing
 
 _Row = tuple[str, Callable[[AxisSizing], float]]
 
