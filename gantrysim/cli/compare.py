@@ -14,7 +14,7 @@ from gantrysim.cli.terminal import say, show, warn
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from gantrysim.exchange.comparison import Comparison
+    from gantrysim.compare.comparison import Comparison
 
 _UM = 1e3
 _SUMMARY = "compare.json"
@@ -58,11 +58,11 @@ def compare(
     """
     from dataclasses import replace
 
-    from gantrysim.exchange.comparison import Comparison
-    from gantrysim.exchange.measured import Trace
-    from gantrysim.exchange.page import REPORT, alignment_text, headline, write_comparison_page
-    from gantrysim.exchange.plots import OVERLAY, SPECTRUM, save_comparison
-    from gantrysim.exchange.traces import Assignment, read_log
+    from gantrysim.compare.comparison import Comparison
+    from gantrysim.compare.measured import Trace
+    from gantrysim.compare.page import REPORT, alignment_text, headline, write_comparison_page
+    from gantrysim.compare.plots import OVERLAY, SPECTRUM, save_comparison
+    from gantrysim.compare.traces import Assignment, read_log
     from gantrysim.report.folder import Output, output_folder
     from gantrysim.report.saved import SavedRun
 

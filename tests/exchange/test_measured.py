@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from gantrysim import Budget, InputError, Job, Machine
+from gantrysim.compare.alignment import aligned
+from gantrysim.compare.comparison import Comparison
+from gantrysim.compare.measured import Trace
+from gantrysim.compare.page import headline, share_text
+from gantrysim.compare.traces import Assignment, read_log
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.exchange.alignment import aligned
-from gantrysim.exchange.comparison import Comparison
-from gantrysim.exchange.measured import Trace
-from gantrysim.exchange.page import headline, share_text
-from gantrysim.exchange.traces import Assignment, read_log
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Budget, Job, Machine
-from gantrysim.exchange.comparison import Comparison
-from gantrysim.exchange.measured import Trace
-from gantrysim.exchange.page import write_comparison_page
+from gantrysim.compare.comparison import Comparison
+from gantrysim.compare.measured import Trace
+from gantrysim.compare.page import write_comparison_page
 
 from support.jobs import job_run
 from support.pages import Page

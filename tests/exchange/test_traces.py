@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError
+from gantrysim.compare.measured import Trace
+from gantrysim.compare.traces import Assignment, Source, read_log
 from gantrysim.controllers.softmc.record import Record
-from gantrysim.exchange.measured import Trace
-from gantrysim.exchange.traces import Assignment, Source, read_log
 
 from support.jobs import job_run
 

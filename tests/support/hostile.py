@@ -311,7 +311,7 @@ def drawing(rng: random.Random, folder: Path) -> None:
 
 
 def trace(rng: random.Random, folder: Path) -> None:
-    from gantrysim.exchange.traces import read_log
+    from gantrysim.compare.traces import read_log
 
     rows = "\n".join(f"{0.001 * k:.4f},{k},{k % 7}" for k in range(300))
     texts = (

@@ -9,7 +9,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.exchange.traces import Assignment, Log, Source
+from gantrysim.compare.traces import Assignment, Log, Source
 from gantrysim.record.run import Run
 
 LEAST = 8  # samples of a trace

@@ -19,7 +19,7 @@ from scipy.signal import correlate, correlation_lags
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.exchange.measured import LEAST, Trace
+from gantrysim.compare.measured import LEAST, Trace
 from gantrysim.record.run import Run
 
 ALIGNED = ("time", "offset", "rotation")

@@ -13,9 +13,9 @@ from scipy.signal import find_peaks, welch
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
-from gantrysim.exchange.alignment import Alignment, aligned
-from gantrysim.exchange.beside import beside, evenly
-from gantrysim.exchange.measured import Trace
+from gantrysim.compare.alignment import Alignment, aligned
+from gantrysim.compare.beside import beside, evenly
+from gantrysim.compare.measured import Trace
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget

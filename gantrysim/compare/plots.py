@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.exchange.comparison import Comparison
+from gantrysim.compare.comparison import Comparison
 from gantrysim.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
 
 if TYPE_CHECKING:

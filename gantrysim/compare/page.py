@@ -7,8 +7,8 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from gantrysim.exchange.comparison import NOTHING, Comparison
-from gantrysim.exchange.plots import draw_overlay, draw_spectrum
+from gantrysim.compare.comparison import NOTHING, Comparison
+from gantrysim.compare.plots import draw_overlay, draw_spectrum
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.plots.style import COLOURS

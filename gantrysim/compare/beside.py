@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.exchange.alignment import Alignment, turned
-from gantrysim.exchange.measured import Trace
+from gantrysim.compare.alignment import Alignment, turned
+from gantrysim.compare.measured import Trace
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 

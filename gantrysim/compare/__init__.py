@@ -1,0 +1,1 @@
+"""A measured trace beside its simulation, aligned and compared link by link."""
