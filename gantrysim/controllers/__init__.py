@@ -1,1 +1,1 @@
-"""Motion controllers and the servo: programs in, setpoints and torques out. This package is independent of MuJoCo."""
+"""Motion controllers and their languages: programs in, setpoints out. This package is independent of MuJoCo."""

@@ -13,11 +13,11 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as validated
 
-from gantrysim import drawings as cad
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode import linuxcnc, slicer
+from gantrysim.drawings import Drawing
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
@@ -28,7 +28,7 @@ PROGRAMS: dict[str, type[Controller]] = {
     "stage.OutlineTrace": stage.OutlineTrace,
     "linuxcnc.Program": linuxcnc.Program,
     "slicer.Program": slicer.Program,
-    "cad.Drawing": cad.Drawing,
+    "cad.Drawing": Drawing,
 }
 
 _MAGNITUDES = 1e-100, 1e12  # of numbers; smaller ones than 1e-12 are rounding

@@ -114,7 +114,9 @@ class Run(Shown):
         return Run(**{f.name: vars(self)[f.name] for f in fields(self)} | changes)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame with a row per servo tick, see `gantrysim.record.named_columns`; `attrs` describe the run.
+        """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.
+
+        See `gantrysim.record.named_columns`.
 
         Raises:
             InputError: pandas is not installed.
