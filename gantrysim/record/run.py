@@ -136,11 +136,11 @@ class Run(Shown):
     def load(cls, file: str | os.PathLike[str]) -> Run:
         """Read a record that `save` has written.
 
-        Its members, their types and shapes are checked before they are read; then its SHA-256, which formats before 7
-        lack; then that its numbers are finite and its times those of its period.
+        Its members, their types and shapes are checked before they are read; then its SHA-256; then that its numbers
+        are finite and its times those of its period.
 
         Raises:
-            InputError: no such file, no record in a format that is read, or a damaged one.
+            InputError: no such file, no record of the present format, or a damaged one.
         """
         try:
             with opened(FilePath(file)) as stream:

@@ -18,11 +18,7 @@ from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.record.fault import Fault
 
-_FORMAT = 7
-# arrays of older formats that are still read, by their names today; what they lack has its default
-_RENAMED: dict[int, dict[str, str]] = {4: {"asked": "flow_demand"}, 5: {}, 6: {}}
-_SINCE = {6: ("face", "needle_length"), 7: ("injected", "job_sha256", "machine_sha256")}
-_LAST_WITHOUT_CHECKSUM = 6
+_FORMAT = 7  # the only one that is read
 _NUMBERS = ("period", "gap", "face", "needle_length")
 _TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")
 _LISTS = ("axes", "units")
@@ -52,7 +48,7 @@ def read_record(stream: BinaryIO) -> dict[str, Any]:
     """Return the attributes of a record from its file, checked.
 
     Raises:
-        InputError: it is no record in a format that is read, or a damaged one.
+        InputError: it is no record of the present format, or a damaged one.
     """
     with open_archive(stream) as archive, np.errstate(all="ignore"):  # of damaged numbers, which are refused
         return _content(archive)
@@ -64,15 +60,12 @@ def _content(archive: Archive) -> dict[str, Any]:
     Raises:
         InputError: there is something wrong with them.
     """
-    written = _format(archive)
-    _check_members(archive.members, written)
+    _check_format(archive)
+    _check_members(archive.members)
     raw = {name: archive.read(name) for name in sorted(archive.members.keys() - {"format", CHECKSUM})}
-    if written > _LAST_WITHOUT_CHECKSUM:
-        archive.check()
-    for old, new in _RENAMED.get(written, {}).items():
-        raw[new] = raw.pop(old)
-    content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS if name in raw}
-    content |= {name: str(raw.pop(name)) for name in _TEXTS if name in raw}
+    archive.check()
+    content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS}
+    content |= {name: str(raw.pop(name)) for name in _TEXTS}
     content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
     path, fault = json.loads(content["requested"]), json.loads(content["fault"])
     _check_values(content, raw)
@@ -81,46 +74,43 @@ def _content(archive: Archive) -> dict[str, Any]:
     if not 0 < length < np.inf:
         raise InputError(f"requested has a length of {length:g} mm")
     content["fault"] = None if fault is None else _fault(fault, content["axes"])
-    content["injected"] = tuple(fault_of(one) for one in json.loads(content.get("injected", "[]")))
+    content["injected"] = tuple(fault_of(one) for one in json.loads(content["injected"]))
     return {**content, **{name: read_only(one) if isinstance(one, np.ndarray) else one for name, one in raw.items()}}
 
 
-def _format(archive: Archive) -> int:
+def _check_format(archive: Archive) -> None:
+    """Check that the archive is a record of the present format.
+
+    Raises:
+        InputError: it has no format, or another one.
+    """
     member = archive.members.get("format")
     if member is None or member.shape or member.dtype.kind != "i":
         raise InputError("it has no format")
     written = int(array_of(archive.read("format")))
-    if written != _FORMAT and written not in _RENAMED:
-        raise InputError(f"it is written in another format, {written}; run its job.toml again")
-    return written
+    if written != _FORMAT:
+        raise InputError(f"its format is {written}, only format {_FORMAT} is read: run its job.toml again")
 
 
-def _check_members(members: Mapping[str, Member], written: int) -> None:
+def _check_members(members: Mapping[str, Member]) -> None:
     """Check which members there are, their types and their shapes, from their headers alone."""
-    new = {new: old for old, new in _RENAMED.get(written, {}).items()}
     rows = members["time"].shape if "time" in members else ()
     axes = members["axes"].shape if "axes" in members else ()
     if len(rows) != 1 or len(axes) != 1 or not rows[0] or not axes[0]:
         raise InputError("its time or axes are missing")
-    expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ())}
+    expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ()), CHECKSUM: ("U", ())}
     for names, kind, shape in ((_NUMBERS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
         expected |= dict.fromkeys(names, (kind, shape))
     for name, width in (_COLUMNS | {name: width for name, width in _OPTIONAL.items() if name in members}).items():
         columns = axes if width is None else (width,) if width else ()
-        expected[new.get(name, name)] = ("b" if name == "dispense" else "f", rows + columns)
-    if written > _LAST_WITHOUT_CHECKSUM:
-        expected[CHECKSUM] = ("U", ())
-    else:
-        expected = {name: kind for name, kind in expected.items() if name not in _SINCE[7]}
-    optional = _SINCE[6] if written < 6 else ()
+        expected[name] = ("b" if name == "dispense" else "f", rows + columns)
     for name in {**expected, **members}:
-        if name not in expected or (name not in members and name not in optional):
+        if name not in expected or name not in members:
             raise InputError(f"{name} is {'missing' if name in expected else 'no member of a record'}")
-        if name in members:
-            kind, own = expected[name]
-            found = members[name]
-            if found.dtype.kind != kind or found.shape != own or (kind == "f" and found.dtype.itemsize != 8):
-                raise InputError(f"{name} has the shape {found.shape} and type {found.dtype}, must have {own}, {kind}")
+        kind, size = expected[name]
+        member = members[name]
+        if member.dtype.kind != kind or member.shape != size or (kind == "f" and member.dtype.itemsize != 8):
+            raise InputError(f"{name} has the shape {member.shape} and type {member.dtype}, must have {size}, {kind}")
 
 
 def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any] | Stored]) -> None:
@@ -131,7 +121,7 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
     if len(set(content["axes"])) < len(content["axes"]) or not set(content["units"]) <= {"mm", "deg"}:
         raise InputError(f"axes {', '.join(content['axes'])} in {', '.join(content['units'])}")
     for name in _NUMBERS:
-        number = content.get(name, 1.0)
+        number = content[name]
         if not np.isfinite(number) or (name != "gap" and number <= 0):
             raise InputError(f"{name} = {number:g}")
     time, period = array_of(columns["time"]), content["period"]

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.files import check_whole
-from gantrysim.base.input_files import opened
 from gantrysim.base.toml_files import read_toml
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.record.run import Run
-from gantrysim.report.folder import JOB, RUN, SUMMARY
+from gantrysim.report.folder import JOB, RUN
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +25,8 @@ class SavedRun:
         job: the job of the run.
         run: the record.
         machine: its machine, built now.
-        changed: whether the physics of the machine differ from the digest in the record, or of one before format 7 in
-            the summary; visual changes do not count. False without such a digest.
+        changed: whether the physics of the machine differ from the digest in the record; visual changes do not count.
+            False without a digest, as in a record that was saved without its job.
         written: when the record was written [ns].
     """
 
@@ -57,8 +55,8 @@ class SavedRun:
         A machine file is read from the path in job.toml; a relative path starts from the run's folder.
 
         Raises:
-            InputError: no such folder, no run in it, a record or summary that is damaged, a job that is not the
-                record's, or a machine that is missing or has other axes now.
+            InputError: no such folder, no run in it, a record that is damaged or of another format, a job that is not
+                the record's, or a machine that is missing or has other axes now.
         """
         place = Path(folder)
         where = expanded(place)
@@ -84,8 +82,7 @@ class SavedRun:
                 f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "
                 f"to one of {', '.join(builtin_models())}"
             )
-        ran = record.machine_sha256 or _machine_digest(where / SUMMARY, f"run {place}: {SUMMARY}")
-        changed = ran is not None and ran != job.built_machine.digest
+        changed = record.machine_sha256 not in ("", job.built_machine.digest)
         saved = cls(place, job, record, job.built_machine, changed, written)
         return saved if saved.is_current else cls.load(folder)
 
@@ -97,16 +94,3 @@ class SavedRun:
 
 def _written(folder: Path) -> int:
     return (folder / RUN).stat().st_mtime_ns if (folder / RUN).exists() else 0
-
-
-def _machine_digest(summary: Path, label: str) -> str | None:
-    """Return the digest of the machine in a summary, None without one."""
-    try:
-        with opened(summary) as stream:
-            content = json.load(stream)
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{label} is damaged: {error}; remove it to read the run without it") from None
-    versions = content.get("versions") if isinstance(content, dict) else None
-    return str(versions["machine_sha256"]) if isinstance(versions, dict) and "machine_sha256" in versions else None

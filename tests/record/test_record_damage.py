@@ -7,6 +7,7 @@ import struct
 import tracemalloc
 import warnings
 import zipfile
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -40,13 +41,16 @@ def content(record, place) -> bytes:
     return place.read_bytes()
 
 
-@pytest.fixture(scope="module")
-def old_members(content) -> dict[str, bytes]:
-    """The members of a record of format 6, which has no checksum."""
-    found = members(content)
-    for name in ("sha256", "injected", "job_sha256", "machine_sha256"):
-        del found[f"{name}.npy"]
-    return found | {"format.npy": array_file(np.array(6))}
+def checksum(files: dict[str, bytes]) -> str:
+    """The SHA-256 of members, as anyone can compute it: format first, then the others by name."""
+    order = sorted(files.keys() - {"sha256.npy"}, key=lambda name: (name != "format.npy", name.removesuffix(".npy")))
+    return sha256(b"".join(name.removesuffix(".npy").encode() + b"\0" + files[name] for name in order)).hexdigest()
+
+
+def sealed(damaged: bytes) -> bytes:
+    """The archive with a checksum that agrees with its damaged members."""
+    files = members(damaged)
+    return archived(files | {"sha256.npy": array_file(np.array(checksum(files)))})
 
 
 def same(one: Run, other: Run) -> bool:
@@ -89,8 +93,8 @@ def check_new(place, record, damaged):
     return found is None
 
 
-def check_old(place, damaged):
-    """Without a checksum numbers may be others, but none that is not finite or out of time."""
+def check_sealed(place, damaged):
+    """Where the checksum agrees numbers may be others, but none that is not finite or out of time."""
     found = read(place, damaged)
     if found is not None:
         for field in dataclasses.fields(Run):
@@ -107,12 +111,6 @@ def seeds(most):
     return st.integers(0, most)
 
 
-def test_a_record_of_format_6_is_still_read(place, record, old_members):
-    found = read(place, archived(old_members))
-    assert found is not None
-    assert same(found, record)
-
-
 @given(seed=seeds(1 << 30))
 @settings(max_examples=60)
 def test_bytes_of_the_file(place, record, content, seed):
@@ -127,18 +125,18 @@ def test_members_of_the_archive(place, record, content, seed):
 
 @given(seed=seeds(1 << 30))
 @settings(max_examples=60)
-def test_members_of_a_record_without_a_checksum(place, old_members, seed):
-    check_old(place, inside(np.random.default_rng(seed), old_members))
+def test_members_whose_checksum_agrees(place, content, seed):
+    check_sealed(place, sealed(inside(np.random.default_rng(seed), members(content))))
 
 
 @pytest.mark.soak
-def test_many_damaged_records(place, record, content, old_members, record_property):
+def test_many_damaged_records(place, record, content, record_property):
     refused = [0, 0, 0]
     for seed in range(4000):
         rng = np.random.default_rng(seed)
         refused[0] += check_new(place, record, raw(rng, content))
         refused[1] += check_new(place, record, inside(rng, members(content)))
-        refused[2] += check_old(place, inside(rng, old_members))
+        refused[2] += check_sealed(place, sealed(inside(rng, members(content))))
     assert all(count > 3000 for count in refused)
     record_property("attack", "records: bytes changed, members left out, exchanged or of another shape")
     record_property("tries", 12_000)
@@ -166,14 +164,8 @@ def test_a_record_packed_again_in_another_order_is_the_same(place, record, conte
 
 
 def test_the_checksum_is_that_of_names_and_arrays(place, content):
-    """As anyone can compute it from the archive: format first, then the others by name."""
-    from hashlib import sha256
-
     files = members(content)
-    stated = str(np.load(io.BytesIO(files.pop("sha256.npy"))))
-    order = ["format.npy", *sorted(files.keys() - {"format.npy"})]
-    own = b"".join(name.removesuffix(".npy").encode() + b"\0" + files[name] for name in order)
-    assert sha256(own).hexdigest() == stated
+    assert checksum(files) == str(np.load(io.BytesIO(files["sha256.npy"])))
 
 
 @pytest.mark.parametrize("shape", [(10**12,), (10**12, 3), (2**62,)])

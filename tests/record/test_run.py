@@ -20,7 +20,6 @@ PATHS = {
     "chain": archimedean(30, 10, 1.5, clockwise=False),
     "line": ArcChain((0, 0), 0.3, [0.0], [50.0]),
 }
-NEW = ("sha256", "injected", "job_sha256", "machine_sha256")  # in format 7
 
 
 @pytest.fixture
@@ -103,14 +102,33 @@ def test_another_archive_is_refused(tmp_path):
         Run.load(tmp_path / "run.npz")
 
 
-def test_a_record_keeps_its_name_and_another_format_is_refused(run, tmp_path):
+def test_a_record_keeps_its_name(run, tmp_path):
     run.save(tmp_path / "record")
     assert Run.load(tmp_path / "record").machine == "xy"
-    with np.load(tmp_path / "record") as arrays:
-        content = {**arrays, "format": 99}
+
+
+@pytest.mark.parametrize("number", [0, 4, 5, 6, 8, 99])
+def test_a_record_of_another_format_is_refused_in_a_line_that_names_the_one_that_is_read(run, tmp_path, number):
+    run.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as arrays:
+        content = {**arrays, "format": number}
     np.savez(tmp_path / "other.npz", **content)
-    with pytest.raises(InputError, match="written in another format"):
+    with pytest.raises(InputError) as refused:
         Run.load(tmp_path / "other.npz")
+    said = f"its format is {number}, only format 7 is read: run its job.toml again"
+    assert str(refused.value).endswith(f": {said}")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["sha256", "injected", "job_sha256", "machine_sha256", "face", "flow_demand"])
+def test_a_record_that_lacks_a_member_is_refused(run, tmp_path, name):
+    run.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as arrays:
+        content = dict(arrays)
+    del content[name]
+    np.savez(tmp_path / "less.npz", **content)
+    with pytest.raises(InputError, match=f"{name} is missing$"):
+        Run.load(tmp_path / "less.npz")
 
 
 def test_a_record_has_arrays_of_its_own(run):
@@ -128,31 +146,11 @@ def test_a_fault_at_the_first_tick_leaves_a_record_of_one(xy):
     assert run.period == 1e-3
 
 
-def test_a_record_of_the_format_before_is_still_read(run, tmp_path):
-    """Format 4 called the flow that the program asks for `asked`."""
-    run.save(tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz") as arrays:
-        content = {**arrays, "format": 4}
-    for name in NEW:
-        del content[name]
-    content["asked"] = content.pop("flow_demand")
-    np.savez(tmp_path / "old.npz", **content)
-    np.testing.assert_array_equal(Run.load(tmp_path / "old.npz").flow_demand, run.flow_demand)
-
-
-def test_a_record_holds_its_needle_and_one_of_format_5_had_that_of_the_built_in_machines(run, tmp_path):
+def test_a_record_holds_its_needle(run, tmp_path):
     wide = dataclasses.replace(run, face=1.65, needle_length=12.7)
     wide.save(tmp_path / "run.npz")
     loaded = Run.load(tmp_path / "run.npz")
     assert (loaded.face, loaded.needle_length) == (1.65, 12.7)
-    with np.load(tmp_path / "run.npz") as arrays:
-        content = {**arrays, "format": 5}
-    for name in NEW:
-        del content[name]
-    del content["face"], content["needle_length"]
-    np.savez(tmp_path / "old.npz", **content)
-    loaded = Run.load(tmp_path / "old.npz")
-    assert (loaded.face, loaded.needle_length) == (run.face, run.needle_length) == (0.82, 25.4)
 
 
 @pytest.mark.parametrize("needle", [Needle("14G", length=12.7), Needle(1.2, outer=1.9), None])
