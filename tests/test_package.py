@@ -39,6 +39,7 @@ def test_the_sdist_holds_sources_tests_and_scripts(at_root, tmp_path):
         names = {member.name.partition("/")[2] for member in sdist.getmembers()}
     assert needed() <= names
     assert {"pyproject.toml", "README.md", "LICENSE", "scripts/demo.sh", "tests/test_package.py"} <= names
+    assert {".ci/run", ".pre-commit-config.yaml", "CONTRIBUTING.md"} <= names
 
 
 def test_the_links_at_the_top_lead_into_the_package():
