@@ -1,5 +1,6 @@
 """Contributing, README and architecture name what is there, and what they say of extending the package holds."""
 
+import ast
 import json
 import re
 import shutil
@@ -64,6 +65,43 @@ def test_the_architecture_s_table_holds_every_room_once():
     rows = re.findall(r"^\| (`\w+/`(?:, `\w+/`)*) \|", PAGES["docs/architecture.md"], flags=re.MULTILINE)
     rooms = [room for row in rows for room in re.findall(r"`(\w+)/`", row)]
     assert sorted(rooms) == sorted(ROOMS - {"jobs", "models"})
+
+
+def imported_rooms(room):
+    """Rooms that the modules of a room import."""
+    rooms = set()
+    for file in (PACKAGE / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gantrysim."):
+                rooms.add(node.module.split(".")[1])
+    return rooms - {room}
+
+
+def test_the_rooms_import_what_the_architecture_s_table_says():
+    """A room also imports what lies below those that it names; rooms of one row may import each other."""
+    above = {}
+    for cell, listed in re.findall(r"^\| (`\w+/`.*?) \|.*\| ([^|]+) \|$", PAGES["docs/architecture.md"], re.MULTILINE):
+        rooms = re.findall(r"`(\w+)/`", cell)
+        names = set(above) if listed in ("all above", "everything") else set(re.findall(r"\w+", listed)) - {"nothing"}
+        assert names <= set(above), f"{rooms} import rooms that stand below: {names - set(above)}"
+        reached = names.union(rooms, *(above[name] for name in names))
+        for room in rooms:
+            assert imported_rooms(room) <= reached, room
+            above[room] = reached
+    assert set(above) == ROOMS - {"jobs", "models"}
+
+
+def test_modules_that_use_the_factors_of_si_are_listed():
+    _, _, listed = PAGES["docs/architecture.md"].partition("Values are converted wherever")
+    listed = listed.partition("## One place each")[0]
+    factors = re.compile(r"^from gantrysim\.(?:machine\.axis|design\.mjcf) import .*\b(?:PER_SI|M)\b", re.MULTILINE)
+    using = [file for file in PACKAGE.rglob("*.py") if factors.search(file.read_text(encoding="utf-8"))]
+    assert len(using) > 5
+    for file in using:
+        assert f"`{file.name}`" in listed or any(
+            f"{place.relative_to(PACKAGE).as_posix()}{end}`" in listed
+            for place, end in ((file, ""), (file.parent, "/"))
+        ), file
 
 
 CONTROLLER = '''"""A straight line."""
