@@ -14,7 +14,6 @@ def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
     """Register the environments by name, in whichever order the two packages are imported."""
     own = {
         "SpiralTuning-v0": "SpiralTuning",
-        "SpiralTuning-v1": "GainSchedule",
         "GainBandit-v0": "GainBandit",
         "BeadWidth-v1": "BeadWidth",
         "SpeedOverride-v1": "SpeedOverride",

@@ -22,6 +22,12 @@ from gantrysim.env.baselines import CLASSICAL
 DOCS = Path(__file__).parents[1] / "docs"
 ROWS, PAGE = DOCS / "learning.csv", DOCS / "learning.md"
 BEGIN, END = "<!-- table of scripts/adapting.py -->\n", "<!-- end of the table -->"
+IDS = {
+    "BeadWidth": "gantrysim/BeadWidth-v1",
+    "SpeedOverride": "gantrysim/SpeedOverride-v1",
+    "ServoTorque": "gantrysim/ServoTorque-v1",
+    "SpiralTuning": "gantrysim/SpiralTuning-v0",
+}
 FIGURES = {
     "BeadWidth": ("episode_width_rms", 100, "width error, rms [%]"),
     "SpeedOverride": ("episode_time_ratio", 100, "time [% of nominal]"),
@@ -47,7 +53,7 @@ TRAINING, UNSEEN = range(40), range(10_000, 10_100)  # seeds of episodes
 
 def evaluated(task, policy, seeds, **settings):
     """Return the means over episodes of return, without what progress pays, figure, cost and faults."""
-    env = gymnasium.make(f"gantrysim/{task}-v1", **settings)
+    env = gymnasium.make(IDS[task], **settings)
     results = []
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
@@ -72,7 +78,7 @@ def write(task, policy, seed, decisions, values):
 
 def fixed(task, value=None):
     """Return a policy that does not adapt, and settings: the derived one, or one with a constant value."""
-    env = gymnasium.make(f"gantrysim/{task}-v1").unwrapped
+    env = gymnasium.make(IDS[task]).unwrapped
     still = np.zeros(env.action_space.shape, np.float32)
     if task == "SpiralTuning":
         return lambda _: still, {"start": (1.0,) * 4 if value is None else tuple(map(float, value))}
@@ -86,14 +92,14 @@ def measured(task, seeds, value=None):
 
 def best_gains(task, sets=100, runs=120):
     """Return the factors on the four gains that lose least: random sets on some episodes, then Nelder-Mead on all."""
-    settings = gymnasium.make(f"gantrysim/{task}-v1").unwrapped.settings
+    settings = gymnasium.make(IDS[task]).unwrapped.settings
     most, random = settings.gain_range, np.random.default_rng(0)
 
     def factors(logs):
         return tuple(np.clip(np.exp(logs), 1 / most, most).tolist())
 
     def loss(logs, seeds=TRAINING):
-        envs = gymnasium.make_vec(f"gantrysim/{task}-v1", num_envs=len(seeds), threads=1, start=factors(logs))
+        envs = gymnasium.make_vec(IDS[task], num_envs=len(seeds), threads=1, start=factors(logs))
         envs.reset(seed=list(seeds))
         total, running = 0.0, np.ones(len(seeds), bool)
         while running.any():
@@ -123,7 +129,7 @@ def constant(task):
 
 
 def classical(task):
-    env = gymnasium.make(f"gantrysim/{task}-v1").unwrapped
+    env = gymnasium.make(IDS[task]).unwrapped
     best = max(GAINS[task], key=lambda gain: evaluated(task, CLASSICAL[task](env, gain), TRAINING)[0])
     write(task, f"classical, parameter {best:.3g}", "", 0, evaluated(task, CLASSICAL[task](env, best), UNSEEN))
 
@@ -134,7 +140,7 @@ def learnt(task, name, seed, steps):
 
     torch.set_num_threads(1)
     algorithm = getattr(stable_baselines3, name.upper())
-    agent = algorithm("MlpPolicy", f"gantrysim/{task}-v1", seed=seed, device="cpu")
+    agent = algorithm("MlpPolicy", IDS[task], seed=seed, device="cpu")
     agent.learn(steps)
     values = evaluated(task, lambda observation: agent.predict(observation, deterministic=True)[0], UNSEEN)
     write(task, name.upper(), seed, agent.num_timesteps, values)
@@ -155,7 +161,7 @@ def with_table(page, rows):
             COSTS.get(task, "out of tolerance"),
             "faults",
         ]
-        lines += [f"| {task}-v1 | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
+        lines += [f"| {IDS[task].removeprefix('gantrysim/')} | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
         for row in own:
             saved, outside = 1 + float(row["return"]) / base, float(row["cost"])
             cells = [

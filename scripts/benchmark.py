@@ -46,6 +46,7 @@ DECISIONS = 20  # in every environment, at a time
 FILM = (640, 585)  # a picture of 640 x 480 and the panel
 FRAMES = 4  # at a time
 SWING = 400  # steps with one direction of the torque
+ENV, INTERVAL = "gantrysim/GainBandit-v0", 0.1  # environment, and its time between decisions [s]
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
 
 
@@ -164,7 +165,7 @@ def analysis(rounds: int) -> float:
 
 def vector_env(rounds: int) -> float:
     """64 environments, resets and all, over bare mujoco.batch of the same stepped model in motion, on all threads."""
-    envs = gymnasium.make_vec("gantrysim/SpiralTuning-v0", num_envs=SIDE_BY_SIDE)
+    envs = gymnasium.make_vec(ENV, num_envs=SIDE_BY_SIDE, decision_interval=INTERVAL)
     envs.reset(seed=0)
     envs.action_space.seed(0)
     machine = Machine("xy")
@@ -196,8 +197,7 @@ def vector_env(rounds: int) -> float:
 def scalar_env(rounds: int) -> float:
     """scalar environment over Gymnasium's InvertedPendulum-v5, physics steps per second of random episodes."""
 
-    def episodes(name: str, frame_skip: int, scale: float, decisions: int) -> Callable[[], int]:
-        env = gymnasium.make(name)
+    def episodes(env: gymnasium.Env, frame_skip: int, scale: float, decisions: int) -> Callable[[], int]:
         env.reset(seed=0)
         env.action_space.seed(0)
 
@@ -210,9 +210,10 @@ def scalar_env(rounds: int) -> float:
 
         return run
 
-    frame_skip = round(0.1 / Machine("xy").model.opt.timestep)
-    pendulum = episodes("InvertedPendulum-v5", 2, 1.0, 5000)
-    return ratio(pendulum, episodes("gantrysim/SpiralTuning-v0", frame_skip, NEAR, 200), rounds)
+    frame_skip = round(INTERVAL / Machine("xy").model.opt.timestep)
+    pendulum = episodes(gymnasium.make("InvertedPendulum-v5"), 2, 1.0, 5000)
+    ours = episodes(gymnasium.make(ENV, decision_interval=INTERVAL), frame_skip, NEAR, 200)
+    return ratio(pendulum, ours, rounds)
 
 
 def filmed(begin: float, end: float) -> tuple[Film, Callable[[], None]]:

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from gantrysim.env.friction import ChangingFriction
-from gantrysim.env.gains import GainBatch
+from gantrysim.env.gain_bandit import GainBatch
 from gantrysim.env.settings import Settings
 
 SPIRALS = {"diameter": (36.0, 60.0), "turns": (1, 2), "thickness": (6.0, 9.0), "speed": (40.0, 100.0)}

@@ -22,7 +22,8 @@ from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.stability.margins import Plant
 from gantrysim.tuning import TuningStudy
 
-ID = "gantrysim/SpiralTuning-v0"
+ID = "gantrysim/GainBandit-v0"
+INTERVAL = 0.1  # between decisions [s]
 DETUNE = 10.0  # divisor of the job's gains
 GAIN_RANGE = 100.0  # largest factor by which the agent raises or lowers a gain
 ENVS, SEED = 64, 1
@@ -39,7 +40,7 @@ arguments = parser.parse_args()
 job = Job.load(arguments.job)
 lower = {f"servo.{name}": [gain / DETUNE for gain in getattr(job.built_servo, name)] for name in SCALED}
 low = job.changed({**lower, "simulation.allow_unstable": True})  # with an integral term only friction holds it
-settings = {"job": job, "detune": DETUNE, "gain_range": GAIN_RANGE, "spread": None}
+settings = {"job": job, "detune": DETUNE, "gain_range": GAIN_RANGE, "spread": None, "decision_interval": INTERVAL}
 runs = {f"job, gains / {DETUNE:g}": (low.run(), [low.built_servo], ""), "job": (job.run(), [job.built_servo], "")}
 console = Console()
 

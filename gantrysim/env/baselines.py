@@ -16,7 +16,7 @@ from gantrysim.env.inertia import MOST
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.servo_torque import ServoTorqueEnv
 from gantrysim.env.speed_override import SpeedOverrideEnv
-from gantrysim.env.spiral_tuning import GainScheduleEnv
+from gantrysim.env.spiral_tuning import SpiralTuningEnv
 from gantrysim.machine.perturbation import Perturbation
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -84,7 +84,7 @@ def friction_compensation(env: ServoTorqueEnv, share: float) -> Policy:
     return policy
 
 
-def gain_schedule(env: GainScheduleEnv, caution: float) -> Policy:
+def gain_schedule(env: SpiralTuningEnv, caution: float) -> Policy:
     """Return the gains for the payload that the fitted inertia tells of.
 
     kp, with ki, and kd are those of the largest kp that keeps |S| <= 2 on the nominal machine with this payload;

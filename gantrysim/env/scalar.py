@@ -1,4 +1,4 @@
-"""The Gymnasium environments of the first version, and what all environments share: one episode at a time."""
+"""What all environments share: one episode at a time."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from gantrysim.base.errors import GantryError, InputError, unknown
 from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
-from gantrysim.env.gains import GainBatch
-from gantrysim.env.settings import PathSettings, Settings
+from gantrysim.env.settings import PathSettings
 from gantrysim.env.spec import with_bound
 from gantrysim.record.run import Run
 
@@ -156,94 +155,3 @@ def chosen_in(options: dict[str, Any]) -> Chosen | None:
         if not isinstance(value, dict):
             raise InputError(f"option {name} = {value!r}: must be a dict of names and values")
     return Chosen(*(options.get(name, {}) for name in OPTIONS)) if options else None
-
-
-class SpiralTuningEnv(PathEnv):
-    """Tune the servo while the nozzle follows a path.
-
-    An episode is one spiral, with fixed or random diameter, turns, thickness and speed, or the path of a job. Its
-    machine is drawn from tolerances. All random values follow from the seed of `reset`. At each decision the agent sets
-    gains, which hold until the next.
-
-    Action: kp, kd, velocity_ff and acceleration_ff, each from -1 to 1, common to all axes or, with `per_axis`, one per
-    axis. An action a sets a gain to nominal gain / detune * gain_range^a, where the nominal gain is derived, or that of
-    the job. ki changes with kp, so the integral time kp / ki stays.
-
-    Observation, for a machine with the axes x and y and common gains. Measured values are those of the last interval,
-    and nothing is measured before the first. For a rotary axis the tolerance counts in degrees.
-
-    =====  ====================  =========  ===================  ====================================================
-    index  name                  range      unit                 meaning
-    =====  ====================  =========  ===================  ====================================================
-    0      tracking_rms_x        -3 to 3    log10 of tolerances  RMS following error of x
-    1      tracking_max_x        -3 to 3    log10 of tolerances  largest following error of x
-    2      tracking_mean_x       -10 to 10  tolerances           mean following error of x, signed
-    3      tracking_rms_y        -3 to 3    log10 of tolerances  RMS following error of y
-    4      tracking_max_y        -3 to 3    log10 of tolerances  largest following error of y
-    5      tracking_mean_y       -10 to 10  tolerances           mean following error of y, signed
-    6      contour_rms           -3 to 3    log10 of tolerances  RMS contour error while dispensing
-    7      contour_max           -3 to 3    log10 of tolerances  largest contour error while dispensing
-    8      contour_mean          -10 to 10  tolerances           mean contour error, positive to the left of the path
-    9      speed                 0 to 10    100 mm/s             path speed of the nozzle
-    10     curvature             -10 to 10  0.1/mm               path curvature at the nozzle, positive to the left
-    11     cos_heading           -1 to 1    1                    path direction at the nozzle, from +x
-    12     sin_heading           -1 to 1    1                    path direction at the nozzle, from +x
-    13     torque_x              0 to 1     peak torques         largest torque demand of x
-    14     ripple_x              -3 to 3    log10 of limits      torque ripple of x
-    15     torque_y              0 to 1     peak torques         largest torque demand of y
-    16     ripple_y              -3 to 3    log10 of limits      torque ripple of y
-    17     gain_kp               -1 to 1    1                    action that sets kp
-    18     gain_kd               -1 to 1    1                    action that sets kd
-    19     gain_velocity_ff      -1 to 1    1                    action that sets velocity_ff
-    20     gain_acceleration_ff  -1 to 1    1                    action that sets acceleration_ff
-    21     progress              0 to 1     1                    share of the setpoints sent
-    =====  ====================  =========  ===================  ====================================================
-
-    Reward: the sum of three terms, which `info` holds too.
-
-    ==============  =========================================================================================
-    term            value
-    ==============  =========================================================================================
-    reward_contour  -min(log(1 + contour_rms / tolerance), 6), while dispensing
-    reward_ripple   -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the largest ripple
-    reward_fault    -12 for the interval of a fault and for each interval that the fault prevents
-    ==============  =========================================================================================
-
-    An interval without a fault costs at most 10, so a fault never pays. Stability affects the reward only through the
-    ripple; `info["cost"]` tells how far the gains are beyond the tuner's limit |S| = 2 on the nominal machine: 0 up to
-    2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
-    (`gantrysim.env.sensitivity.SensitivityTable`).
-
-    `info` also holds contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, the torque ripple
-    while dispensing as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, a text or
-    None; and at the end of an episode episode_contour_rms and episode_contour_max [mm], 0 without dispensing. The
-    `info` of `reset` holds the values drawn for the path and the machine. Its options "spiral" and "machine" are dicts
-    with some of these values, which replace those drawn.
-
-    A fault terminates the episode; the end of the setpoints truncates it.
-
-    Args:
-        render_mode: None or "rgb_array".
-        size: width and height of the pictures [pixels].
-        settings: the fields of `Settings`.
-
-    Raises:
-        InputError: a setting out of bounds.
-    """
-
-    settings_type = Settings
-
-    @staticmethod
-    def batch(settings: Settings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
-        return GainBatch(settings, places, threads, ahead)
-
-
-class GainBanditEnv(SpiralTuningEnv):
-    """One decision per episode: constant gains for the whole path, for black-box optimisers.
-
-    Everything else is as in `SpiralTuningEnv`; the decision interval is the episode. The end of the setpoints
-    terminates the episode, as a fault does; `info["fault"]` distinguishes them.
-    """
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**{**settings, "decision_interval": math.inf})

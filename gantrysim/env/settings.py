@@ -124,7 +124,7 @@ class PathSettings(BaseModel):
 
 
 class Settings(PathSettings):
-    """Settings of the environments in which an agent tunes gains: those of `PathSettings`, and of action and reward.
+    """Settings of `GainBanditEnv`: those of `PathSettings`, and of action and reward; by default one decision.
 
     Attributes:
         gain_range: largest factor by which the agent raises or lowers a gain.
@@ -132,11 +132,11 @@ class Settings(PathSettings):
         per_axis: whether every axis has its own gains.
         ripple_limit: largest torque ripple without a penalty, as a share of the drive's peak torque.
 
-
     Raises:
         InputError: a value out of bounds.
     """
 
+    decision_interval: float = math.inf
     gain_range: float = 10.0
     detune: float = 1.0
     per_axis: bool = False

@@ -1,4 +1,4 @@
-"""SpiralTuning-v1: gains for a payload that differs from episode to episode and changes within one."""
+"""SpiralTuning-v0: gains for a payload that differs from episode to episode and changes within one."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ _SPEED_OF = {"speed": "path speed of the nozzle"}
 FourGains = tuple[float, float, float, float]
 
 
-class GainScheduleSettings(PathSettings):
-    """Settings of `GainScheduleEnv`: those of `PathSettings`, and of action and reward.
+class SpiralTuningSettings(PathSettings):
+    """Settings of `SpiralTuningEnv`: those of `PathSettings`, and of action and reward.
 
     Attributes:
         start: factors on the nominal kp, kd, velocity_ff and acceleration_ff at the start of an episode.
@@ -81,14 +81,14 @@ class GainScheduleSettings(PathSettings):
         positive("memory", self.memory, "s")
 
 
-class GainScheduleBatch(EpisodeBatch):
+class SpiralTuningBatch(EpisodeBatch):
     """Places in which episodes run whose gains the agent changes; arguments as of `EpisodeBatch`."""
 
-    settings: GainScheduleSettings
+    settings: SpiralTuningSettings
     source: ChangingPayload
     kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_log", "_sums", "_error", "_next", "_costs", "_payload")
 
-    def __init__(self, settings: GainScheduleSettings, places: int, threads: int | None, ahead: bool) -> None:
+    def __init__(self, settings: SpiralTuningSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, ChangingPayload(settings))
         axes, servo = self.source.machine.axes, self.source.servo
         self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
@@ -232,7 +232,7 @@ class GainScheduleBatch(EpisodeBatch):
         )
 
 
-class GainScheduleEnv(PathEnv):
+class SpiralTuningEnv(PathEnv):
     """Tune the servo while the nozzle follows a path with a payload that differs and changes.
 
     An episode is a fast and small spiral, or the path of a job, on a machine drawn from tolerances. It carries a tool,
@@ -244,7 +244,7 @@ class GainScheduleEnv(PathEnv):
     `step`, for all axes alike. ki changes with kp. A gain stays between 1 / `gain_range` and `gain_range` times the
     nominal one.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.spiral_tuning.GainScheduleBatch`:
+    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.spiral_tuning.SpiralTuningBatch`:
     for each axis the mean following error of the last interval and its change, the velocity and the acceleration
     demanded until the next decision, and the inertia over the nominal one, fitted to the servo's torque demands
     (`gantrysim.env.inertia.fit`); that of all axes together; the present gains; path speed, curvature here and ahead,
@@ -270,15 +270,15 @@ class GainScheduleEnv(PathEnv):
     A fault terminates the episode; the end of the setpoints truncates it.
     """
 
-    settings_type = GainScheduleSettings
-    settings: GainScheduleSettings
+    settings_type = SpiralTuningSettings
+    settings: SpiralTuningSettings
 
     @staticmethod
-    def batch(settings: GainScheduleSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
-        return GainScheduleBatch(settings, places, threads, ahead)
+    def batch(settings: SpiralTuningSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return SpiralTuningBatch(settings, places, threads, ahead)
 
 
-class GainScheduleVectorEnv(PathVectorEnv):
-    """Several `GainScheduleEnv` in one."""
+class SpiralTuningVectorEnv(PathVectorEnv):
+    """Several `SpiralTuningEnv` in one."""
 
-    single = GainScheduleEnv
+    single = SpiralTuningEnv

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -19,7 +18,7 @@ from gantrysim.base.errors import GantryError, InputError, unknown, whole
 from gantrysim.env.episode_batch import EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
-from gantrysim.env.scalar import OPTIONS, PathEnv, SpiralTuningEnv, chosen_in
+from gantrysim.env.scalar import OPTIONS, PathEnv, chosen_in
 from gantrysim.env.spec import with_bound
 from gantrysim.record.run import Run
 
@@ -242,19 +241,6 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
     @spec.setter
     def spec(self, value: EnvSpec | None) -> None:
         self._spec = None if value is None else with_bound(value, self._episodes.longest)
-
-
-class SpiralTuningVectorEnv(PathVectorEnv):
-    """Several `SpiralTuningEnv` in one."""
-
-    single = SpiralTuningEnv
-
-
-class GainBanditVectorEnv(SpiralTuningVectorEnv):
-    """Several `GainBanditEnv` in one; arguments as for `SpiralTuningVectorEnv`, but for the decision interval."""
-
-    def __init__(self, num_envs: int = 1, **settings: Any) -> None:
-        super().__init__(num_envs, **{**settings, "decision_interval": math.inf})
 
 
 def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:

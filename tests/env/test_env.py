@@ -17,12 +17,14 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Job, simulate
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.started import Started
-from gantrysim.env import GainBanditEnv, Settings, SpiralTuningEnv, SpiralTuningVectorEnv
+from gantrysim.env import GainBanditEnv, GainBanditVectorEnv, Settings
 from gantrysim.env.episodes import TUNED_GAINS
 from gantrysim.env.observation import entries
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
+
+from support.episodes import stepwise, stepwise_vector
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
 FAULTY = np.array([1, -1, 0, 0], np.float32)  # high stiffness, low damping
@@ -45,19 +47,19 @@ def whole_episode(env, action=None, seed=1):
 
 @pytest.fixture
 def env():
-    made = SpiralTuningEnv(**SHORT)
+    made = stepwise(**SHORT)
     yield made
     made.close()
 
 
 def test_all_numbers_of_turns_between_the_bounds_are_drawn():
-    env = SpiralTuningEnv(**{**SHORT, "turns": (1, 2), "diameter": 60.0})
+    env = stepwise(**{**SHORT, "turns": (1, 2), "diameter": 60.0})
     env.reset(seed=1)
     assert {env.reset()[1]["turns"] for _ in range(20)} == {1, 2}
 
 
 def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
-    env = SpiralTuningEnv(**SHORT, gain_range=4.0)
+    env = stepwise(**SHORT, gain_range=4.0)
     action = np.array([0.5, 0.25, -0.5, 1.0])
     (_, _, terminated, truncated, _), _ = whole_episode(env, action)
     assert (terminated, truncated) == (False, True)
@@ -72,6 +74,16 @@ def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
     run = simulate(simulation.machine, servo, simulation.setpoints, dispenser=simulation.dispenser)
     for name in ("encoder", "nozzle", "demand", "motor", "flow"):
         assert np.array_equal(getattr(env.run, name), getattr(run, name)), name
+
+
+def test_a_bandit_with_a_decision_interval_decides_several_times_in_the_same_run():
+    once = GainBanditEnv(**SHORT)
+    often = GainBanditEnv(**SHORT, decision_interval=0.1)
+    for env, decided_once in ((once, True), (often, False)):
+        (_, _, terminated, truncated, _), infos = whole_episode(env, np.array([0.3, 0.1, -0.2, 0.4]))
+        assert (terminated, truncated) == (decided_once, not decided_once)
+        assert len(infos) == (1 if decided_once else math.ceil(len(env.run.time) / 100))
+    assert np.array_equal(often.run.demand, once.run.demand)
 
 
 def test_gains_hold_until_the_next_decision(env):
@@ -171,7 +183,7 @@ def test_the_reward_is_the_sum_of_its_terms_in_closed_form(env):
 
 def test_a_fault_costs_more_than_the_worst_episode_without_one():
     settings = dict(SHORT, spread=None)
-    env = SpiralTuningEnv(**settings, detune=10.0, gain_range=100.0)
+    env = stepwise(**settings, detune=10.0, gain_range=100.0)
     env.reset(seed=1)
     worst = 0.0
     over = False
@@ -204,7 +216,7 @@ def test_an_episode_that_is_over_must_be_reset(env):
 
 
 def test_episodes_after_a_seed_are_repeatable_and_differ():
-    env = SpiralTuningEnv()
+    env = stepwise()
     first = [env.reset(seed=5)[1], env.reset()[1], env.reset()[1]]
     second = [env.reset(seed=5)[1], env.reset()[1], env.reset()[1]]
     assert first == second
@@ -214,7 +226,7 @@ def test_episodes_after_a_seed_are_repeatable_and_differ():
 
 
 def test_a_fixed_spiral_still_draws_its_machine(env):
-    nominal = SpiralTuningEnv(**SHORT, spread=None)
+    nominal = stepwise(**SHORT, spread=None)
     runs = []
     for one in (env, env, nominal, nominal):
         one.reset(seed=None if runs else 7)
@@ -242,7 +254,7 @@ ENVS = {}
 def _room(thickness):
     key = round(thickness)
     if key not in ENVS:
-        ENVS[key] = SpiralTuningEnv(diameter=(48, 140), turns=(1, 9), thickness=(3, key), speed=80.0, spread=None)
+        ENVS[key] = stepwise(diameter=(48, 140), turns=(1, 9), thickness=(3, key), speed=80.0, spread=None)
     return ENVS[key]
 
 
@@ -272,7 +284,7 @@ def test_every_kind_of_machine_and_path_has_its_contour_error(name):
 
 
 def test_an_action_of_zero_gives_the_detuned_gains():
-    plain, detuned = (SpiralTuningEnv(**SHORT, spread=None, detune=d, gain_range=10.0) for d in (1.0, 10.0))
+    plain, detuned = (stepwise(**SHORT, spread=None, detune=d, gain_range=10.0) for d in (1.0, 10.0))
     for env, action in ((plain, -np.ones(4)), (detuned, np.zeros(4))):
         env.reset(seed=1)
         env.step(action)
@@ -280,7 +292,7 @@ def test_an_action_of_zero_gives_the_detuned_gains():
 
 
 def test_every_axis_can_have_gains_of_its_own():
-    shared, own = (SpiralTuningEnv(**SHORT, spread=None, per_axis=p) for p in (False, True))
+    shared, own = (stepwise(**SHORT, spread=None, per_axis=p) for p in (False, True))
     assert own.action_space.shape == (8,)
     for env, action in ((shared, [0.2, 0.1, 0, 0]), (own, [0.2, 0.2, 0.1, 0.1, 0, 0, 0, 0])):
         env.reset(seed=1)
@@ -355,7 +367,7 @@ def test_invalid_actions_are_rejected(env, action, text):
         ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
     ],
 )
-@pytest.mark.parametrize("kind", [SpiralTuningEnv, SpiralTuningVectorEnv])
+@pytest.mark.parametrize("kind", [GainBanditEnv, GainBanditVectorEnv])
 def test_settings_out_of_bounds_are_rejected(kind, change, text):
     with pytest.raises(InputError) as refused:
         kind(**change)
@@ -363,7 +375,7 @@ def test_settings_out_of_bounds_are_rejected(kind, change, text):
 
 
 def test_the_docstring_lists_the_observation():
-    rows = re.findall(r"^ +(\d+) +(\w+) +(\S+) to (\S+)  +(.+?)  +(.+)$", SpiralTuningEnv.__doc__, re.MULTILINE)
+    rows = re.findall(r"^ +(\d+) +(\w+) +(\S+) to (\S+)  +(.+?)  +(.+)$", GainBanditEnv.__doc__, re.MULTILINE)
     listed = [(name, float(low), float(high), unit, meaning) for _, name, low, high, unit, meaning in rows]
     assert listed == [tuple(entry) for entry in entries(("x", "y"), per_axis=False)]
     assert [int(row[0]) for row in rows] == list(range(len(rows)))
@@ -383,7 +395,7 @@ def test_the_settings_are_those_that_the_docstring_lists():
 
 
 def test_wider_tolerances_change_the_machine(env):
-    wide = SpiralTuningEnv(**SHORT, spread=Tolerances(payload=3.0))
+    wide = stepwise(**SHORT, spread=Tolerances(payload=3.0))
     for one in (env, wide):
         one.reset(seed=1)
         one.step(np.zeros(4))
@@ -404,15 +416,15 @@ def test_a_job_object_can_be_pickled_and_copied_by_gymnasium():
 
 @pytest.mark.parametrize("seed", [5, np.int64(5), [5, 6, 7], np.array([5, 6, 7])])
 def test_seeds_are_one_or_one_for_each_environment(seed):
-    vector = SpiralTuningVectorEnv(3, spread=None)
+    vector = stepwise_vector(3, spread=None)
     _, drawn = vector.reset(seed=seed)
     for place in range(3):
-        alone = SpiralTuningEnv(spread=None)
+        alone = stepwise(spread=None)
         assert alone.reset(seed=5 + place)[1]["diameter"] == drawn["diameter"][place]
 
 
 def test_seeds_and_masks_of_wrong_size_are_rejected():
-    vector = SpiralTuningVectorEnv(3)
+    vector = stepwise_vector(3)
     with pytest.raises(InputError, match="2 seeds: must be one, or 3, one for each environment"):
         vector.reset(seed=[1, 2])
     for mask in (np.zeros(3, bool), np.ones(2, bool), np.ones(3)):
@@ -423,7 +435,7 @@ def test_seeds_and_masks_of_wrong_size_are_rejected():
 
 
 def test_without_autoreset_a_finished_episode_must_be_reset():
-    vector = SpiralTuningVectorEnv(3, **SHORT, decision_interval=1.0, autoreset_mode="Disabled")
+    vector = stepwise_vector(3, **SHORT, decision_interval=1.0, autoreset_mode="Disabled")
     vector.reset(seed=1)
     over = np.zeros(3, bool)
     while not over.any():
@@ -450,7 +462,7 @@ def test_an_interval_costs_less_than_a_fault():
     """The worst case: an axis at rest without a following error limit, at a tiny tolerance."""
     gains = {"kp": [0.0, 0.7], "kd": [0.0, 0.008], "velocity_ff": [0.0, 0.0], "acceleration_ff": [0.0, 0.0]}
     servo = {**gains, "following_error_limit": 1e9}
-    env = SpiralTuningEnv(**SHORT, tolerance=1e-9, servo=servo, ripple_limit=1e-30)
+    env = stepwise(**SHORT, tolerance=1e-9, servo=servo, ripple_limit=1e-30)
     env.reset(seed=1)
     for _ in range(3):
         _, reward, terminated, _, info = env.step(np.zeros(4))
@@ -469,7 +481,7 @@ def test_a_fault_before_dispensing_leaves_the_contour_error_0():
 
 
 def test_nothing_is_stepped_after_the_end():
-    env = SpiralTuningEnv(**SHORT, decision_interval=1e9)
+    env = stepwise(**SHORT, decision_interval=1e9)
     env.reset(seed=1)
     *_, truncated, _ = env.step(np.zeros(4))
     assert truncated
@@ -488,19 +500,19 @@ def test_unknown_options_of_reset_are_rejected(env):
     with pytest.raises(InputError, match="unknown option 'diameter': known: machine, spiral, task"):
         env.reset(options={"diameter": 100})
     with pytest.raises(InputError, match="unknown option 'mask'"):
-        SpiralTuningVectorEnv(2).reset(options={"mask": np.ones(2, bool)})
+        stepwise_vector(2).reset(options={"mask": np.ones(2, bool)})
 
 
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_a_copy_is_a_new_environment_with_the_same_settings(again):
-    for env in (SpiralTuningEnv(**SHORT), GainBanditEnv(**SHORT), SpiralTuningVectorEnv(2, **SHORT, threads=1)):
+    for env in (stepwise(**SHORT), GainBanditEnv(**SHORT), stepwise_vector(2, **SHORT, threads=1)):
         other = again(env)
         assert other.settings == env.settings
         assert other._episodes is not env._episodes
         assert np.array_equal(env.reset(seed=3)[0], other.reset(seed=3)[0])
 
 
-@pytest.mark.parametrize("kind", [SpiralTuningEnv, SpiralTuningVectorEnv])
+@pytest.mark.parametrize("kind", [GainBanditEnv, GainBanditVectorEnv])
 def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
     env = kind(**SHORT)
     env.reset(seed=1)
@@ -517,7 +529,7 @@ def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
     fleet = env._episodes._batch
     row = fleet.runs[0].row
     assert row["log"] == fleet._loaded[0].log.tick.ctypes.data  # what the armed row writes to is kept alive
-    if kind is SpiralTuningEnv:
+    if kind is GainBanditEnv:
         with pytest.raises(ResetNeeded):
             env.step(np.zeros(4))
     else:
@@ -527,4 +539,4 @@ def test_an_interrupted_reset_requires_another_reset(kind, monkeypatch):
 
 def test_an_environment_refuses_a_law_that_learns_over_whole_runs():
     with pytest.raises(InputError, match=r"^environment: servo law = pid, learning: leave out learning"):
-        SpiralTuningEnv(job=Job.load("an225", ['servo.law=["pid", "learning"]']))
+        stepwise(job=Job.load("an225", ['servo.law=["pid", "learning"]']))

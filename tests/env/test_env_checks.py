@@ -64,7 +64,7 @@ def test_stable_baselines_checker_passes(name):
 
 
 def test_a_checkers_warning_fails_the_test():
-    class Boundless(gantrysim.env.SpiralTuningEnv):
+    class Boundless(gantrysim.env.GainBanditEnv):
         def __init__(self):
             super().__init__(**SHORT)
             self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, self.observation_space.shape, np.float32)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.env import BeadWidthEnv, GainScheduleEnv, ServoTorqueEnv, SpeedOverrideEnv
+from gantrysim.env import BeadWidthEnv, ServoTorqueEnv, SpeedOverrideEnv, SpiralTuningEnv
 
 from support.episodes import seen
 
@@ -45,7 +45,7 @@ def stepped(env, count):
 @pytest.mark.parametrize(
     "build",
     [
-        lambda: GainScheduleEnv(**SPIRAL, speed=200.0),
+        lambda: SpiralTuningEnv(**SPIRAL, speed=200.0),
         lambda: BeadWidthEnv(**SPIRAL, speed=60.0, decision_interval=0.05),
         lambda: SpeedOverrideEnv(**SPIRAL),
     ],
@@ -68,7 +68,7 @@ def test_what_lies_ahead_is_that_of_the_involute(build):
 
 
 def test_the_gain_schedule_observes_the_last_interval_and_the_next_demand():
-    env, ticks, period = GainScheduleEnv(**SPIRAL, speed=200.0), 20, 1e-3
+    env, ticks, period = SpiralTuningEnv(**SPIRAL, speed=200.0), 20, 1e-3
     values = stepped(env, 14)[-1]
     run, simulation = env.run, env._episodes.episodes[0].simulation
     errors = (run.commanded - run.encoder)[-2 * ticks :].reshape(2, ticks, 2).mean(axis=1)
@@ -112,7 +112,7 @@ def test_the_servo_torque_observes_the_last_interval_and_the_next_demand():
     assert values["progress"] == pytest.approx(sent / len(simulation.position), rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", [GainScheduleEnv, ServoTorqueEnv, BeadWidthEnv, SpeedOverrideEnv])
+@pytest.mark.parametrize("kind", [SpiralTuningEnv, ServoTorqueEnv, BeadWidthEnv, SpeedOverrideEnv])
 def test_a_new_episode_has_measured_nothing_whatever_was_before(kind):
     env = kind(**SPIRAL)
     first = env.reset(seed=2)[0]
@@ -128,7 +128,7 @@ def test_a_new_episode_has_measured_nothing_whatever_was_before(kind):
 
 
 def test_values_of_an_episode_do_not_depend_on_those_before():
-    env, fresh = GainScheduleEnv(**SPIRAL), GainScheduleEnv(**SPIRAL)
+    env, fresh = SpiralTuningEnv(**SPIRAL), SpiralTuningEnv(**SPIRAL)
     hold = np.zeros(4, np.float32)
     env.reset(seed=4)
     for _ in range(9):

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gantrysim.env import SpiralTuningEnv
+from support.episodes import stepwise
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
 DASHES = """
@@ -23,7 +23,7 @@ area = 1.0
 
 
 def test_pictures_show_the_machine_and_the_bead_laid_so_far():
-    env = SpiralTuningEnv(**SHORT, render_mode="rgb_array", size=(640, 480))
+    env = stepwise(**SHORT, render_mode="rgb_array", size=(640, 480))
     env.reset(seed=1)
     first = env.render()
     glue = []
@@ -41,12 +41,12 @@ def test_pictures_show_the_machine_and_the_bead_laid_so_far():
     env.reset(seed=1)
     assert np.array_equal(env.render(), first)  # one renderer for all episodes, without the last one's bead
     env.close()
-    assert SpiralTuningEnv(**SHORT).render() is None
+    assert stepwise(**SHORT).render() is None
 
 
 def test_pictures_show_the_running_episode():
     pictures = []
-    one, other = (SpiralTuningEnv(diameter=(60.0, 140.0), render_mode="rgb_array") for _ in range(2))
+    one, other = (stepwise(diameter=(60.0, 140.0), render_mode="rgb_array") for _ in range(2))
     for env, seed in ((one, 1), (one, 2), (other, 2)):
         env.reset(seed=seed)
         for _ in range(8):
@@ -61,7 +61,7 @@ def test_pictures_show_the_running_episode():
 def test_all_beads_of_an_interrupted_path_are_drawn(tmp_path):
     moves = (f"Move G1 {{{10 * k}, 0}} Dispense={k % 2}" for k in range(1, 14))
     (tmp_path / "dashes.toml").write_text(DASHES.format(moves="\n".join(moves)))
-    env = SpiralTuningEnv(job=str(tmp_path / "dashes.toml"), render_mode="rgb_array", size=(320, 240))
+    env = stepwise(job=str(tmp_path / "dashes.toml"), render_mode="rgb_array", size=(320, 240))
     env.reset(seed=0)
     step = partial(env.step, np.zeros(env.action_space.shape, np.float32))
     step(), env.render()
@@ -77,7 +77,7 @@ def test_all_beads_of_an_interrupted_path_are_drawn(tmp_path):
 
 
 def test_the_first_picture_of_a_climbing_job_has_the_whole_work_piece():
-    env = SpiralTuningEnv(job="an225-3d", render_mode="rgb_array", size=(320, 240))
+    env = stepwise(job="an225-3d", render_mode="rgb_array", size=(320, 240))
     env.reset(seed=0)
     for _ in range(3):
         env.step(np.zeros(env.action_space.shape, np.float32))

@@ -9,10 +9,10 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from gantrysim import GantryError, InputError, Job
-from gantrysim.env import GainBanditEnv, SpiralTuningEnv, SpiralTuningVectorEnv
+from gantrysim.env import GainBanditEnv
 from gantrysim.machine.tolerances import Tolerances
 
-from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of
+from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, stepwise, stepwise_vector
 
 COPIES = [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
@@ -43,7 +43,7 @@ def assert_same(one, other):
     "settings", [SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}, LAWS, OWN]
 )
 def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
-    env = SpiralTuningEnv(**settings)
+    env = stepwise(**settings)
     env.reset(seed=3)
     steps(env, np.random.default_rng(0))
     state = pickle.loads(pickle.dumps(env.save()))
@@ -51,7 +51,7 @@ def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
     after = env.reset()
     seen = env.restore(state)
     steps(env, np.random.default_rng(2))  # another branch, which writes over the log of the first
-    elsewhere = SpiralTuningEnv(**settings)
+    elsewhere = stepwise(**settings)
     assert np.array_equal(elsewhere.restore(state), seen)
     env.restore(state)
     for branched in (env, elsewhere):
@@ -74,7 +74,7 @@ def test_a_copy_in_the_middle_of_an_episode_goes_on_from_there(again):
 
 
 def test_one_state_branches_into_every_place_of_a_vector_environment():
-    env, envs = SpiralTuningEnv(**SHORT), SpiralTuningVectorEnv(3, **SHORT)
+    env, envs = stepwise(**SHORT), stepwise_vector(3, **SHORT)
     env.reset(seed=3)
     steps(env, np.random.default_rng(0))
     state = env.save()
@@ -91,18 +91,18 @@ def test_one_state_branches_into_every_place_of_a_vector_environment():
 
 
 def test_a_state_of_other_settings_or_of_no_episode_is_rejected():
-    env = SpiralTuningEnv(**SHORT)
+    env = stepwise(**SHORT)
     with pytest.raises(GantryError, match="no episode is running that could be saved"):
         env.save()
     with pytest.raises(GantryError, match="no episode is running in environment 0"):
-        SpiralTuningVectorEnv(2).save(0)
+        stepwise_vector(2).save(0)
     env.reset(seed=1)
     with pytest.raises(InputError, match="environment with other settings"):
-        SpiralTuningEnv().restore(env.save())
+        stepwise().restore(env.save())
 
 
 def test_what_was_drawn_can_be_chosen_at_a_reset():
-    env, other = SpiralTuningEnv(**SHORT), SpiralTuningEnv(**SHORT)
+    env, other = stepwise(**SHORT), stepwise(**SHORT)
     _, drawn = env.reset(seed=5)
     spiral = {name: drawn[name] for name in ("diameter", "thickness", "speed", "turns")}
     machine = {name: drawn[name] for name in drawn if name not in spiral}
@@ -113,7 +113,7 @@ def test_what_was_drawn_can_be_chosen_at_a_reset():
 
 
 def test_a_value_chosen_leaves_the_others_drawn():
-    env, envs = SpiralTuningEnv(**SHORT), SpiralTuningVectorEnv(2, **SHORT)
+    env, envs = stepwise(**SHORT), stepwise_vector(2, **SHORT)
     _, drawn = env.reset(seed=5)
     _, info = env.reset(seed=5, options={"machine": {"friction_x": 2.0}, "spiral": {"speed": 42}})
     assert info == {**drawn, "friction_x": 2.0, "speed": 42.0}
@@ -124,7 +124,7 @@ def test_a_value_chosen_leaves_the_others_drawn():
 
 
 def test_a_reset_with_another_seed_takes_nothing_that_was_drawn_ahead():
-    env, envs = SpiralTuningEnv(**SHORT), SpiralTuningVectorEnv(2, **SHORT)
+    env, envs = stepwise(**SHORT), stepwise_vector(2, **SHORT)
     for seed in (1, 2, 1):
         drawn = envs.reset(seed=seed)[1]["diameter"]
         assert drawn[0] == env.reset(seed=seed)[1]["diameter"]
@@ -132,7 +132,7 @@ def test_a_reset_with_another_seed_takes_nothing_that_was_drawn_ahead():
 
 
 def test_a_nominal_machine_can_be_given_values_in_one_environment_alone():
-    envs = SpiralTuningVectorEnv(2, **SHORT, spread=None)
+    envs = stepwise_vector(2, **SHORT, spread=None)
     _, infos = envs.reset(seed=1, options={"machine": [{}, {"payload_kg": 0.2}]})
     assert infos["payload_kg"].tolist() == [0.0, 0.2]
     assert infos["_payload_kg"].tolist() == [False, True]
@@ -151,7 +151,7 @@ def test_a_nominal_machine_can_be_given_values_in_one_environment_alone():
     ],
 )
 def test_a_choice_out_of_bounds_is_rejected(options, text):
-    for env in (SpiralTuningEnv(**SHORT), SpiralTuningVectorEnv(2, **SHORT)):
+    for env in (stepwise(**SHORT), stepwise_vector(2, **SHORT)):
         env.reset(seed=1)
         with pytest.raises(InputError, match=text):
             env.reset(options=options)
@@ -161,7 +161,7 @@ def test_a_job_has_no_spiral_to_choose():
     with pytest.raises(InputError, match="option spiral: the path is that of the job"):
         GainBanditEnv(job="softmc-arc").reset(seed=1, options={"spiral": {"diameter": 50}})
     with pytest.raises(InputError, match="option spiral of 1 dicts: must be one, or 2"):
-        SpiralTuningVectorEnv(2).reset(options={"spiral": [{}]})
+        stepwise_vector(2).reset(options={"spiral": [{}]})
 
 
 @pytest.mark.parametrize("name", [TUNING, BANDIT])

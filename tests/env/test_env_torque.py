@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, Machine
-from gantrysim.env import GainScheduleEnv, ServoTorqueEnv, friction_compensation
+from gantrysim.env import ServoTorqueEnv, SpiralTuningEnv, friction_compensation
 from gantrysim.env.friction import fit, model_torques
 from gantrysim.native.row import Log
 
@@ -178,7 +178,7 @@ def test_settings_out_of_bounds_are_rejected(given, text):
         ServoTorqueEnv(**given)
 
 
-@pytest.mark.parametrize("kind", [ServoTorqueEnv, GainScheduleEnv])
+@pytest.mark.parametrize("kind", [ServoTorqueEnv, SpiralTuningEnv])
 def test_a_job_with_a_stuck_axis_is_refused(kind):
     job = Job.load("an225").changed({"faults": [{"kind": "stuck axis", "axis": "x", "time": 0.5, "friction": 5.0}]})
     with pytest.raises(InputError, match="the job has a stuck axis"):

@@ -1,4 +1,4 @@
-"""SpiralTuning-v1: the gains that act, the payload that changes, the inertia fitted, and what adapting saves."""
+"""SpiralTuning-v0: the gains that act, the payload that changes, the inertia fitted, and what adapting saves."""
 
 import copy
 import math
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from gantrysim import InputError, Machine
-from gantrysim.env import GainScheduleEnv, gain_schedule
+from gantrysim.env import SpiralTuningEnv, gain_schedule
 from gantrysim.env.baselines import _stiffest
 from gantrysim.env.inertia import fit, ratios
 from gantrysim.env.sensitivity import SensitivityTable
@@ -24,7 +24,7 @@ from gantrysim.servo.servo import Servo
 from support.costs import expected_cost
 from support.episodes import returned, same, seen
 
-TASK = "gantrysim/SpiralTuning-v1"
+TASK = "gantrysim/SpiralTuning-v0"
 BRIEF = {"diameter": 28.0, "turns": 4, "thickness": 2.0, "speed": 300.0}
 ALIKE = {f"{name}_{axis}": 1.0 for name in ("friction", "viscous", "stiffness", "motor_constant") for axis in "xy"}
 PERIOD, RANGE = 1e-3, 3.0
@@ -82,7 +82,7 @@ def test_the_heaviest_payload_asks_for_a_third_of_kp_and_more_feedforward(machin
 
 def test_the_demand_is_that_of_the_gains_that_the_actions_have_set():
     servo = {"frequency": 30.0, "integral_time": 0.03, "notch_frequency": 0.0}
-    env = GainScheduleEnv(**BRIEF, servo=servo, start=(0.5, 0.8, 1.0, 1.2))
+    env = SpiralTuningEnv(**BRIEF, servo=servo, start=(0.5, 0.8, 1.0, 1.2))
     env.reset(seed=3, options={"machine": {"payload_kg": 0.2}, "task": {"payload_later": 0.5}})
     random, logs, rows = np.random.default_rng(0), np.log([0.5, 0.8, 1.0, 1.2]), []
     for _ in range(30):
@@ -102,7 +102,7 @@ def test_the_demand_is_that_of_the_gains_that_the_actions_have_set():
 
 
 def test_gains_stay_within_their_range():
-    env = GainScheduleEnv(**BRIEF, gain_range=1.5, start=(1.0,) * 4, step=(0.3,) * 4)
+    env = SpiralTuningEnv(**BRIEF, gain_range=1.5, start=(1.0,) * 4, step=(0.3,) * 4)
     env.reset(seed=1)
     nominal = env._episodes.source.servo
     for action in (np.ones(4), -np.ones(4)):
@@ -164,7 +164,7 @@ def test_the_ratio_is_that_of_weighted_least_squares_of_filtered_torques(level, 
 
 
 def test_the_inertia_seen_is_that_of_the_screw_and_the_payload_before_and_after_it_changes(machine):
-    env = GainScheduleEnv(**{**BRIEF, "diameter": 36.0, "turns": 5, "thickness": 1.5, "speed": 250.0})
+    env = SpiralTuningEnv(**{**BRIEF, "diameter": 36.0, "turns": 5, "thickness": 1.5, "speed": 250.0})
     own = {**ALIKE, "motor_constant_x": 0.95, "motor_constant_y": 1.05, "payload_kg": 3.0}
     env.reset(seed=1, options={"machine": own, "task": {"payload_later": 1.0, "payload_time": 0.8}})
     rows, over = [], False
@@ -181,7 +181,7 @@ def test_the_inertia_seen_is_that_of_the_screw_and_the_payload_before_and_after_
 def test_a_payload_changes_at_its_moment_and_not_before():
     runs = []
     for later in (0.5, 3.0):
-        env = GainScheduleEnv(**BRIEF, start=(1.2, 0.8, 1.0, 1.0))
+        env = SpiralTuningEnv(**BRIEF, start=(1.2, 0.8, 1.0, 1.0))
         env.reset(
             seed=4, options={"machine": {"payload_kg": 0.5}, "task": {"payload_later": later, "payload_time": 0.4}}
         )
@@ -195,7 +195,7 @@ def test_a_payload_changes_at_its_moment_and_not_before():
 
 
 def test_values_of_an_episode_are_those_of_its_decisions():
-    env = GainScheduleEnv(**BRIEF, weight=0.7, start=(1.1, 0.6, 1.0, 1.1))
+    env = SpiralTuningEnv(**BRIEF, weight=0.7, start=(1.1, 0.6, 1.0, 1.1))
     env.reset(seed=2)
     infos, rewards, over = [], [], False
     while not over:
@@ -211,7 +211,7 @@ def test_values_of_an_episode_are_those_of_its_decisions():
 
 
 def test_a_fault_costs_the_most_that_it_prevents():
-    env = GainScheduleEnv(**BRIEF, servo={"following_error_limit": 0.02}, weight=0.5)
+    env = SpiralTuningEnv(**BRIEF, servo={"following_error_limit": 0.02}, weight=0.5)
     _, info = returned(env, 2, hold)
     assert info["fault"] is not None
     assert info["cost"] == 1.0
@@ -220,11 +220,11 @@ def test_a_fault_costs_the_most_that_it_prevents():
 
 
 def test_a_schedule_beats_fixed_gains():
-    env = GainScheduleEnv(**BRIEF)
+    env = SpiralTuningEnv(**BRIEF)
     seeds, schedule = range(500, 505), gain_schedule(env, 0.2)
     adaptive = -sum(returned(env, seed, schedule)[0] for seed in seeds)
     for start in ((1.0, 1.0, 1.0, 1.0), (0.84, 0.5, 1.0, 1.15), (0.59, 0.42, 1.0, 1.15)):
-        fixed = GainScheduleEnv(**BRIEF, start=start)
+        fixed = SpiralTuningEnv(**BRIEF, start=start)
         assert adaptive < 0.8 * -sum(returned(fixed, seed, hold)[0] for seed in seeds)
 
 
@@ -244,7 +244,7 @@ def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_en
 
 
 def test_an_episode_goes_on_from_a_saved_state_and_in_a_copy():
-    env, other = GainScheduleEnv(**BRIEF), GainScheduleEnv(**BRIEF)
+    env, other = SpiralTuningEnv(**BRIEF), SpiralTuningEnv(**BRIEF)
     env.reset(seed=3, options={"task": {"payload_time": 0.4}})
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, (40, 4)).astype(np.float32)
     for action in actions[:25]:
@@ -286,7 +286,7 @@ def test_bold_actions_stay_in_the_spaces_and_end(seed):
 
 
 def test_an_episode_follows_from_its_seed_and_from_what_is_chosen():
-    env = GainScheduleEnv()
+    env = SpiralTuningEnv()
     (one, drawn), (two, again) = env.reset(seed=5), env.reset(seed=5)
     assert one.tobytes() == two.tobytes()
     assert drawn == again
@@ -312,4 +312,4 @@ def test_an_episode_follows_from_its_seed_and_from_what_is_chosen():
 )
 def test_settings_out_of_bounds_are_rejected(given, text):
     with pytest.raises(InputError, match=text):
-        GainScheduleEnv(**given)
+        SpiralTuningEnv(**given)

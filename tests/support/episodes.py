@@ -1,8 +1,24 @@
 """Short episodes of the environments, and actions for them, that several test files ask for."""
 
+from functools import partial
+
+import gymnasium
 import numpy as np
 
-TUNING, BANDIT = "gantrysim/SpiralTuning-v0", "gantrysim/GainBandit-v0"
+from gantrysim.env import GainBanditEnv, GainBanditVectorEnv
+
+INTERVAL = {"decision_interval": 0.1}
+# the bandit with gains set every 0.1 s instead of once, registered here for the tests of what all tasks share
+TUNING, BANDIT = "gantrysim/GainSteps-v0", "gantrysim/GainBandit-v0"
+gymnasium.register(
+    TUNING,
+    entry_point="gantrysim.env:GainBanditEnv",
+    vector_entry_point="gantrysim.env:GainBanditVectorEnv",
+    kwargs=INTERVAL,
+)
+stepwise = partial(GainBanditEnv, **INTERVAL)
+stepwise_vector = partial(GainBanditVectorEnv, **INTERVAL)
+
 BEAD, SPEED = "gantrysim/BeadWidth-v1", "gantrysim/SpeedOverride-v1"
 TORQUE = "gantrysim/ServoTorque-v1"
 

@@ -1,0 +1,162 @@
+"""GainBandit-v0: gains set once for a whole path, or at every decision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.episodes import SCALED, TUNED_GAINS, Source, gain_factors
+from gantrysim.env.observation import Entry, entries, observe
+from gantrysim.env.outcome import Outcome
+from gantrysim.env.scalar import PathEnv
+from gantrysim.env.sensitivity import SensitivityTable
+from gantrysim.env.settings import Settings
+from gantrysim.env.vector import PathVectorEnv
+from gantrysim.servo.law import GAIN_NAMES
+
+# Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
+_CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
+
+
+class GainBatch(EpisodeBatch):
+    """Places in which episodes run whose gains the agent sets; arguments as of `EpisodeBatch`."""
+
+    settings: Settings
+
+    def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
+        super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
+        self._centre = {name: np.array(getattr(self.source.servo, name)) for name in SCALED}
+        self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
+
+    def _entries(self) -> list[Entry]:
+        return entries(self.source.machine.axis_names, self.settings.per_axis)
+
+    def _action_size(self) -> int:
+        return len(TUNED_GAINS) * (self._axes if self.settings.per_axis else 1)
+
+    def observations(self) -> NDArray[np.float32]:
+        progress = np.minimum(self._sent / self._setpoints, 1.0)
+        return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
+
+    def _apply(self, places: Sequence[int]) -> None:
+        chosen = self._action[places].reshape(len(places), len(TUNED_GAINS), -1)
+        for name, factor in gain_factors(np.moveaxis(chosen, 1, 0), self.settings.gain_range).items():
+            self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        settings, measured = self.settings, self.measured
+        faulty, ended, undone = self._ends(advanced)
+        alone = self.source.ticks is None  # the episode has one decision
+        ripple = measured.ripple.max(axis=1)
+        terms: dict[str, Floats] = {
+            "reward_contour": -np.minimum(np.log1p(measured.contour_rms / settings.tolerance), _CONTOUR),
+            "reward_ripple": -np.clip(np.log(np.maximum(ripple / settings.ripple_limit, 1.0)), 0.0, _RIPPLE),
+            "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
+        }
+        cost = self.sensitivity.cost(self._action.reshape(len(self.episodes), len(TUNED_GAINS), -1))
+        return Outcome(
+            reward=sum(terms.values(), np.zeros(len(self.episodes))),
+            terminated=faulty | ended if alone else faulty,
+            truncated=np.zeros_like(ended) if alone else ended,
+            info={
+                **terms,
+                "cost": np.where(faulty, 1.0, cost),
+                "contour_rms": measured.contour_rms,
+                "contour_max": measured.contour_max,
+                "ripple": ripple,
+                "fault": self._fault_texts(faulty),
+            },
+            final=self._contour_values(),
+        )
+
+
+class GainBanditEnv(PathEnv):
+    """One decision per episode: constant gains for the whole path, for black-box optimisers.
+
+    An episode is one spiral, with fixed or random diameter, turns, thickness and speed, or the path of a job. Its
+    machine is drawn from tolerances. All random values follow from the seed of `reset`. At each decision the agent sets
+    gains, which hold until the next. By default the episode has one decision; with a finite `decision_interval` it has
+    as many as that gives.
+
+    Action: kp, kd, velocity_ff and acceleration_ff, each from -1 to 1, common to all axes or, with `per_axis`, one per
+    axis. An action a sets a gain to nominal gain / detune * gain_range^a, where the nominal gain is derived, or that of
+    the job. ki changes with kp, so the integral time kp / ki stays.
+
+    Observation, for a machine with the axes x and y and common gains. Measured values are those of the last interval,
+    and nothing is measured before the first. For a rotary axis the tolerance counts in degrees.
+
+    =====  ====================  =========  ===================  ====================================================
+    index  name                  range      unit                 meaning
+    =====  ====================  =========  ===================  ====================================================
+    0      tracking_rms_x        -3 to 3    log10 of tolerances  RMS following error of x
+    1      tracking_max_x        -3 to 3    log10 of tolerances  largest following error of x
+    2      tracking_mean_x       -10 to 10  tolerances           mean following error of x, signed
+    3      tracking_rms_y        -3 to 3    log10 of tolerances  RMS following error of y
+    4      tracking_max_y        -3 to 3    log10 of tolerances  largest following error of y
+    5      tracking_mean_y       -10 to 10  tolerances           mean following error of y, signed
+    6      contour_rms           -3 to 3    log10 of tolerances  RMS contour error while dispensing
+    7      contour_max           -3 to 3    log10 of tolerances  largest contour error while dispensing
+    8      contour_mean          -10 to 10  tolerances           mean contour error, positive to the left of the path
+    9      speed                 0 to 10    100 mm/s             path speed of the nozzle
+    10     curvature             -10 to 10  0.1/mm               path curvature at the nozzle, positive to the left
+    11     cos_heading           -1 to 1    1                    path direction at the nozzle, from +x
+    12     sin_heading           -1 to 1    1                    path direction at the nozzle, from +x
+    13     torque_x              0 to 1     peak torques         largest torque demand of x
+    14     ripple_x              -3 to 3    log10 of limits      torque ripple of x
+    15     torque_y              0 to 1     peak torques         largest torque demand of y
+    16     ripple_y              -3 to 3    log10 of limits      torque ripple of y
+    17     gain_kp               -1 to 1    1                    action that sets kp
+    18     gain_kd               -1 to 1    1                    action that sets kd
+    19     gain_velocity_ff      -1 to 1    1                    action that sets velocity_ff
+    20     gain_acceleration_ff  -1 to 1    1                    action that sets acceleration_ff
+    21     progress              0 to 1     1                    share of the setpoints sent
+    =====  ====================  =========  ===================  ====================================================
+
+    Reward: the sum of three terms, which `info` holds too.
+
+    ==============  =========================================================================================
+    term            value
+    ==============  =========================================================================================
+    reward_contour  -min(log(1 + contour_rms / tolerance), 6), while dispensing
+    reward_ripple   -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the largest ripple
+    reward_fault    -12 for the interval of a fault and for each interval that the fault prevents
+    ==============  =========================================================================================
+
+    An interval without a fault costs at most 10, so a fault never pays. Stability affects the reward only through the
+    ripple; `info["cost"]` tells how far the gains are beyond the tuner's limit |S| = 2 on the nominal machine: 0 up to
+    2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
+    (`gantrysim.env.sensitivity.SensitivityTable`).
+
+    `info` also holds contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, the torque ripple
+    while dispensing as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, a text or
+    None; and at the end of an episode episode_contour_rms and episode_contour_max [mm], 0 without dispensing. The
+    `info` of `reset` holds the values drawn for the path and the machine. Its options "spiral" and "machine" are dicts
+    with some of these values, which replace those drawn.
+
+    A fault terminates the episode, and so does the end of the setpoints after an only decision; `info["fault"]`
+    distinguishes them. With a finite `decision_interval` the end of the setpoints truncates the episode.
+
+    Args:
+        render_mode: None or "rgb_array".
+        size: width and height of the pictures [pixels].
+        settings: the fields of `Settings`.
+
+    Raises:
+        InputError: a setting out of bounds.
+    """
+
+    settings_type = Settings
+
+    @staticmethod
+    def batch(settings: Settings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return GainBatch(settings, places, threads, ahead)
+
+
+class GainBanditVectorEnv(PathVectorEnv):
+    """Several `GainBanditEnv` in one."""
+
+    single = GainBanditEnv
