@@ -96,6 +96,7 @@ def film_writer(
             colours.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
         command = [_encoder(), "-y", "-v", "error", *frames, *options, str(partial)]
+        # imageio_ffmpeg.write_frames ignores the exit status: a film that a full disk cuts off would pass as whole
         # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
         encoder = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
