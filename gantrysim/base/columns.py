@@ -43,7 +43,10 @@ class Stored:
     """
 
     def __init__(self, file: _File, dtype: np.dtype[Any], shape: tuple[int, ...], offset: int) -> None:
-        self._file, self.dtype, self.shape, self._offset = file, dtype, shape, offset
+        self._file = file
+        self.dtype = dtype
+        self.shape = shape
+        self._offset = offset
 
     def array(self) -> NDArray[Any]:
         """Return the array, read-only."""
@@ -96,7 +99,9 @@ class FileTable:
     """
 
     def __init__(self, most: int, columns: Mapping[str, tuple[np.dtype[Any], tuple[int, ...]]]) -> None:
-        self._columns, self._offsets, at = dict(columns), dict[str, int](), 0
+        self._columns = dict(columns)
+        self._offsets = dict[str, int]()
+        at = 0
         for name, (dtype, tail) in columns.items():
             self._offsets[name] = at
             at += -(-most * dtype.itemsize * int(np.prod(tail, dtype=np.int64)) // 64) * 64

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-_OPENING, _CLOSING = "[(", "])"
+_OPENING = "[("
+_CLOSING = "])"
 
 
 def name_and_unit(head: str) -> tuple[str, str]:

@@ -37,7 +37,8 @@ class _Told(Listener):  # type: ignore[misc]
 
     def on_start(self, event: Any) -> None:
         if self._tell is not None:
-            tell, self._tell = self._tell, None
+            tell = self._tell
+            self._tell = None
             tell()
 
     def on_end(self, event: Any) -> None:

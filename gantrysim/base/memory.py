@@ -18,7 +18,9 @@ LONG = 250_000
 
 # Measured with all figures, error budget and bead, on an225 with two axes; see tests/engine/test_long.py.
 _TICK = 1000.0  # memory of a tick, where it is kept there [B]
-_LONG_TICK, _LONG_BASE = 130.0, 2e8  # of a tick of a long run, and of its tables and of a block [B]
+# of a tick of a long run, and of its tables and of a block [B]
+_LONG_TICK = 130.0
+_LONG_BASE = 2e8
 _FILE_TICK = 900.0  # in temporary files, of each tick of a long run [B]
 
 _FEW = 200_000  # ticks that any machine has memory for
@@ -68,13 +70,15 @@ def check_ticks(ticks: float, what: str, remedy: str) -> None:
     """
     if ticks <= _FEW:
         return
-    needed, available = needed_memory(ticks), available_memory()
+    needed = needed_memory(ticks)
+    available = available_memory()
     if needed > available:
         raise InputError(
             f"{what}: makes {ticks:.3g} ticks, which need about {needed / _GB:.3g} GB of memory, where "
             f"{available / _GB:.3g} GB are available; {remedy}"
         )
-    needed, folder = needed_files(ticks), tempfile.gettempdir()
+    needed = needed_files(ticks)
+    folder = tempfile.gettempdir()
     if needed and needed > (free := float(shutil.disk_usage(folder).free)):
         raise InputError(
             f"{what}: makes {ticks:.3g} ticks, which need about {needed / _GB:.3g} GB of temporary files, where "
@@ -101,7 +105,9 @@ def _group_memory(root: Path) -> Iterator[float]:
         for group in groups:
             folder = root / mount / group.relative_to(group.anchor)
             try:
-                allowed, used = float(_text(folder / limit)), float(_text(folder / use))  # "max" where there is none
+                # "max" where there is none
+                allowed = float(_text(folder / limit))
+                used = float(_text(folder / use))
             except ValueError:
                 continue
             pages = _statistics(folder / "memory.stat")

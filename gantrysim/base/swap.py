@@ -20,7 +20,10 @@ from gantrysim.base.errors import InputError
 
 PARTIAL = ".gantrysim-partial-"  # prefix of a hidden folder of new files that are being written
 SWAP = ".gantrysim-complete"  # hidden folder of new files that are complete
-NEW, OLD, NAMES = "new", "old", "names.json"  # in it: new files, old ones, and the names of old ones to be moved away
+# in it: new files, old ones, and the names of old ones to be moved away
+NEW = "new"
+OLD = "old"
+NAMES = "names.json"
 _HIDDEN = ".gantrysim-"  # prefix of all hidden names
 _LONGEST = 1 << 20  # list of names [bytes]
 _DEEPEST = 8  # subfolders in one another; outputs have one
@@ -48,7 +51,9 @@ def complete_swap(folder: Path, *, own: bool = False) -> None:
     if not pending(folder):
         return
     swap = folder / SWAP
-    names, new, old = swap / NAMES, swap / NEW, swap / OLD
+    names = swap / NAMES
+    new = swap / NEW
+    old = swap / OLD
     listed = _checked(folder, own)
     if listed is not None:
         try:

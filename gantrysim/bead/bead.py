@@ -166,8 +166,10 @@ class Bead(BeadTrace, Shown):
         run = self.run
         if self._no_values:
             raise InputError(self._no_values)
-        on, parts = self.dispensing, self._parts
-        clearance, weight = self.clearance(), self._turn_lengths
+        on = self.dispensing
+        parts = self._parts
+        clearance = self.clearance()
+        weight = self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
         stopped = self.stretches[:, 1] < len(run.time)
@@ -216,7 +218,8 @@ class Bead(BeadTrace, Shown):
         """Stations that the nozzle passes while the dispenser is on, (r,)."""
         on = np.zeros(self.place.size, bool)
         for first, after in self.stretches:
-            low, high = self.length[first], self.length[min(after, self.length.size - 1)]
+            low = self.length[first]
+            high = self.length[min(after, self.length.size - 1)]
             on |= (self.place >= low) & (self.place <= high)
         if not on.any():  # a stretch shorter than the distance of the stations
             on[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
@@ -230,11 +233,13 @@ class Bead(BeadTrace, Shown):
 
     def clearance(self) -> Floats:
         """Return the distance of neighbouring turns less their mean width, at the analysis' spacing, (m,) [mm]."""
-        spacing, ticks = self.analysis.spacing, self.analysis.ticks
+        spacing = self.analysis.spacing
+        ticks = self.analysis.ticks
         s = self.analysis.nozzle.s
         ahead = forward(s)
         if not ahead.all():
-            s, ticks = s[ahead], ticks[ahead]
+            s = s[ahead]
+            ticks = ticks[ahead]
         width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)
 
         def clearance(block: slice) -> Floats:
@@ -274,7 +279,8 @@ class Bead(BeadTrace, Shown):
 
     def _layer_at(self, s: Floats) -> NDArray[np.int64]:
         """Return the layers of points of the trace, given by their arc length on the requested path, (m,)."""
-        nozzle, ticks = self.analysis.nozzle, self.analysis.ticks
+        nozzle = self.analysis.nozzle
+        ticks = self.analysis.ticks
         ahead = forward(nozzle.s)
         place = np.interp(s, nozzle.s[ahead], self.length[ticks[ahead]])
         last = self.map.layer.size - 1
@@ -319,7 +325,8 @@ class Bead(BeadTrace, Shown):
         """Offsets of the bead's visible starts and stops from the nozzle's place at the commands [mm]."""
         edges = spans(self.area >= 0.5 * self.nominal)
         rises, falls = (np.array([self._crossing(k) for k in column.tolist()]) for column in edges.T)
-        starts, stops = [], []
+        starts = []
+        stops = []
         for k, (on, off) in enumerate(self.stretches.tolist()):
             low, middle, high = self.length[[self._bounds[k], (on + off) // 2, self._bounds[k + 1]]]
             start = rises[(rises >= low) & (rises <= middle)]

@@ -45,7 +45,8 @@ def round_ends(bead: BeadTrace, volume: Floats) -> Iterator[End]:
     An end takes the volume of its half body of revolution from the intervals of the last stations, whose `volume` is
     set to 0; a stretch shorter than its two ends is one round drop.
     """
-    drops, half = bead.drops.tolist(), bead.end_length
+    drops = bead.drops.tolist()
+    half = bead.end_length
     for first, after in bead.wet_stretches.tolist():
         if [first, after] in drops:
             whole = slice(max(first - 1, 0), after)
@@ -65,7 +66,8 @@ def round_ends(bead: BeadTrace, volume: Floats) -> Iterator[End]:
             total = float(volume[taken].sum())
             volume[taken] = 0.0
             if total > 0:
-                area, gap = bead.area[station : station + 1], bead.section.gap[station : station + 1]
+                area = bead.area[station : station + 1]
+                gap = bead.section.gap[station : station + 1]
                 section = Section(area, gap, bead.settings.contact_angle, bead.run.face)
                 yield _round(bead, station, section, total, bead.heading[station] + away)
 
@@ -90,7 +92,8 @@ def _round(bead: BeadTrace, station: int, section: Section, volume: float, towar
 def upright(bead: BeadTrace) -> Floats:
     """Vertical height of the nozzle over the surface, more than the normal one where the path climbs, (r,) [mm]."""
     along = np.gradient(bead.point, axis=0)
-    ahead, length = np.linalg.norm(along[:, :2], axis=1), np.linalg.norm(along, axis=1)
+    ahead = np.linalg.norm(along[:, :2], axis=1)
+    length = np.linalg.norm(along, axis=1)
     cosine = np.divide(ahead, length, out=np.ones_like(length), where=length > 0)
     return bead.nozzle_height / np.maximum(cosine, math.sqrt(0.5))
 
@@ -100,7 +103,8 @@ def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:
     cells = layers * float(np.prod(np.asarray(count, float)))
     if not cells <= MOST_CELLS:
         stacked = f" in {layers} layers" if layers > 1 else ""
-        wide, widest = float(bead.nominal_section.width[0]), float(bead.width.max())
+        wide = float(bead.nominal_section.width[0])
+        widest = float(bead.width.max())
         raise InputError(
             f"cell = {bead.settings.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
             f"widest, has {cells:.3g} cells{stacked}, at most {MOST_CELLS:g}"

@@ -70,7 +70,8 @@ def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: 
     steps = max(math.ceil(bead.ds * SAMPLES / cell), 1)
     lay(glue, moment, crest, (*at, *trace, *sections, *heights), volume, cosine, cell, steps, SAMPLES)
     covered = footprint(glue.shape, *at, 0.5 * shape.width / cell, volume, _drops(volume, ends, at, cell))
-    height, excess = glue / cell**2, 0.0
+    height = glue / cell**2
+    excess = 0.0
     if bead.settings.squashed:
         under = np.full_like(glue, float(math.isinf(bead.run.face)))
         if not under.all():
@@ -129,8 +130,11 @@ def _with_room(
     """Return a map with the dry cells around it that the excess will need, as tried on a map of coarse cells."""
     if not (height > ceiling * (1 + _RIPPLE)).any():
         return x, y, height, ceiling, rise
-    dry, free = bead.gap, _rise(bead)
-    coarse, over, soft = means(height, _BLOCK, 0.0), means(ceiling, _BLOCK, dry), _BLOCK**2 * means(rise, _BLOCK, free)
+    dry = bead.gap
+    free = _rise(bead)
+    coarse = means(height, _BLOCK, 0.0)
+    over = means(ceiling, _BLOCK, dry)
+    soft = _BLOCK**2 * means(rise, _BLOCK, free)
     room = 0  # coarse cells
     while True:
         tried = np.pad(coarse, room)
@@ -148,7 +152,9 @@ def _with_room(
     after = _BLOCK * np.maximum(wet.max(axis=0) + 2 - room - np.array(coarse.shape), 0)
     ny, nx = np.array(height.shape) + before + after
     check_cells(bead, (ny, nx))
-    around, cell = np.stack([before, after], axis=1), bead.settings.cell
-    x, y = x[0] + cell * (np.arange(nx) - before[1]), y[0] + cell * (np.arange(ny) - before[0])
+    around = np.stack([before, after], axis=1)
+    cell = bead.settings.cell
+    x = x[0] + cell * (np.arange(nx) - before[1])
+    y = y[0] + cell * (np.arange(ny) - before[0])
     padded = np.pad(ceiling, around, constant_values=dry), np.pad(rise, around, constant_values=free)
     return x, y, np.pad(height, around), *padded

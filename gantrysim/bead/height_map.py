@@ -114,11 +114,15 @@ class HeightMap:
 
     def _between_cells(self, values: Floats, points: ArrayLike) -> Floats:
         place = np.asarray(points, float)
-        column, row = (place[..., 0] - self.x[0]) / self.cell, (place[..., 1] - self.y[0]) / self.cell
+        column = (place[..., 0] - self.x[0]) / self.cell
+        row = (place[..., 1] - self.y[0]) / self.cell
         inside = (column >= 0) & (row >= 0) & (column < self.x.size - 1) & (row < self.y.size - 1)
-        column, row = np.where(inside, column, 0.0), np.where(inside, row, 0.0)
-        i, j = column.astype(np.intp), row.astype(np.intp)
-        a, b = column - i, row - j
+        column = np.where(inside, column, 0.0)
+        row = np.where(inside, row, 0.0)
+        i = column.astype(np.intp)
+        j = row.astype(np.intp)
+        a = column - i
+        b = row - j
         low = (1 - a) * values[j, i] + a * values[j, i + 1]
         high = (1 - a) * values[j + 1, i] + a * values[j + 1, i + 1]
         return np.where(inside, (1 - b) * low + b * high, 0.0)
@@ -137,12 +141,14 @@ def _grid(bead: BeadTrace, volume: Floats, ends: list[End]) -> tuple[Floats, Flo
         half = 0.5 * bead.width[stations, None]
         places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
     covered = np.concatenate(places)
-    low, high = covered.min(axis=0), covered.max(axis=0)
+    low = covered.min(axis=0)
+    high = covered.max(axis=0)
     around = _MARGIN * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
     low = np.floor((low - around) / cell) * cell
     count = np.ceil((high + around - low) / cell) + 1
     check_cells(bead, count)
-    nx, ny = int(count[0]), int(count[1])
+    nx = int(count[0])
+    ny = int(count[1])
     return low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)
 
 

@@ -20,9 +20,12 @@ def drop(
     """Share volumes at points among the four cells around each; the other arguments are as for `lay`."""
     ny, nx = glue.shape
     for k in range(x.size):
-        px, py = min(max(x[k], 0.0), nx - 1.001), min(max(y[k], 0.0), ny - 1.001)
-        i, j = int(px), int(py)
-        a, b = px - i, py - j
+        px = min(max(x[k], 0.0), nx - 1.001)
+        py = min(max(y[k], 0.0), ny - 1.001)
+        i = int(px)
+        j = int(py)
+        a = px - i
+        b = py - j
         for row, high in ((j, 1.0 - b), (j + 1, b)):
             for column, share in ((i, (1.0 - a) * high), (i + 1, a * high)):
                 glue[row, column] += share * volume[k]
@@ -66,7 +69,8 @@ def lay(
         if volume[k] > 0.0:
             widest = max(widest, half[k], half[k + 1])
     most = math.ceil(2.0 * widest / cell * samples) + 3
-    place, weight = np.empty(most), np.empty(most)
+    place = np.empty(most)
+    weight = np.empty(most)
     for k in range(volume.size):
         if volume[k] <= 0.0:
             continue
@@ -82,10 +86,14 @@ def lay(
             bend = (1.0 - f) * curvature[k] + f * curvature[k + 1]
             angle = (1.0 - f) * heading[k] + f * heading[k + 1]
             g = (1.0 - f) * gap[k] + f * gap[k + 1]
-            px, py = (1.0 - f) * x[k] + f * x[k + 1], (1.0 - f) * y[k] + f * y[k + 1]
-            left, up = -math.sin(angle) / cell, math.cos(angle) / cell
+            px = (1.0 - f) * x[k] + f * x[k + 1]
+            py = (1.0 - f) * y[k] + f * y[k + 1]
+            left = -math.sin(angle) / cell
+            up = math.cos(angle) / cell
             # evenly in the flat and in each of the halves beside it, as a groove has steep walls
-            count, total, edge = 0, 0.0, b if d > 0.0 else 0.0
+            count = 0
+            total = 0.0
+            edge = b if d > 0.0 else 0.0
             for low, high in ((-w, -edge), (-edge, edge), (edge, w)):
                 among = math.ceil((high - low) / cell * samples)
                 for n in range(among):
@@ -102,9 +110,12 @@ def lay(
                 u = place[n]
                 share = part / count if total <= 0.0 else part * weight[n] / total
                 # beyond the grid, on its rim
-                cx, cy = min(max(px + left * u, 0.0), nx - 1.001), min(max(py + up * u, 0.0), ny - 1.001)
-                i, j = int(cx), int(cy)
-                a, c = cx - i, cy - j
+                cx = min(max(px + left * u, 0.0), nx - 1.001)
+                cy = min(max(py + up * u, 0.0), ny - 1.001)
+                i = int(cx)
+                j = int(cy)
+                a = cx - i
+                c = cy - j
                 for row, much in ((j, (1.0 - c) * share), (j + 1, c * share)):
                     glue[row, i] += (1.0 - a) * much
                     glue[row, i + 1] += a * much
@@ -138,8 +149,10 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
         dy = y[k + 1] - y[k]
         square = dx * dx + dy * dy
         per_square = 1.0 / square if square > 0.0 else 0.0
-        low, high = min(y[k], y[k + 1]) - reach, max(y[k], y[k + 1]) + reach
-        left, right = min(x[k], x[k + 1]) - reach, max(x[k], x[k + 1]) + reach
+        low = min(y[k], y[k + 1]) - reach
+        high = max(y[k], y[k + 1]) + reach
+        left = min(x[k], x[k + 1]) - reach
+        right = max(x[k], x[k + 1]) + reach
         for j in range(max(math.ceil(low), 0), min(math.floor(high), ny - 1) + 1):
             py = j - y[k]
             for i in range(max(math.ceil(left), 0), min(math.floor(right), nx - 1) + 1):
@@ -180,7 +193,8 @@ def headroom(
         gap: the nozzle's height over cells without glue [mm].
         free: rise of a free surface, see `pushing.push_aside`.
     """
-    ceiling, rise = np.empty(under.shape), np.empty(under.shape)
+    ceiling = np.empty(under.shape)
+    rise = np.empty(under.shape)
     for j in range(under.shape[0]):
         for i in range(under.shape[1]):
             face = moment[j, i] / glue[j, i] if moment.size and glue[j, i] > 0.0 else gap

@@ -104,7 +104,8 @@ def _finer(values: Floats, ny: int, nx: int) -> Floats:
         for i in range(nx):
             m = i // 2
             n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
-            near, far = 0.75 * values[q, m] + 0.25 * values[p, m], 0.75 * values[q, n] + 0.25 * values[p, n]
+            near = 0.75 * values[q, m] + 0.25 * values[p, m]
+            far = 0.75 * values[q, n] + 0.25 * values[p, n]
             fine[j, i] = 0.75 * near + 0.25 * far
     return fine
 
@@ -158,7 +159,8 @@ def _sweep(
     for _ in range(sweeps):
         settled = True
         for k in range(count):  # cells added meanwhile wait for the next sweep
-            j, i = cells[k] // nx, cells[k] % nx
+            j = cells[k] // nx
+            i = cells[k] % nx
             off = height[j, i] - ceiling[j, i] - rise[j, i] * handed[j, i]
             if abs(off) > ripple * ceiling[j, i] and (off > 0.0 or handed[j, i] > 0.0):
                 settled = False

@@ -48,17 +48,24 @@ class Section:
     def drop(cls, volume: float, gap: Floats, contact_angle: float, face: float = np.inf) -> Section:
         """Return the section of a round drop of a volume [mm³] under one gap, (1,) [mm]."""
         unit = cls(np.ones(1), gap, contact_angle, face)
-        segment, body, g = unit._segment_of_unit_radius, unit._body_of_unit_radius, float(gap[0])
+        segment = unit._segment_of_unit_radius
+        body = unit._body_of_unit_radius
+        g = float(gap[0])
         share = volume / (2 * np.pi)  # = body r^3 + b/4 segment r^2 + b^2/8 g
-        radius, flat = (share / body) ** (1 / 3), 0.0
+        radius = (share / body) ** (1 / 3)
+        flat = 0.0
         highest = g / (1 - np.cos(unit._angle))
         if radius > highest:
-            a, b = g / 8, 0.25 * segment * highest**2
+            a = g / 8
+            b = 0.25 * segment * highest**2
             rest = share - body * highest**3
-            radius, flat = highest, 2 * rest / (b + np.sqrt(b**2 + 4 * a * rest))
+            radius = highest
+            flat = 2 * rest / (b + np.sqrt(b**2 + 4 * a * rest))
         if flat > face:
             roots = np.roots([body, 0.25 * face * segment, 0.0, face**2 / 8 * g - share])
-            radius, flat = float(roots.real.max()), face  # the others are negative
+            # the others are negative
+            radius = float(roots.real.max())
+            flat = face
         pressed = flat * g if flat else 0.0
         return cls(np.array([segment * radius**2 + pressed]), gap, contact_angle, face)
 

@@ -75,12 +75,15 @@ class Sweep:
         """Triangles of the mesh, (f, 3)."""
         k, j = np.meshgrid(np.arange(self.rings - 1), np.arange(SIDES), indexing="ij")
         a = (k * (SIDES + 1) + j).ravel()
-        b, c, d = a + 1, a + SIDES + 1, a + SIDES + 2
+        b = a + 1
+        c = a + SIDES + 1
+        d = a + SIDES + 2
         return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)]).astype(np.int32)
 
     def mesh(self, tick: int) -> Mesh:
         """Return the bead laid up to a tick, of all its rings."""
-        laid, volume = float(self.bead_trace.length[tick]), float(self.bead_trace.volume[tick])
+        laid = float(self.bead_trace.length[tick])
+        volume = float(self.bead_trace.volume[tick])
         starts, stops = self._stretches.T
         begun = np.flatnonzero((self._edges[starts] <= laid) & (self._held[starts] < volume)).tolist()
         stops = stops[begun]
@@ -99,7 +102,8 @@ class Sweep:
     @property
     def _nothing(self) -> Mesh:
         """A point below the start of the trace."""
-        point, up = 1e-3 * self._base[0], np.array([0.0, 0.0, 1.0])
+        point = 1e-3 * self._base[0]
+        up = np.array([0.0, 0.0, 1.0])
         vertices, normals = (np.tile(part.astype(np.float32), (SIDES + 1, 1)) for part in (point, up))
         return Mesh(vertices, normals, np.zeros(1), np.zeros(1))
 
@@ -134,18 +138,21 @@ class Sweep:
     @cached_property
     def _starts(self) -> list[float]:
         """Middle of the first end of each stretch, inf for a stretch with too little glue [mm]."""
-        place, glue = self.bead_trace.place, self._before
+        place = self.bead_trace.place
+        glue = self._before
         parts = [slice(first, after) for first, after in self._stretches]
         return [_crossing(place[p], glue[p] - self._held[p.start] - self._half[p]) for p in parts]
 
     def _stretch(self, number: int, laid: float, volume: float) -> Mesh:
         """Return the mesh of a stretch up to a place of the trace [mm] and a volume of the bead [mm³]."""
         first, after = self._stretches[number]
-        place, gap = self.bead_trace.place, self.bead_trace.section.gap
+        place = self.bead_trace.place
+        gap = self.bead_trace.section.gap
         stop = min(laid, float(self._edges[after]))
         upto = slice(first, max(int(np.searchsorted(place, stop, side="right")), first + 1))
         left = np.interp(stop, self._edges, self._held) - self._before[upto] - self._half[upto]
-        begin, end = self._starts[number], _crossing(place[upto][::-1], left[::-1])
+        begin = self._starts[number]
+        end = _crossing(place[upto][::-1], left[::-1])
         if not begin < end < np.inf:  # a drop of two ends
             middle = 0.5 * (float(self._edges[first]) + stop)
             held = min(volume, float(self._held[after])) - float(self._held[first])

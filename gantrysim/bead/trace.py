@@ -25,7 +25,9 @@ _STATIONS = (2, 400_000)
 _LEAST = 1e-6  # smallest gap and cell [mm]
 _HIGHEST = 1e9  # gap [mm]
 _LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
-_STEADY, _MOSTLY = 0.1, 0.5  # tolerance of a steady section, and share of the ticks before a fault that must keep it
+# tolerance of a steady section, and share of the ticks before a fault that must keep it
+_STEADY = 0.1
+_MOSTLY = 0.5
 _SHORTEST = 1e-6  # length of the trace of a dot [mm]
 _LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
 _WET = 1e-3  # of the nominal section; below, a stretch of bead has ended
@@ -171,7 +173,8 @@ class BeadTrace:
 
         It is 0 where it is unknown: without flow in motion, or if a fault comes before the speed is steady.
         """
-        demand, speed = self.run.flow_demand[:-1], self.commanded_steps
+        demand = self.run.flow_demand[:-1]
+        speed = self.commanded_steps
         speed /= self.run.period
         moving = (demand > 0) & (speed > 0)
         if not moving.any():
@@ -212,7 +215,8 @@ class BeadTrace:
         run = self.run
         if not run.dispense.any():
             return run.nozzle[:, 2] - self.gap
-        on, offset = self.analysis.ticks, self.analysis.nozzle.offset
+        on = self.analysis.ticks
+        offset = self.analysis.nozzle.offset
 
         def below(block: slice) -> Floats:
             first, after = np.searchsorted(on, [block.start, block.stop])
@@ -269,8 +273,10 @@ class BeadTrace:
         """Those of `wet_stretches` that are shorter than their two round ends: each is one round drop, (k, 2)."""
         short = []
         for first, after in self.wet_stretches.tolist():
-            place, ends = self.ds * (np.arange(after - first) + 0.5), self.end_length[first:after]
-            begin, end = np.flatnonzero(place >= ends), np.flatnonzero(place[::-1] >= ends)
+            place = self.ds * (np.arange(after - first) + 0.5)
+            ends = self.end_length[first:after]
+            begin = np.flatnonzero(place >= ends)
+            end = np.flatnonzero(place[::-1] >= ends)
             if not begin.size or not end.size or begin[0] > end[-1]:
                 short.append((first, after))
         return np.array(short, np.intp).reshape(-1, 2)
@@ -280,7 +286,8 @@ class BeadTrace:
         """The sections at the stations; those of a drop are its own, through its middle."""
         if not len(self.drops):
             return self.strand
-        area, laid = self.area.copy(), self.area * self.ds
+        area = self.area.copy()
+        laid = self.area * self.ds
         laid[[0, -1]] *= 0.5
         for first, after in self.drops.tolist():
             gap = self.strand.gap[(first + after - 1) // 2, None]

@@ -108,7 +108,8 @@ def _table(job: Job) -> Table:
         table.add_column(heading, no_wrap=heading != "from", overflow="fold")
     for axis in own:
         table.add_column(f"{axis.name}\n\\[{axis.unit}]", justify="right", no_wrap=True)
-    table.caption, table.caption_justify = SYMBOLS, "left"
+    table.caption = SYMBOLS
+    table.caption_justify = "left"
     for name, one in DIALECTS.items():
         try:
             rows = list(zip(*(one.words(axis) for axis in own), strict=True))

@@ -62,7 +62,8 @@ def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> 
     from gantrysim.machine.checks import notes
     from gantrysim.machine.sizing import Sizing
 
-    period, run = 1e-3, None
+    period = 1e-3
+    run = None
     if job is not None:
         loaded = Job.load(job, machine=str(machine.source), allow_code=allow_code)
         loaded.check_fit()

@@ -161,7 +161,8 @@ def _evaluated(
     from gantrysim.report.page import write_run_page
     from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
 
-    machine, analysis = job.built_machine, Analysis(record)
+    machine = job.built_machine
+    analysis = Analysis(record)
     budget = Budget(analysis)
     bead = Bead(record, job.bead, analysis)
     laid = bead.values if bead.nominal > 0 else None

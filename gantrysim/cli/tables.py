@@ -29,7 +29,8 @@ _MB = 1e6
 
 def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     """Return the error budget of a run of the job `name`, a row per link of the chain."""
-    run, values = budget.analysis.run, budget.values
+    run = budget.analysis.run
+    values = budget.values
     until = "" if run.fault is None else ", until the fault"
     title = escape(f"{name} on {run.machine}: error normal to the path [µm]{until}")
     table = Table(title=title, title_justify="left")
@@ -116,7 +117,8 @@ def outcome_table(
 def losses_table(run: Run, losses: Losses) -> Table:
     """Return the faults on purpose of a run, what the supervision did, and what they cost."""
     table = Table.grid(padding=(0, 2))
-    table.title, table.title_justify = "faults on purpose\n" + escape("\n".join(events(run))), "left"
+    table.title = "faults on purpose\n" + escape("\n".join(events(run)))
+    table.title_justify = "left"
     for row in losses.rows:
         table.add_row(*row)
     return table
@@ -125,7 +127,8 @@ def losses_table(run: Run, losses: Losses) -> Table:
 def plan_table(name: str, plan: Plan) -> Table:
     """Return what a job commands: lengths, time and extents."""
     table = Table.grid(padding=(0, 2))
-    table.title, table.title_justify = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated"), "left"
+    table.title = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated")
+    table.title_justify = "left"
     table.add_row("requested path", f"{plan.length:z.3f} mm", "")
     table.add_row("commanded way", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue")
     table.add_row("time", f"{plan.duration:z.3f} s", f"at most {plan.speed:z.2f} mm/s")
@@ -139,7 +142,8 @@ def plan_table(name: str, plan: Plan) -> Table:
         table.add_row(f"tip {axis}", f"{plan.box[0, k]:z.3f} to {plan.box[1, k]:z.3f} mm", "")
     for axis, extent in plan.travel.items():
         low, high = extent.bounds
-        unit, fastest = plan.units[axis], plan.speeds[axis]
+        unit = plan.units[axis]
+        fastest = plan.speeds[axis]
         table.add_row(
             f"axis {axis}",
             f"{extent.least:z.3f} to {extent.largest:z.3f} {unit}",
@@ -156,7 +160,8 @@ def _judged(margins: Margins) -> str:
 
 
 def _add_bead(table: Table, bead: BeadValues) -> None:
-    width, volume = bead.width, bead.requested_volume
+    width = bead.width
+    volume = bead.requested_volume
     widths = f"{width.min:z.3f} to {width.max:z.3f}; nominal section {bead.nominal:z.3f} mm²"
     table.add_row("bead width", f"{width.mean:z.3f} mm", widths)
     if bead.clearance is not None:

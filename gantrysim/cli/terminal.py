@@ -148,7 +148,8 @@ def interruptible() -> Iterator[Callable[[], None]]:
             again[-1].daemon = True
             again[-1].start()
 
-    report, sys.unraisablehook = sys.unraisablehook, unraisable
+    report = sys.unraisablehook
+    sys.unraisablehook = unraisable
     try:
         with signals.handled(interrupt):
             try:

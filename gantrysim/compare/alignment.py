@@ -87,7 +87,8 @@ def _fitted(
     known = ~np.isnan(measured).any(axis=0)
     turning = turning and link == "nozzle"
     spline = CubicSpline(run.time, simulated[:, known], axis=0)
-    m, columns = measured[:, known], np.flatnonzero(known)
+    m = measured[:, known]
+    columns = np.flatnonzero(known)
     free = shift is None
     tau, turn = _correlated(trace.time, m, run, simulated[:, known], turning) if free else (float(shift or 0.0), 0.0)
     offset = np.zeros(m.shape[1])
@@ -99,7 +100,8 @@ def _fitted(
                 f"the trace covers {np.count_nonzero(inside)} of its samples with the run, from {run.time[0]:g} to "
                 f"{run.time[-1]:g} s: must be at least {LEAST}"
             )
-        s, rate = spline(at[inside]), spline(at[inside], 1)
+        s = spline(at[inside])
+        rate = spline(at[inside], 1)
         rest = m[inside] - turned(s, turn) - offset
         slopes = []
         if free:
@@ -129,13 +131,16 @@ def turned(points: Floats, turn: float) -> Floats:
     if turn == 0.0:
         return points
     x, y, *more = points.T
-    cos, sin = np.cos(turn), np.sin(turn)
+    cos = np.cos(turn)
+    sin = np.sin(turn)
     return np.column_stack([cos * x - sin * y, sin * x + cos * y, *more])
 
 
 def _correlated(time: Floats, measured: Floats, run: Run, simulated: Floats, turning: bool) -> tuple[float, float]:
     """Return shift [s] and turn [rad] at the highest cross-correlation of the velocities."""
-    long, least, most = time[-1] - time[0], 2 * _SMOOTH * run.period, _LONGEST * (run.time[-1] - run.time[0])
+    long = time[-1] - time[0]
+    least = 2 * _SMOOTH * run.period
+    most = _LONGEST * (run.time[-1] - run.time[0])
     if not least <= long <= most:
         raise InputError(
             f"the trace lasts {long:.4g} s: must last {least:.4g} to {most:.4g} s beside a run of {run.time[-1]:.4g} "
@@ -157,5 +162,6 @@ def _correlated(time: Floats, measured: Floats, run: Run, simulated: Floats, tur
         turn = float(np.angle(product[best]))
     else:
         total = sum(correlate(a, b, method="fft") for a, b in zip(one, other, strict=True))
-        best, turn = int(np.argmax(total)), 0.0
+        best = int(np.argmax(total))
+        turn = 0.0
     return float(even[0] - run.time[0] + lags[best] * run.period), turn

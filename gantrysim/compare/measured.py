@@ -50,7 +50,8 @@ class Trace:
             if key not in quantities:
                 raise unknown("quantity", key, quantities)
         units = dict(zip(run.axes, run.units, strict=True))
-        axes, notes = {}, []
+        axes = {}
+        notes = []
         for link in ("commanded", "encoder"):
             found = {axis: sources[f"{link}.{axis}"] for axis in run.axes if f"{link}.{axis}" in sources}
             if found:

@@ -118,7 +118,8 @@ def unexplained(found: Comparison) -> list[str]:
     told = [f"Difference by link, largest first: {sizes}. Links can offset one another."]
     told += _not_compared(found)
     lateral = found.difference["contour"][:, 0]
-    mean, varying = _UM * float(lateral.mean()), _UM * float(lateral.std())
+    mean = _UM * float(lateral.mean())
+    varying = _UM * float(lateral.std())
     side = "left" if mean > 0 else "right"
     told.append(
         f"Across the path the measured nozzle lies {abs(mean):.2f} µm further to the {side} on average; the difference "
@@ -134,7 +135,8 @@ def unexplained(found: Comparison) -> list[str]:
 
 def alignment_text(found: Comparison) -> str:
     """Return how the trace was aligned, in one sentence."""
-    alignment, run = found.alignment, found.measured.analysis.run
+    alignment = found.alignment
+    run = found.measured.analysis.run
     text = f"Aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
     for frame, axis, offset, unit in _placed(found):
         text += f"; {frame} offset {axis} {offset:+z.4f} {unit}"

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-OVERLAY, SPECTRUM = "overlay.png", "spectrum.png"
+OVERLAY = "overlay.png"
+SPECTRUM = "spectrum.png"
 
 
 def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Axes, ...]:

@@ -117,7 +117,8 @@ class Assignment:
             table = content.pop("columns", None)
             if not isinstance(table, dict) or not content.keys() <= {"period", "blocks"}:
                 raise InputError(f"--columns {text}: must have a table [columns], and may have period and blocks")
-            period, blocks = content.get("period"), content.get("blocks", 0)
+            period = content.get("period")
+            blocks = content.get("blocks", 0)
             if not isinstance(blocks, int):
                 raise InputError(f"--columns {text}: blocks = {blocks!r}: must be a whole number")
             given = None if period is None else positive("period", period, "s")
@@ -127,14 +128,17 @@ class Assignment:
 
 
 def _source(key: str, text: str) -> Source:
-    column, unit, factor = text.strip(), "", 1.0
+    column = text.strip()
+    unit = ""
+    factor = 1.0
     if column.endswith("]"):
         bracket = column.find("[", column.rfind("]", 0, -1) + 1)
         if bracket > 0:
             column, unit = column[:bracket], column[bracket + 1 : -1]
     name, star, number = column.rpartition("*")
     if star and name and _NUMBER.fullmatch(number):
-        column, factor = name, float(number)
+        column = name
+        factor = float(number)
     if not column:
         raise InputError(f"--columns {key}={text}: must be COLUMN, COLUMN*FACTOR or COLUMN[UNIT]")
     return Source(column.strip(), factor, unit)

@@ -147,7 +147,8 @@ def largest_torque(
     X = pole_pairs * speed * L  # noqa: N806
     b = _ANGLES if X > 0 else _ANGLES[:1]
     # (R² + X²) i² + 2 K w (R cos b - X sin b) i + (K w)² - V² = 0
-    square, half = R**2 + X**2, K * speed * (R * np.cos(b) - X * np.sin(b))
+    square = R**2 + X**2
+    half = K * speed * (R * np.cos(b) - X * np.sin(b))
     under = half**2 - square * ((K * speed) ** 2 - voltage**2)
     high = np.where(under >= 0, (-half + np.sqrt(np.maximum(under, 0))) / square, 0.0)
     low = np.where(under >= 0, (-half - np.sqrt(np.maximum(under, 0))) / square, np.inf)

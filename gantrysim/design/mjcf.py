@@ -84,7 +84,8 @@ class Mjcf:
         self._views()
         self.frame = add(self.world, "body", name="frame", pos=(0, 0, _FLOOR), childclass="visual")
         self.tendon = add(self.root, "tendon") if kinematics == "coupled" else None
-        self.actuator, self.sensor = add(self.root, "actuator"), add(self.root, "sensor")
+        self.actuator = add(self.root, "actuator")
+        self.sensor = add(self.root, "sensor")
         self._facts: dict[str, tuple[float, ...]] = {}
         self.guide_arms: dict[str, float] = {}  # from the guide blocks of an axis to the nozzle, along it [mm]
 
@@ -179,7 +180,8 @@ class Mjcf:
             guides: of the slide.
             share: of the guides' friction that this motor bears.
         """
-        motor, way = drive.known_motor, drive.transmission
+        motor = drive.known_motor
+        way = drive.transmission
         own, viscous = motor.friction
         coulomb = own + way.friction + share * guides.friction / (slide_gear * way.efficiency)
         inertia = drive.armature + load / slide_gear**2

@@ -30,9 +30,11 @@ def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[in
     """
     model = copy.copy(model)
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    data, nv = mujoco.MjData(model), model.nv
+    data = mujoco.MjData(model)
+    nv = model.nv
     at = model.qpos0 if qpos is None else qpos
-    mass, stiffness = np.zeros((nv, nv)), np.zeros((nv, nv))
+    mass = np.zeros((nv, nv))
+    stiffness = np.zeros((nv, nv))
 
     def force(step: Floats) -> Floats:
         data.qpos[:] = at

@@ -124,7 +124,8 @@ class Drive(Table):
         fastest = min(motor.max_speed * RPM, _SHARE * self.voltage / motor.K)
         if not motor.steps:
             return fastest
-        low, high = 0.0, fastest
+        low = 0.0
+        high = fastest
         peak = motor.K * self.peak_current
         if motor.torque_at(high, self.voltage, self.peak_current) >= _HALF * peak:
             return high

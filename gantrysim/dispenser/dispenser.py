@@ -22,7 +22,8 @@ from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import ATMOSPHERE, Syringe
 from gantrysim.record.setpoints import Setpoints
 
-VOLUMETRIC, TIME_PRESSURE = "volumetric", "time-pressure"
+VOLUMETRIC = "volumetric"
+TIME_PRESSURE = "time-pressure"
 
 _MOST = 1e9  # largest flow, area and pressure
 _LONGEST = 1e3  # dead time, time constants, leads and advance [s]
@@ -155,7 +156,8 @@ class Dispenser:
             InputError: a start lead longer than the time before the first dispensing, arrays not both of shape (n,),
                 or a speed that is negative or not finite.
         """
-        on, speeds = np.asarray(dispense, bool), np.asarray(speed, float)
+        on = np.asarray(dispense, bool)
+        speeds = np.asarray(speed, float)
         positive("period", period, "s")
         if on.ndim != 1 or speeds.shape != on.shape:
             raise InputError(f"speed of shape {speeds.shape}: must be that of dispense, (n,), here {on.shape}")
@@ -199,7 +201,8 @@ class Dispenser:
             amount = value * np.diff(breaks)
             mean = np.bincount(breaks[:-1].astype(np.intp) - before, amount, minlength=last - before)
             change = np.diff(mean, prepend=0.0)
-            breaks, value = ticks[first - before :], (mean + self.advance / period * change)[first - before :]
+            breaks = ticks[first - before :]
+            value = (mean + self.advance / period * change)[first - before :]
         return breaks, np.clip(value, 0.0, self.limit)
 
     def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
@@ -247,16 +250,19 @@ class Dispenser:
     def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
         """Return when the valve opens and closes, with the leads, (k,) each, ascending [periods]."""
         changes = np.flatnonzero(on[1:] != on[:-1]) + 1
-        first, last = [0] if on.size and on[0] else [], [on.size] if on.size and on[-1] else []
+        first = [0] if on.size and on[0] else []
+        last = [on.size] if on.size and on[-1] else []
         edges = np.concatenate([first, changes, last]).astype(np.float64)
-        begins, ends = edges[::2] - self.start_lead / period, edges[1::2] - self.stop_lead / period
+        begins = edges[::2] - self.start_lead / period
+        ends = edges[1::2] - self.stop_lead / period
         if begins.size and begins[0] < -_EDGE:
             before = period * (begins[0] + self.start_lead / period)
             raise InputError(
                 f"start_lead = {self.start_lead:g} s: must be at most {before:g} s, the time before the first "
                 "dispensing; Setpoints.wait holds the motion back"
             )
-        begins, ends = _on_ticks(begins), _on_ticks(ends)
+        begins = _on_ticks(begins)
+        ends = _on_ticks(ends)
         if on.size and on[-1]:
             ends[-1] = on.size  # the program has not closed the valve by the end of the record
         return begins, ends
@@ -271,12 +277,14 @@ class Dispenser:
         """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""
         later = _on_ticks(breaks + self.dead_time / period)
         if breaks[0] == 0:  # none before
-            later, value = np.concatenate([[0.0], later]), np.concatenate([[0.0], value])
+            later = np.concatenate([[0.0], later])
+            value = np.concatenate([[0.0], value])
         edges = np.unique(np.concatenate([later, np.arange(block.start, block.stop + 1, dtype=np.float64)]))
         edges = edges[(edges >= block.start) & (edges <= block.stop)]
         which = np.minimum(np.searchsorted(later, edges[:-1], "right") - 1, value.size - 1)
         lag = (period * np.diff(edges), value[which], self.opening, self.closing)
-        needle, syringe = self._driven, self.syringe
+        needle = self._driven
+        syringe = self.syringe
         if needle is None:
             volume = lagged_volumes(*lag, state)
         else:

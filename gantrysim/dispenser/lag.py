@@ -19,7 +19,9 @@ _BRIEF = 0.1  # the same of a lag
 _MOST_STEPS = 100  # in a syringe between two changes of the request
 _SETTLED = 1e-9  # deviation of a pressure that has settled, of the pressure
 _GAUSS = np.polynomial.legendre.leggauss(6)
-_NODES, _WEIGHTS = 0.5 * (_GAUSS[0] + 1), 0.5 * _GAUSS[1]  # from 0 to 1
+# from 0 to 1
+_NODES = 0.5 * (_GAUSS[0] + 1)
+_WEIGHTS = 0.5 * _GAUSS[1]
 
 Law = tuple[float, float, float, float]
 
@@ -38,7 +40,8 @@ def lagged_volumes(duration: Floats, request: Floats, opening: float, closing: f
     volume = np.empty(duration.size)
     y = state[0]
     for k in range(duration.size):
-        r, h = request[k], duration[k]
+        r = request[k]
+        h = duration[k]
         constant = opening if r > y else closing
         if constant > 0.0:
             share = -math.expm1(-h / constant)  # of the step towards r
@@ -74,15 +77,19 @@ def driven_volumes(
 ) -> Floats:
     """Return the integrals of `_flow` of the lagged state over pieces of constant request, (k,); see above."""
     volume = np.empty(duration.size)
-    least, y = law[0], state[0]
+    least = law[0]
+    y = state[0]
     for k in range(duration.size):
-        r, h = request[k], duration[k]
+        r = request[k]
+        h = duration[k]
         constant = opening if r > y else closing
         if constant <= 0.0 or y == r:
             volume[k] = h * _flow(r, law)
             y = r
             continue
-        begin, end = 0.0, h  # of the flow, which the yield stress stops
+        # of the flow, which the yield stress stops
+        begin = 0.0
+        end = h
         if max(y, r) <= least:
             begin = h
         elif y < least:
@@ -135,7 +142,8 @@ def syringe_volumes(
     volume = np.zeros(duration.size)
     y, pressure, left, air = state
     for k in range(duration.size):
-        r, h = request[k], duration[k]
+        r = request[k]
+        h = duration[k]
         lag = opening if r > y else closing
         if lag <= 0.0 or abs(y - r) <= _SETTLED * pressure:
             y = r

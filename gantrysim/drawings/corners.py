@@ -135,7 +135,8 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
     blends: dict[int, list[Line | Coil]] = {}
     for k in np.flatnonzero(corner).tolist():
         blend = None
-        before, after = legs[k], legs[k + 1]
+        before = legs[k]
+        after = legs[k + 1]
         if tolerance > 0 and turns[k] < _SHARPEST and before.glue == after.glue and not before.pause:
             blend = _blend(before.piece, after.piece, turns[k], min(room[k], room[k + 1]), tolerance)
         if blend is None:
@@ -147,7 +148,8 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
     made: list[Leg] = []
     for k, leg in enumerate(legs):
         if cut[k].any():
-            low, high = cut[k, 0] / lengths[k], 1 - cut[k, 1] / lengths[k]
+            low = cut[k, 0] / lengths[k]
+            high = 1 - cut[k, 1] / lengths[k]
             if (high - low) * lengths[k] > SHORTEST:  # as the chain drops what is not
                 made.append(replace(leg, piece=part(leg.piece, low, high)))
         else:
@@ -172,7 +174,8 @@ def _blend(
     for _ in range(_TRIALS):
         if distance < _LEAST_CUT:
             return None
-        first, last = part(before, 1 - distance / length(before), 1.0), part(after, 0.0, distance / length(after))
+        first = part(before, 1 - distance / length(before), 1.0)
+        last = part(after, 0.0, distance / length(after))
         arcs = _arcs(first, last, z)
         if _deviation(arcs, first, last) <= _SAFETY * tolerance:
             return distance, arcs
@@ -181,8 +184,10 @@ def _blend(
 
 
 def _fillet(before: Line, after: Line, theta: float, distance: float, z: float | None) -> Line | Coil:
-    corner, ahead = np.array(after.start), tangent(before, 1.0)
-    begin, end = corner - distance * ahead, corner + distance * tangent(after, 0.0)
+    corner = np.array(after.start)
+    ahead = tangent(before, 1.0)
+    begin = corner - distance * ahead
+    end = corner + distance * tangent(after, 0.0)
     if z is not None:
         return arc_to(complex(*begin[:2]), complex(*ahead[:2]), complex(*end[:2]), z)
     radius = distance / math.tan(0.5 * theta)
@@ -196,8 +201,10 @@ def _fillet(before: Line, after: Line, theta: float, distance: float, z: float |
 
 def _arcs(first: Line | Coil, last: Line | Coil, z: float) -> list[Line | Coil]:
     """Biarc from the start of one piece to the end of another."""
-    begin, end = complex(*place(first, np.zeros(1))[0, :2]), complex(*place(last, np.ones(1))[0, :2])
-    ahead, onward = complex(*tangent(first, 0.0)[:2]), complex(*tangent(last, 1.0)[:2])
+    begin = complex(*place(first, np.zeros(1))[0, :2])
+    end = complex(*place(last, np.ones(1))[0, :2])
+    ahead = complex(*tangent(first, 0.0)[:2])
+    onward = complex(*tangent(last, 1.0)[:2])
     join = complex(middle(*(np.array([value]) for value in (begin, ahead, end, onward)))[0])
     chord = join - begin
     return [arc_to(begin, ahead, join, z), arc_to(join, (chord / abs(chord)) ** 2 * ahead.conjugate(), end, z)]

@@ -231,7 +231,8 @@ class Drawing(Controller):
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")
-        profile, chain = self.profile, self.route.chain
+        profile = self.profile
+        chain = self.route.chain
         time = np.arange(ticks(profile.duration, period) + 1) * period
         s = profile.position(time)
         s[-1] = chain.length
@@ -250,7 +251,8 @@ class Drawing(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What is traced and what is not, assumptions, corners, and the effect of the axes' limits."""
-        legs, corners = self.route.legs, self.route.corners
+        legs = self.route.legs
+        corners = self.route.corners
         laid = sum(leg.length for leg in legs if leg.glue)
         notes = [
             f"drawing: {self.kind}, {len(self._strokes)} strokes in {self.route.stretches} stretches; "

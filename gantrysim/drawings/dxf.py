@@ -22,7 +22,8 @@ _NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta",
 # $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, um, dm [mm]
 _UNITS = {1: 25.4, 2: 304.8, 3: 1609344.0, 4: 1.0, 5: 10.0, 6: 1e3, 7: 1e6, 8: 25.4e-6, 9: 0.0254, 10: 914.4}
 _UNITS |= {11: 1e-7, 12: 1e-6, 13: 1e-3, 14: 100.0}
-_BY_BLOCK, _BY_LAYER = 0, 256
+_BY_BLOCK = 0
+_BY_LAYER = 256
 _DEEPEST = 32  # nested blocks
 _MOST = 200_000  # entities, those of blocks counted each time
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
@@ -140,7 +141,8 @@ def _seen(reading: _Reading, entity: Any, layer: str) -> bool:
 def _colours(reading: _Reading, entity: Any, block: _Block | None) -> frozenset[str]:
     from ezdxf.colors import aci2rgb, int2rgb
 
-    number, true = entity.dxf.get("color", _BY_LAYER), entity.dxf.get("true_color")
+    number = entity.dxf.get("color", _BY_LAYER)
+    true = entity.dxf.get("true_color")
     if number == _BY_BLOCK and block is not None:
         return block.colours
     layer = entity.dxf.get("layer", "0")
@@ -159,7 +161,8 @@ def _colours(reading: _Reading, entity: Any, block: _Block | None) -> frozenset[
 
 
 def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -> Stroke | None:
-    kind, dxf = entity.dxftype(), entity.dxf
+    kind = entity.dxftype()
+    dxf = entity.dxf
     shapes: list[Shape]
     if kind == "LINE":
         shapes = [Segment(_vector(dxf.start), _vector(dxf.end))]
@@ -191,10 +194,13 @@ def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -
 
 def _round(entity: Any) -> Ellipse:
     """An arc or a circle, counter-clockwise about its normal."""
-    dxf, ocs = entity.dxf, entity.ocs()
-    begin, end = 0.0, 360.0
+    dxf = entity.dxf
+    ocs = entity.ocs()
+    begin = 0.0
+    end = 360.0
     if entity.dxftype() == "ARC":
-        begin, end = float(dxf.start_angle), float(dxf.end_angle)
+        begin = float(dxf.start_angle)
+        end = float(dxf.end_angle)
         end = begin + ((end - begin) % 360.0 or 360.0)
     radius = float(dxf.radius)
     if not 0 < radius < math.inf:

@@ -107,7 +107,8 @@ def _lines(shape: Curve, tolerance: float) -> list[Line | Coil]:
     edges = _spread(shape.knots, _FIRST)
     for _ in range(_HALVINGS):
         _check_count(edges.size)
-        low, high = edges[:-1], edges[1:]
+        low = edges[:-1]
+        high = edges[1:]
         t = low[:, None] + _SAMPLES * (high - low)[:, None]
         points = shape.at(t.ravel())[0].reshape(*t.shape, 3)
         ends = shape.at(edges)[0]
@@ -128,12 +129,15 @@ def _lines(shape: Curve, tolerance: float) -> list[Line | Coil]:
 
 def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
     edges = _spread(shape.knots, _FIRST)
-    low, high = edges[:-1], edges[1:]
+    low = edges[:-1]
+    high = edges[1:]
     done: list[list[Complexes]] = []
     for halving in range(_HALVINGS):
         _check_count(2 * (low.size + sum(each[0].size for each in done)))
-        begin, end = _complex(shape.at(low)[0]), _complex(shape.at(high)[0])
-        first, last = _tangents(shape, low, high), _tangents(shape, high, low)
+        begin = _complex(shape.at(low)[0])
+        end = _complex(shape.at(high)[0])
+        first = _tangents(shape, low, high)
+        last = _tangents(shape, high, low)
         t = low[:, None] + _SAMPLES * (high - low)[:, None]
         points = _complex(shape.at(t.ravel())[0]).reshape(t.shape)
         chord = end - begin
@@ -146,13 +150,15 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
         good = short | ((wide < _WIDEST) & (off < _SAFETY * tolerance))
         straight = short
         if halving == _HALVINGS - 1:
-            straight, good = short | ~good, np.ones_like(good)
+            straight = short | ~good
+            good = np.ones_like(good)
         kept = [values[good] for values in (low, begin, first, join, end, np.where(straight, 0, last))]
         done.append(kept)
         if good.all():
             break
         half = 0.5 * (low + high)[~good]
-        low, high = np.concatenate([low[~good], half]), np.concatenate([half, high[~good]])
+        low = np.concatenate([low[~good], half])
+        high = np.concatenate([half, high[~good]])
     at, begin, first, join, end, last = map(np.concatenate, zip(*done, strict=True))
     order = np.argsort(at if shape.knots[0] < shape.knots[-1] else -at, kind="stable")
     pieces: list[Line | Coil] = []
@@ -195,7 +201,8 @@ def _tangents(shape: Curve, at: Floats, other: Floats) -> Complexes:
     scale = np.abs(_complex(shape.at(0.5 * (at + other))[1]))
     weak = np.abs(slope) <= 1e-6 * scale
     if weak.any():
-        near, there = at[weak], other[weak]
+        near = at[weak]
+        there = other[weak]
         step = _complex(shape.at(near + _NUDGE * (there - near))[0]) - _complex(shape.at(near)[0])
         ascending = (there > near) == (shape.knots[-1] > shape.knots[0])
         slope[weak] = np.where(ascending, step, -step)

@@ -84,14 +84,16 @@ def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: fl
     Raises:
         InputError: a path too long, or with too many pieces, for the memory.
     """
-    legs, chain = route.legs, route.chain
+    legs = route.legs
+    chain = route.chain
     ends, steps, owner = _spans(route, acceleration)
     s, span = nodes(ends, steps)
     piece = owner[span]
     edges = np.append(0.0, chain.ends)
     inset = _SHARE * np.diff(edges)[piece]
     local = chain.local(np.clip(s, edges[piece] + inset, edges[piece + 1] - inset))
-    first, second = local.tangent, local.curvature
+    first = local.tangent
+    second = local.curvature
     speed = np.minimum(np.array([leg.speed for leg in legs])[piece], velocity_bound(s, first, velocity))
     limited = np.isfinite(np.asarray(acceleration, float))
     if limited.any():
@@ -118,7 +120,9 @@ def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArr
     """
     finite = [float(limit) for limit in np.asarray(acceleration, float) if np.isfinite(limit)]
     starts = np.append(0.0, route.chain.ends[:-1])
-    ends, steps, owner = [], [], []
+    ends = []
+    steps = []
+    owner = []
     for k, (leg, begin, end) in enumerate(zip(route.legs, starts.tolist(), route.chain.ends.tolist(), strict=True)):
         length = end - begin
         curved = _TURN * leg.piece.radius[0] if isinstance(leg.piece, Coil) else np.inf

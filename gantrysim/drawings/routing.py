@@ -79,7 +79,8 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     if manner.nearest:
         stretches = _joined(_by_distance(stretches, manner.reverse), manner)
     legs: list[Leg] = []
-    count, up = Count(), np.array([0.0, 0.0, manner.lift])
+    count = Count()
+    up = np.array([0.0, 0.0, manner.lift])
     here = manner.start
     for stretch in stretches:
         drawn = rounded(_drawn(stretch, manner), manner.corner, count) if stretch[0].dot is None else []
@@ -149,7 +150,9 @@ def _by_distance(stretches: list[list[Stroke]], reverse: bool) -> list[list[Stro
     starts = np.array([stretch[0].start for stretch in stretches])
     ends = np.array([stretch[-1].end for stretch in stretches])
     left = np.ones(len(stretches), bool)
-    made, k, backwards = [], 0, False
+    made = []
+    k = 0
+    backwards = False
     while True:
         left[k] = False
         made.append(_back(stretches[k]) if backwards else stretches[k])
@@ -195,7 +198,8 @@ def _append(legs: list[Leg], more: list[Leg]) -> None:
         if leg.length <= _SHORTEST:
             continue
         if legs:
-            end, start = legs[-1].end, leg.start
+            end = legs[-1].end
+            start = leg.start
             if _apart(end, start) > _NO_GAP:
                 leg = _closed_up(legs, leg, end, start)
         legs.append(leg)
@@ -203,7 +207,8 @@ def _append(legs: list[Leg], more: list[Leg]) -> None:
 
 def _closed_up(legs: list[Leg], leg: Leg, end: Floats, start: Floats) -> Leg:
     """The next leg, with the gap before it closed: a line or an arc is moved at one of its ends, else a line added."""
-    piece, before = leg.piece, legs[-1].piece
+    piece = leg.piece
+    before = legs[-1].piece
     if isinstance(piece, Line):
         moved = Line(vector(end), piece.end)
         if length(moved) > _SHORTEST:

@@ -68,19 +68,22 @@ class Ellipse:
     @property
     def circular(self) -> bool:
         """Whether it is a circular arc in a level plane."""
-        a, b = math.hypot(*self.u), math.hypot(*self.v)
+        a = math.hypot(*self.u)
+        b = math.hypot(*self.v)
         even = abs(a - b) <= _CIRCULAR * a and abs(self.u @ self.v) <= _CIRCULAR * a * b
         return bool(even and max(abs(self.u[2]), abs(self.v[2])) <= _CIRCULAR * a)
 
     def at(self, t: Floats) -> tuple[Floats, Floats]:
         """Return points and derivatives, (n, 3) each, in the sense of the motion."""
-        c, s = np.cos(t)[:, None], np.sin(t)[:, None]
+        c = np.cos(t)[:, None]
+        s = np.sin(t)[:, None]
         sense = math.copysign(1.0, self.finish - self.begin)
         return self.centre + c * self.u + s * self.v, sense * (c * self.v - s * self.u)
 
     def moved(self, place: Callable[[Floats], Floats]) -> Ellipse:
         centre = place(self.centre)
-        u, v = place(self.centre + self.u) - centre, place(self.centre + self.v) - centre
+        u = place(self.centre + self.u) - centre
+        v = place(self.centre + self.v) - centre
         return replace(self, centre=centre, u=u, v=v)
 
     def reversed(self) -> Ellipse:
@@ -139,7 +142,8 @@ class Spline:
 
         homogeneous = np.column_stack([self.weights[:, None] * self.control, self.weights])
         curve = BSpline(self.vector, homogeneous, self.degree)
-        value, slope = curve(t), curve(t, 1)
+        value = curve(t)
+        slope = curve(t, 1)
         weight = value[:, 3:]
         point = value[:, :3] / weight
         return point, (-1.0 if self.backwards else 1.0) * (slope[:, :3] - slope[:, 3:] * point) / weight
@@ -203,7 +207,8 @@ class Stroke:
 
     def reversed(self) -> Stroke:
         """Return the stroke in the other direction."""
-        glue, speed = self.glue and self.glue[::-1], self.speed and self.speed[::-1]
+        glue = self.glue and self.glue[::-1]
+        speed = self.speed and self.speed[::-1]
         shapes = tuple(shape.reversed() for shape in self.shapes[::-1])
         return replace(self, shapes=shapes, glue=glue, speed=speed)
 
@@ -255,5 +260,6 @@ def bulged(first: Floats, last: Floats, bulge: float) -> Shape:
     middle = complex(*(0.5 * (first + last))[:2])
     centre = middle + 1j * chord * left
     out = complex(*first[:2]) - centre
-    u, v = point(out.real, out.imag), point(-out.imag, out.real)
+    u = point(out.real, out.imag)
+    v = point(-out.imag, out.real)
     return Ellipse(point(centre.real, centre.imag, first[2]), u, v, 0.0, 4 * math.atan(bulge))

@@ -248,15 +248,18 @@ def _continues(before: Ellipse, after: Ellipse) -> bool:
 def _shape(segment: Any) -> Shape:
     from svgelements import Arc, CubicBezier, QuadraticBezier
 
-    begin, end = _point(segment.start), _point(segment.end)
+    begin = _point(segment.start)
+    end = _point(segment.end)
     if isinstance(segment, QuadraticBezier):
         return bezier(begin, _point(segment.control), end)
     if isinstance(segment, CubicBezier):
         return bezier(begin, _point(segment.control1), _point(segment.control2), end)
     if isinstance(segment, Arc):
         turned = float(segment.get_rotation())
-        c, s = math.cos(turned), math.sin(turned)
-        u, v = float(segment.rx) * point(c, s), float(segment.ry) * point(-s, c)
+        c = math.cos(turned)
+        s = math.sin(turned)
+        u = float(segment.rx) * point(c, s)
+        v = float(segment.ry) * point(-s, c)
         first = float(segment.get_start_t())
         return Ellipse(_point(segment.center), u, v, first, first + float(segment.sweep))
     return Segment(begin, end)  # a line, or the closing one

@@ -92,7 +92,9 @@ def with_speeds(text: str, change: Callable[[float], float]) -> str | None:
     layout = _layout(text)
     if "speed" not in layout.columns:
         return None
-    at, made, found = layout.columns.index("speed"), [], False
+    at = layout.columns.index("speed")
+    made = []
+    found = False
     for number, line in enumerate(text.splitlines(), 1):
         parts = re.split(f"({layout.separator})", line.strip())  # separators at every second place
         data = number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at
@@ -208,5 +210,6 @@ def _spline(points: Floats, line: int) -> list[Shape]:
         raise InputError(f"line {line}: spline of {at[-1]:g} mm: has points that are too close for its length")
     slope = CubicSpline(at, points, bc_type="periodic" if closed else "natural")(at, 1)
     third = np.diff(at)[:, None] / 3
-    after, before = points[:-1] + third * slope[:-1], points[1:] - third * slope[1:]
+    after = points[:-1] + third * slope[:-1]
+    before = points[1:] - third * slope[1:]
     return [bezier(*control) for control in zip(points[:-1], after, before, points[1:], strict=True)]

@@ -42,7 +42,8 @@ def advance(
     made = 0
     with installed() if hook is None else hook:
         while (steps is None or made < steps) and (left := [number for number, run in runs.items() if not run.done]):
-            one, before = runs[left[0]], runs[left[0]].steps
+            one = runs[left[0]]
+            before = runs[left[0]].steps
             needed = max(runs[number].steps_left for number in left) if steps is None else steps - made
             count = min(needed, most, *(runs[number].steps_of_model for number in left))
             for number in left:

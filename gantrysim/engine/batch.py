@@ -178,7 +178,8 @@ class Batch:
         whole("places", places, 1)
         threads = 0 if threads is None else whole("threads", threads, 1)
         self._batch = mujoco.batch.Batch(machine.physics, places, nthread=threads)
-        self._qpos, self._userdata = self._batch.bind("qpos"), self._batch.bind("userdata")
+        self._qpos = self._batch.bind("qpos")
+        self._userdata = self._batch.bind("userdata")
         self._sent, self._ticks, self._faults = map(self.field, ("index", "ticks", "fault"))
         self._plain = np.zeros(places, bool)
         self._models = [machine.physics] * places

@@ -34,7 +34,8 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
     """
     if servo.plain and all(axis.efficiency == 1 for axis in machine.plain_axes):
         return None
-    entries, model = np.zeros(servo.axes, DRIVE), machine.physics
+    entries = np.zeros(servo.axes, DRIVE)
+    model = machine.physics
     for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         entry = entries[a]
         entry["load"] = -1

@@ -22,7 +22,8 @@ def following_error(run: Started) -> Floats:
     Raises:
         InputError: a run so long that its log is not in memory.
     """
-    simulation, log = run.simulation, run.simulation.log
+    simulation = run.simulation
+    log = run.simulation.log
     if len(log.tick) < run.ticks:
         raise InputError(f"law 'learning' over {run.ticks} servo ticks: must be a run whose log fits into memory")
     count = len(simulation.position)
@@ -55,7 +56,9 @@ class _Pupil:
         error = following_error(run)
         rms = math.inf if run.fault is not None else float(np.sqrt(np.mean(error**2)))
         if rms < self.error:
-            self.best, self.error, self.change = run, rms, self.inverse.learnt(error)
+            self.best = run
+            self.error = rms
+            self.change = self.inverse.learnt(error)
         else:
             self.step *= 0.5
             self.best = self.best or run

@@ -12,7 +12,9 @@ from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints, Supervision
 
-_ROUNDING, _NEAR = 1e-9, 1e-3  # of positions [mm]
+# of positions [mm]
+_ROUNDING = 1e-9
+_NEAR = 1e-3
 
 
 def check_supervision(machine: Machine, supervision: Supervision) -> None:
@@ -122,7 +124,9 @@ def axis_torques(machine: Machine, setpoints: Setpoints) -> Floats | None:
 def _extremes(position: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return the rows of each axis' lowest and highest position, and of its fastest step to the next row, (axes,)."""
     n, axes = position.shape
-    lowest, highest, fastest = np.zeros(axes, np.intp), np.zeros(axes, np.intp), np.zeros(axes, np.intp)
+    lowest = np.zeros(axes, np.intp)
+    highest = np.zeros(axes, np.intp)
+    fastest = np.zeros(axes, np.intp)
     for a in range(axes):
         low = high = position[0, a]
         most = 0.0

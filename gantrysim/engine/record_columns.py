@@ -85,7 +85,8 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
             torque = min(max(delivered, -peak), peak)
             demand = entry.demand
             if stepping != 0.0:
-                demand, volts = torque, entry.demand
+                demand = torque
+                volts = entry.demand
             for row, value in enumerate((entry.encoder, entry.motor, demand, torque, amperes, volts)):
                 columns[row, a, k] = value
 
@@ -101,7 +102,9 @@ def _fill_speeds(speeds: Floats, tip: Floats, period: float) -> None:
     """
     speeds[-1] = 0.0
     for k in range(len(tip) - 1):
-        x, y, z = tip[k + 1, 0] - tip[k, 0], tip[k + 1, 1] - tip[k, 1], tip[k + 1, 2] - tip[k, 2]
+        x = tip[k + 1, 0] - tip[k, 0]
+        y = tip[k + 1, 1] - tip[k, 1]
+        z = tip[k + 1, 2] - tip[k, 2]
         speeds[k] = np.sqrt(x * x + y * y + z * z) / period
 
 
@@ -132,13 +135,15 @@ def sent_columns(
         faults: as in `LogBook`.
         table: to which they are written block by block.
     """
-    n, period = sent.size, setpoints.period
+    n = sent.size
+    period = setpoints.period
     waited = sent[-1] != n - 1  # else one at a tick
     speed = np.empty(n)
     for block in [slice(0, n)] if table is None else blocks(n):
         ahead = slice(block.start, block.stop + 1)
         commanded = position[sent[ahead]] if waited else position[: sent.size][ahead]
-        tip, count = machine.tip(commanded), block.stop - block.start
+        tip = machine.tip(commanded)
+        count = block.stop - block.start
         _fill_speeds(speed[block], tip, period)
         columns = {
             "time": np.arange(block.start, block.stop, dtype=np.float64) * period,

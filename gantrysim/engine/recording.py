@@ -49,9 +49,13 @@ class LogBook:
     ) -> None:
         # whether the servo has each axis' position from its load
         self._scales: ArrayLike = False if drives is None else drives["load"] >= 0
-        self._machine, self._setpoints, self._position, self._dispenser = machine, setpoints, position, dispenser
+        self._machine = machine
+        self._setpoints = setpoints
+        self._position = position
+        self._dispenser = dispenser
         axes = position.shape[1]
-        self._faults, self._drives = faults, np.zeros((axes, 2))
+        self._faults = faults
+        self._drives = np.zeros((axes, 2))
         if drives is not None:
             self._drives = np.stack([drives["lead"], drives["mode"] == STEPPER], axis=1)
         count, axes = position.shape
@@ -69,7 +73,8 @@ class LogBook:
     def begin(self, row: np.void) -> None:
         """Begin at the first tick of a run; write the log's addresses into its servo's row."""
         if self._table is not None:
-            self.first, self.log = 0, self.log.until(0)
+            self.first = 0
+            self.log = self.log.until(0)
         self._address(row)
 
     def _address(self, row: np.void) -> None:
@@ -128,7 +133,9 @@ class LogBook:
             ticks: number of them, at least one.
             fault: why the run ended early, or None.
         """
-        machine, setpoints, table = self._machine, self._setpoints, self._table
+        machine = self._machine
+        setpoints = self._setpoints
+        table = self._table
         kept = constants(machine, setpoints, self._dispenser)
         content: dict[str, Any] = {}
         if table is None:
@@ -153,9 +160,11 @@ class LogBook:
         errors = self._machine.kinematic_errors
         if errors is None:
             return
-        motor, rigid = array_of(content["motor"]), array_of(content["motor_tip"])
+        motor = array_of(content["motor"])
+        rigid = array_of(content["motor_tip"])
         ideal = array_of(content["nozzle" if table is None else IDEAL])
-        every, parts = list(blocks(len(motor))), []
+        every = list(blocks(len(motor)))
+        parts = []
         for block, tip in zip(every, errors.tips((motor[block] for block in every), self._scales), strict=True):
             columns = {"geometric_tip": tip, "nozzle": ideal[block] + (tip - rigid[block])}
             if table is None:
@@ -173,7 +182,8 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
     """Return the record of a machine without tracking error, and without torque; arguments as in `LogBook`."""
     content: dict[str, Any] = {}
     sent_columns(machine, setpoints, position, np.arange(len(position)), dispenser, content)
-    tip, none = content["commanded_tip"], np.zeros_like(position)
+    tip = content["commanded_tip"]
+    none = np.zeros_like(position)
     content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(TIPS, tip)
     content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
     if machine.geometry is not None:

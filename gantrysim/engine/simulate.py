@@ -61,7 +61,8 @@ def simulate(
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     runs = servo.learning_repeats + 1 if LEARNING in servo.law and law is None else 1
-    done, count = 0, runs * len(simulation.position)
+    done = 0
+    count = runs * len(simulation.position)
 
     def run(simulations: Sequence[Simulation]) -> list[Started]:
         nonlocal done

@@ -153,7 +153,8 @@ def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Disp
 
 def _check_ticks(setpoints: Setpoints) -> None:
     """Check that there is memory for the run, which waits at every gate for at least its settling time."""
-    wait, count = setpoints.supervision.settle_time, setpoints.gates.size
+    wait = setpoints.supervision.settle_time
+    count = setpoints.gates.size
     what = f"settle_time = {wait:g} s at each of {count} gates" if count else "the program"
     remedy = "use a shorter settle_time or program" if count else "use a shorter program or a longer period"
     check_ticks(setpoints.run_ticks, what, remedy)

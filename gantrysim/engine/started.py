@@ -90,7 +90,8 @@ class Started:
     @property
     def model(self) -> mujoco.MjModel:
         """The model of the next physics step."""
-        steps, model = self.steps, self.simulation.model
+        steps = self.steps
+        model = self.simulation.model
         for begin, later in self.simulation.later:
             if begin <= steps:
                 model = later
@@ -134,12 +135,15 @@ class Started:
     @property
     def fault(self) -> Fault | None:
         """The fault, if there is one."""
-        row, simulation = self.row, self.simulation
+        row = self.row
+        simulation = self.simulation
         code = int(row["fault"])
         if not code:
             return None
-        kind, axis = FAULTS[code], simulation.machine.plain_axes[row["fault_axis"]]
-        value, limit = float(row["fault_value"]), float(row["fault_limit"])
+        kind = FAULTS[code]
+        axis = simulation.machine.plain_axes[row["fault_axis"]]
+        value = float(row["fault_value"])
+        limit = float(row["fault_limit"])
         unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
         if kind == "diverged" and np.isfinite(limit):
             unit = "N·m"  # of the demand; else it is the following error, which has no limit
@@ -160,7 +164,9 @@ class Started:
         Raises:
             GantryError: a run that is neither at its end nor stopped by a fault.
         """
-        simulation, fault, kept = self.simulation, self.fault, self.ticks
+        simulation = self.simulation
+        fault = self.fault
+        kept = self.ticks
         if not partial and not self.done:
             raise GantryError(
                 f"the servo of machine {simulation.machine.name} ran for {kept} of {len(simulation.position)} ticks: "
@@ -173,7 +179,8 @@ class Started:
 
 def _fill(simulation: Simulation, row: np.void) -> None:
     """Write the servo, its axes and the addresses."""
-    machine, servo = simulation.machine, simulation.servo
+    machine = simulation.machine
+    servo = simulation.servo
     for name, field in OFFSETS.items():
         row[name] = offsets()[field]
     row["axes"], row["ticks"], row["substeps"] = servo.axes, len(simulation.position), simulation.substeps
@@ -202,7 +209,8 @@ def _fill(simulation: Simulation, row: np.void) -> None:
 
 def _supervise(simulation: Simulation, row: np.void) -> None:
     """Write the limits of the supervision."""
-    supervision, gates = simulation.setpoints.supervision, simulation.setpoints.gates
+    supervision = simulation.setpoints.supervision
+    gates = simulation.setpoints.gates
     row["position_error"] = supervision.position_error
     row["position_error_delay"] = supervision.position_error_delay
     row["injected"], row["injected_count"] = simulation.injected.ctypes.data, simulation.injected.size

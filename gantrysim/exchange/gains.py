@@ -67,7 +67,8 @@ def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: st
     Raises:
         InputError: no words of the dialect, not those of every axis, or a term that the servo's law lacks.
     """
-    chosen, own = dialect(name), AxisServo.of(axes, servo)
+    chosen = dialect(name)
+    own = AxisServo.of(axes, servo)
     found = chosen.read(text, own)
     missing = [axis.name for axis, words in zip(own, found, strict=True) if not words]
     if missing:

@@ -94,14 +94,18 @@ def pulses(kind: str, frequency: float, damping: float) -> tuple[Floats, Floats]
     t = 1 / (positive("frequency", frequency, "Hz") * root)
     decay = math.exp(-damping * math.pi / root)
     if kind == "zv":
-        sizes, times = [1.0, decay], [0, t / 2]
+        sizes = [1.0, decay]
+        times = [0, t / 2]
     elif kind == "mzv":
         less = decay**0.75
         outer = 1 - 1 / math.sqrt(2)
-        sizes, times = [outer, (math.sqrt(2) - 1) * less, outer * less**2], [0, 3 * t / 8, 3 * t / 4]
+        sizes = [outer, (math.sqrt(2) - 1) * less, outer * less**2]
+        times = [0, 3 * t / 8, 3 * t / 4]
     elif kind == "ei":
-        edge, middle = (1 + _VIBRATION) / 4, (1 - _VIBRATION) / 2
-        sizes, times = [edge, middle * decay, edge * decay**2], [0, t / 2, t]
+        edge = (1 + _VIBRATION) / 4
+        middle = (1 - _VIBRATION) / 2
+        sizes = [edge, middle * decay, edge * decay**2]
+        times = [0, t / 2, t]
     else:
         raise unknown("shaper", kind, SHAPERS)
     amplitudes = np.array(sizes)
@@ -114,7 +118,8 @@ def klipper(axes: Iterable[Axis], kind: str = "mzv") -> tuple[str, list[str]]:
     Raises:
         InputError: no axis of the machine swings.
     """
-    lines, notes = ["[input_shaper]"], []
+    lines = ["[input_shaper]"]
+    notes = []
     for axis in axes:
         mode = first_mode(axis) if axis.name in _SHAPED else None
         if axis.name not in _SHAPED:

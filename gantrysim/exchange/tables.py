@@ -58,7 +58,8 @@ def export(run: Run, file: str | os.PathLike[str], kind: str) -> None:
     """
     if kind not in WRITERS:
         raise unknown("format", kind, WRITERS)
-    table, about = columns(run), description(run)
+    table = columns(run)
+    about = description(run)
     with replaced(file) as partial:
         WRITERS[kind](partial, table, about)
 
@@ -86,7 +87,8 @@ def _mat(file: Path, table: Columns, about: Mapping[str, str]) -> None:
 
 def _parquet(file: Path, table: Columns, about: Mapping[str, str]) -> None:
     """Columns of doubles, and of booleans; the rest as metadata of the schema."""
-    arrow, parquet = _library("pyarrow", "parquet"), _library("pyarrow.parquet", "parquet")
+    arrow = _library("pyarrow", "parquet")
+    parquet = _library("pyarrow.parquet", "parquet")
     content = arrow.table({name: np.asarray(column) for name, column in table.items()})
     parquet.write_table(content.replace_schema_metadata(dict(about)), str(file))
 

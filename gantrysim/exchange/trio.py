@@ -83,5 +83,6 @@ class Trio(Dialect):
     def _factors(axis: AxisServo) -> list[float]:
         edge = axis.has("resolution", axis.resolution, "as the gains count encoder edges")
         limit = axis.has("torque_limit", axis.torque_limit, "the torque at full scale of the DAC")
-        c, period = edge * FULL_SCALE / limit, axis.period
+        c = edge * FULL_SCALE / limit
+        period = axis.period
         return [c, period * c, c / period, c / period, c / period]

@@ -21,7 +21,8 @@ _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
 _SHARES = (0.7, 1.0, 1.4)
 # Reach of a log, of its sampling rate. A held demand is known between its samples; the torque of a motor is not: linear
 # in between, it is right to 3 % at a tenth of the rate, and to 40 % at four tenths.
-_HELD, _SAMPLED = 0.5, 0.1
+_HELD = 0.5
+_SAMPLED = 0.1
 _DELAYS = 2  # samples
 _GAPS = np.geomspace(5, 2000, 48)  # grid of the start, in standard deviations of the counts
 _HIDDEN = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
@@ -77,7 +78,9 @@ def fit_axis(
     used = in_motion(position, period, resolution)
     first, last = np.flatnonzero(used)[[0, -1]]
     around = slice(max(first - LAGS, 0), last + 1)
-    position, torque, used = position[around], torque[around], used[around]
+    position = position[around]
+    torque = torque[around]
+    used = used[around]
     scale = start[0] / nominal.inertia
     friction = max(start[2], 1e-3 * float(np.std(torque)))
     model = replace(
@@ -104,7 +107,8 @@ def fit_axis(
     mode = list(MODE) if model.resonance < _HELD / period else []  # beyond, samples do not show it
     model = min((replace(model, delay=k * 0.5 * period) for k in range(2 * _DELAYS + 1)), key=cost)
     best = _refined(model, noise, list(_RIGID), residual, period, size, _FEW)
-    model, noise = best.model, best.noise
+    model = best.model
+    noise = best.noise
     if mode:
         grid = [
             replace(model, share=share * model.share, stiffness=factor * model.stiffness, damping=model.damping)
@@ -200,7 +204,8 @@ def _refined(
     units = np.array([_step(model, name, period, size) for name in names])
 
     def unpacked(at: Floats) -> tuple[AxisModel, float]:
-        values, at = {}, at - 1.0
+        values = {}
+        at = at - 1.0
         for name, unit, x in zip(names, units, at, strict=False):
             own = getattr(model, name)
             if name in _POSITIVE:
@@ -212,7 +217,8 @@ def _refined(
         return replace(model, **values), noise * math.exp(at[-1])
 
     # the variables begin at 1: steps of the differences are relative to them
-    low, high = np.full(len(names) + 1, -np.inf), np.full(len(names) + 1, np.inf)
+    low = np.full(len(names) + 1, -np.inf)
+    high = np.full(len(names) + 1, np.inf)
     for k, name in enumerate(names):
         if name in _BOUNDED:
             low[k] = -getattr(model, name) / units[k] - 1e-9

@@ -73,7 +73,8 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
 
 
 def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, now: AxisModel, load: float) -> None:
-    body, added = spring.parent, load * PER_SI[fit.unit] ** 2 / fit.model.scale
+    body = spring.parent
+    added = load * PER_SI[fit.unit] ** 2 / fit.model.scale
     if spring.type == mujoco.mjtJoint.mjJNT_SLIDE:
         body.mass += added
         if not body.mass > 0:
@@ -95,7 +96,8 @@ def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, now: AxisModel, load: float
 
 
 def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFit) -> None:
-    model, nominal = fit.model, fit.nominal
+    model = fit.model
+    nominal = fit.nominal
     to_axis = PER_SI[fit.unit] ** 2 / model.scale
     if motor.gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR and motor.dynprm[BRISTLE_STIFFNESS] > 0:
         joint.frictionloss = 0.0  # it is part of what is fitted

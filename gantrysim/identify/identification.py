@@ -140,7 +140,8 @@ class Identification:
         return tuple(self._accepted(fit, judged) for fit, judged in zip(self.fits, self.judgements, strict=True))
 
     def _accepted(self, fit: AxisFit, judgement: Judgement) -> AxisFit:
-        model, table = fit.model, fit.nominal
+        model = fit.model
+        table = fit.nominal
         names = {name for name in judgement.estimates if not judgement.reason(name)}
         values = {name: getattr(model, name) for name in ("inertia", "viscous", "coulomb") if name in names}
         accepted = replace(table, **values)
@@ -187,7 +188,8 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
     fits: list[AxisFit] = []
     for column, name in enumerate(log.axes):
         index = machine.axis_names.index(name)
-        axis, nominal = machine.axes[index], model_of(machine, index)
+        axis = machine.axes[index]
+        nominal = model_of(machine, index)
 
         def counted(done: int = len(fits)) -> None:
             progress(done / len(log.axes))
@@ -216,7 +218,8 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
 
 
 def _check_log(axis: Axis, table: AxisModel, log: Log, column: int) -> None:
-    position, torque = log.position[:, column], log.torque[:, column]
+    position = log.position[:, column]
+    torque = log.torque[:, column]
     check_excitation(axis, position, torque)
     check_torque(axis, torque)
     check_sampling(axis, position, log.period)

@@ -22,7 +22,8 @@ from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 
-DEMAND, TORQUE = "demand", "torque"
+DEMAND = "demand"
+TORQUE = "torque"
 _QUANTITIES = ("position", DEMAND, TORQUE)
 # factors to s, to mm of a slide, to deg of a hinge, to N·m at the motor shaft
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}

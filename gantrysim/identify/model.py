@@ -103,7 +103,8 @@ class AxisModel:
             return np.array([[0.0, 1.0], [0.0, -self.viscous / J]], float), np.array([0, 1 / J]), np.zeros(2)
         load = self.inertia * self.share
         motor = self.inertia - load
-        k, c = self.stiffness, self.damping
+        k = self.stiffness
+        c = self.damping
         A = np.array(
             [
                 [0, 1, 0, 0],
@@ -135,11 +136,13 @@ def model_of(machine: Machine, axis: int) -> AxisModel:
     Raises:
         InputError: an axis that cannot be linearised.
     """
-    own, physics = machine.axes[axis], machine.physics
+    own = machine.axes[axis]
+    physics = machine.physics
     if own.motion is None:
         raise InputError(f"axis {own.name}: its actuator has a delay in the MJCF, so its mode is not known")
     share, stiffness, damping = _mode(own)
-    bristles, friction = physics.actuator_dynprm[axis], physics.actuator_biasprm[axis]
+    bristles = physics.actuator_dynprm[axis]
+    friction = physics.actuator_biasprm[axis]
     lugre = math.isfinite(own.motor_constant) and bristles[BRISTLE_STIFFNESS] > 0
     joint = int(physics.actuator_trnid[axis, 0])
     loss = float(physics.dof_frictionloss[physics.jnt_dofadr[joint]]) * own.scale / PER_SI[own.unit]
@@ -166,7 +169,9 @@ def model_of(machine: Machine, axis: int) -> AxisModel:
 def _mode(axis: Axis) -> tuple[float, float, float]:
     """Return the load's share of the inertia, stiffness and damping of an axis' strongest mode; 0 where it has none."""
     assert axis.motion is not None
-    A, B, C = axis.motion.A, axis.motion.B[:, 0], axis.motion.C[0]
+    A = axis.motion.A
+    B = axis.motion.B[:, 0]
+    C = axis.motion.C[0]
     poles, right = np.linalg.eig(A)
     residues = (C @ right) * np.linalg.solve(right, B.astype(complex))
     swings = poles.imag > 1e-3 * np.abs(poles).max()
@@ -220,7 +225,8 @@ def innovations(model: AxisModel, noise: float, period: float, position: Floats,
 
 def effective_torque(model: AxisModel, period: float, torque: Floats, count: int, held: bool) -> Floats:
     """Return the mean of the late and lagged torque over each step between samples, (n, count) [N·m]."""
-    step, n = period / count, torque.size
+    step = period / count
+    n = torque.size
     following = torque if held else np.append(torque[1:], torque[-1])
     whole = np.concatenate([[0.0], np.cumsum(0.5 * (torque + following) * period)])
     at = np.arange(n * count + 1) * step - model.delay
@@ -237,7 +243,8 @@ def effective_torque(model: AxisModel, period: float, torque: Floats, count: int
 @jit
 def _lagged(means: Floats, kept: float, steps: float) -> Floats:
     """Return the means over steps of a first-order lag of an input that is constant in each."""
-    state, out = means[0], np.empty_like(means)
+    state = means[0]
+    out = np.empty_like(means)
     for i in range(means.size):
         out[i] = means[i] + (state - means[i]) * (1.0 - kept) / steps
         state = means[i] + (state - means[i]) * kept
@@ -262,8 +269,12 @@ def _predict(
     coulomb, excess, stribeck, deflection, bristle_time = friction
     coulomb = max(coulomb, 1e-9)
     n = F.shape[0]
-    out, x, y, free_motion = np.empty(position.size), np.zeros(n), np.zeros(n), np.zeros(n)
-    spring, z = coulomb / deflection, 0.0
+    out = np.empty(position.size)
+    x = np.zeros(n)
+    y = np.zeros(n)
+    free_motion = np.zeros(n)
+    spring = coulomb / deflection
+    z = 0.0
     most = (coulomb + excess) / spring  # stretch of the bristles that breaks away from rest
     for i in range(0, n, 2):
         x[i] = position[0]

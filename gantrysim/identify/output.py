@@ -15,7 +15,8 @@ from gantrysim.identify.log import Log
 from gantrysim.identify.plots import draw_friction, draw_residuals, draw_response
 from gantrysim.report.folder import Output, output_folder
 
-VALUES, MACHINE = "identified.toml", "machine.xml"
+VALUES = "identified.toml"
+MACHINE = "machine.xml"
 _PLOTS = ("residuals", "friction", "response")
 OUTPUT = Output("identification", VALUES, (VALUES, MACHINE, *(f"{name}.png" for name in _PLOTS)))
 _NAMES = {

@@ -27,7 +27,9 @@ def _product(A: Floats, B: Floats) -> Floats:
 @inner_jit
 def _solved(A: Floats, B: Floats) -> Floats:
     """Return A^-1 B by elimination with pivots."""
-    n, a, b = A.shape[0], A.copy(), B.copy()
+    n = A.shape[0]
+    a = A.copy()
+    b = B.copy()
     for i in range(n):
         pivot = i
         for k in range(i + 1, n):
@@ -64,7 +66,8 @@ def sampled(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
         norm *= 0.5
         halvings += 1
     joint *= 0.5**halvings
-    total, term = np.eye(n + m), np.eye(n + m)
+    total = np.eye(n + m)
+    term = np.eye(n + m)
     for k in range(1, _TERMS):
         term = _product(term, joint) / k
         total += term
@@ -85,7 +88,9 @@ def kalman_gain(F: Floats, G: Floats, noise: float) -> Floats:
         noise: its standard deviation.
     """
     n = F.shape[0]
-    A, P, S = np.ascontiguousarray(F.T), np.zeros((n, n)), np.zeros((n, n))
+    A = np.ascontiguousarray(F.T)
+    P = np.zeros((n, n))
+    S = np.zeros((n, n))
     S[0, 0] = 1.0
     for i in range(n):
         for j in range(n):

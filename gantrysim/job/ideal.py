@@ -31,8 +31,10 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
         machine: the machine, with the axes of the setpoints.
         setpoints: commanded positions.
     """
-    kinematics, position = machine.kinematics, program_positions(machine, setpoints).copy()
-    tip, on = machine.tip(kinematics.inverse(position)), np.flatnonzero(setpoints.dispense)
+    kinematics = machine.kinematics
+    position = program_positions(machine, setpoints).copy()
+    tip = machine.tip(kinematics.inverse(position))
+    on = np.flatnonzero(setpoints.dispense)
     foot = setpoints.requested.follow(tip, begin=0.0, rows=on)
     if foot.distance.max() < _ON_THE_PATH:
         return setpoints
@@ -83,7 +85,8 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     )
     if machine.kinematics.followers:  # travel and speed are limits of the axes
         setpoints = replace(setpoints, axes=machine.axis_names, position=axis_positions(machine, setpoints))
-    period, knots = servo.period / n, setpoints.position
+    period = servo.period / n
+    knots = setpoints.position
     axes = [machine.axes[machine.axis_names.index(name)] for name in setpoints.axes]
     low, high = np.array([axis.travel for axis in axes]).T
     limit = np.array([axis.speed_limit for axis in axes])

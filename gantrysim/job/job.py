@@ -121,7 +121,8 @@ class Job(JobContent):
         try:
             yield
         except InputError as error:
-            text, line = str(error), None
+            text = str(error)
+            line = None
             if isinstance(error, TimedError):
                 line = self.controller.line_at(error.time - self._wait)
             if line is not None:
@@ -188,7 +189,8 @@ class Job(JobContent):
         given = [name for name in LOOP_GAINS if getattr(self.servo, name) is not None]
         if given:
             return f"{', '.join(given)} as given"
-        servo, built = self.servo, self.built_servo
+        servo = self.servo
+        built = self.built_servo
         lags = built.lags._replace(drives=built.drives._replace(velocity=()))
         integral_time = math.inf if PD in built.law else servo.integral_time
         task = LoopTask(self.built_machine.axes, servo.period, lags, servo.damping, integral_time, built.law)

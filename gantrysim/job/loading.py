@@ -37,7 +37,8 @@ def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], P
         InputError: an unknown job, a file that cannot be read, or one that no controller reads.
     """
     if job in builtin_jobs():
-        content, folder = tomllib.loads(job_text(job)), Path()
+        content = tomllib.loads(job_text(job))
+        folder = Path()
     else:
         path = expanded(job)
         if not path.exists():
@@ -47,7 +48,8 @@ def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], P
         if path.suffix.lower() in suffixes() or (controller is not None and path.suffix.lower() != ".toml"):
             name = re.sub(r"[^\w .+-]", "_", path.stem) or "program"
             return {"name": name, **_program({"file": path.name}, path.parent, controller)}, path.parent, job
-        content, folder = read_toml(path, f"job {job}"), path.parent
+        content = read_toml(path, f"job {job}")
+        folder = path.parent
     program = content.get("program")
     if isinstance(program, dict) and "file" in program:
         content |= _program(program, folder, controller)

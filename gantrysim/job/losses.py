@@ -48,11 +48,13 @@ class Losses:
         s = healthy.analysis.nozzle.s
         reach = _REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
         places = np.arange(s.min(), s.max() + 0.5 * healthy.ds, healthy.ds)
-        before, after = _laid(healthy, places, reach), _laid(faulted, places, reach)
+        before = _laid(healthy, places, reach)
+        after = _laid(faulted, places, reach)
         both = before.passed & after.passed
         error = np.where(both, after.width - before.width, 0.0)
         shift = np.where(both, np.linalg.norm(after.offset - before.offset, axis=1), 0.0)
-        worst, furthest = int(np.abs(error).argmax()), int(shift.argmax())
+        worst = int(np.abs(error).argmax())
+        furthest = int(shift.argmax())
         return cls(
             volume=healthy.total_volume - faulted.total_volume,
             length=healthy.ds * int(np.count_nonzero(after.section < _LEFT * before.section)),
@@ -110,7 +112,8 @@ def _laid(bead: Bead, places: Floats, reach: float) -> _Laid:
     """Return a run at places on the path, without a bead where the nozzle has not passed."""
     analysis = bead.analysis
     order = np.argsort(analysis.nozzle.s, kind="stable")
-    s, trace = analysis.nozzle.s[order], bead.length[analysis.ticks[order]]
+    s = analysis.nozzle.s[order]
+    trace = bead.length[analysis.ticks[order]]
     after = np.clip(np.searchsorted(s, places), 1, max(s.size - 1, 1))
     near = np.minimum(np.abs(places - s[after - 1]), np.abs(places - s[np.minimum(after, s.size - 1)])) <= reach
     section, width = (

@@ -133,7 +133,8 @@ def keys(name: str) -> list[str]:
 @cache
 def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
     """Return the dotted names of a dataclass' fields, including nested ones."""
-    hints, names = get_type_hints(table), []
+    hints = get_type_hints(table)
+    names = []
     for field in fields(table):
         names.append(prefix + field.name)
         for part in (hints[field.name], *get_args(hints[field.name])):

@@ -43,10 +43,13 @@ def read_with_overrides(
     for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
         if not isinstance(content.get(section, {}), dict):
             raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
-    author, author_label = expanded(job), label  # file that names the law, if any does
+    # file that names the law, if any does
+    author = expanded(job)
+    author_label = label
     if servo is not None:
         content["servo"] = servo_table(servo)
-        author, author_label = expanded(servo), f"servo {servo}"
+        author = expanded(servo)
+        author_label = f"servo {servo}"
     if "law" in content.get("servo", {}):
         beside = folder if servo is None else servo.parent
         content["servo"] = {**content["servo"], "law": absolute_law(content["servo"]["law"], beside)}

@@ -148,7 +148,8 @@ def _moved(job: Job, zero: Floats) -> Setpoints:
 
     Between them and the counts is all that a zero changes; the machine's home offset moves its true axes back.
     """
-    machine, setpoints = job.built_machine, job.setpoints
+    machine = job.built_machine
+    setpoints = job.setpoints
     names = machine.axis_names
     if set(setpoints.axes) <= set(names):
         shift = [zero[names.index(name)] for name in setpoints.axes]

@@ -47,12 +47,14 @@ def lost_steps(machine: Machine, servo: Servo, run: Run) -> tuple[LostSteps, ...
     for a, (axis, mode) in enumerate(zip(machine.axes, servo.mode, strict=True)):
         if mode != "stepper":
             continue
-        period, commanded = axis.electrical_period, run.commanded[:, a]
+        period = axis.electrical_period
+        commanded = run.commanded[:, a]
         field = np.append(commanded[:1], commanded[:-1])
         behind = np.rint((field - run.motor[:, a]) / period).astype(int)
         if behind.any():
             first = float(run.time[np.flatnonzero(behind)[0]])
-            most, left = int(np.abs(behind).max()), int(behind[-1])
+            most = int(np.abs(behind).max())
+            left = int(behind[-1])
             lost.append(
                 LostSteps(axis.name, _FULL_STEPS * left, _FULL_STEPS * most, first, -left * period + 0.0, axis.unit)
             )

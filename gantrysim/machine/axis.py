@@ -160,7 +160,8 @@ def with_dynamics(
         qpos: the position.
         moved: N, velocity of every degree of freedom per velocity of an axis [SI], (nv, axes).
     """
-    data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data = mujoco.MjData(model)
+    mass = np.zeros((model.nv, model.nv))
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
@@ -269,7 +270,8 @@ def perturbed_axes(model: mujoco.MjModel, axes: Sequence[Axis]) -> tuple[Axis, .
 
 def _strengths(model: mujoco.MjModel, i: int, name: str, unit: str, scale: float) -> dict[str, Any]:
     """Return the attributes of `Axis` that a perturbation changes: drive and friction."""
-    drive, gear = _drive(model, i, name), float(model.actuator_gear[i, 0])
+    drive = _drive(model, i, name)
+    gear = float(model.actuator_gear[i, 0])
     static, stribeck = (float(value) for value in model.actuator_biasprm[i, 4:6])
     dof = model.jnt_dofadr[model.actuator_trnid[i, 0]]
     damping = float(model.dof_damping[dof]) + float(model.actuator_damping[i]) * gear**2
@@ -285,7 +287,8 @@ def load_of(model: mujoco.MjModel, joint: int) -> int:
 
     It is a spring of the axis' kind and direction that nothing drives, on the axis' body or on one that it carries.
     """
-    driven, body = set(model.actuator_trnid[: model.nactuator, 0].tolist()), model.jnt_bodyid[joint]
+    driven = set(model.actuator_trnid[: model.nactuator, 0].tolist())
+    body = model.jnt_bodyid[joint]
     found = [
         other
         for other in range(model.njnt)
@@ -305,11 +308,13 @@ def _carries(model: mujoco.MjModel, body: int, joint: int, other: int) -> bool:
 
 def _direction(model: mujoco.MjModel, joint: int) -> Floats:
     """Return the direction of a joint in the model's frame, all joints at their reference, (3,)."""
-    turned, direction = np.zeros(3), model.jnt_axis[joint].copy()
+    turned = np.zeros(3)
+    direction = model.jnt_axis[joint].copy()
     body = int(model.jnt_bodyid[joint])
     while body:
         mujoco.mju_rotVecQuat(turned, direction, model.body_quat[body])
-        direction, body = turned.copy(), int(model.body_parentid[body])
+        direction = turned.copy()
+        body = int(model.body_parentid[body])
     return np.asarray(direction)
 
 
@@ -326,7 +331,9 @@ def _drive(model: mujoco.MjModel, i: int, name: str) -> dict[str, Any]:
             peak = min(peak, float(-low), float(high))
     gain = model.actuator_gainprm[i]
     if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_DCMOTOR:
-        resistance, constant, voltage = float(gain[0]), float(gain[1]), float(gain[7])
+        resistance = float(gain[0])
+        constant = float(gain[1])
+        voltage = float(gain[7])
         if model.actuator_ctrlspec[i] != mujoco.mjtCtrlInput.mjINPUT_FF or voltage <= 0:
             raise InputError(
                 f'dcmotor {name!r} must have input="ff" and a bus voltage, the last number of its controller'

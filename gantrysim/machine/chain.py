@@ -83,7 +83,8 @@ class Chain:
     def __init__(self, model: mujoco.MjModel, site: int, body: int, moving: Sequence[int], per_si: Floats) -> None:
         self._per_si = per_si
         columns = {address: column for column, address in enumerate(moving)}
-        up, down = _to_world(model, int(model.site_bodyid[site])), _to_world(model, body)
+        up = _to_world(model, int(model.site_bodyid[site]))
+        down = _to_world(model, body)
         while up and down and up[-1] == down[-1]:
             up.pop()
             down.pop()
@@ -151,14 +152,16 @@ def _to_world(model: mujoco.MjModel, body: int) -> list[int]:
 
 def _joints(model: mujoco.MjModel, body: int, columns: dict[int, int]) -> list[int]:
     """Return the moving joints of a body in their order."""
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    first = int(model.body_jntadr[body])
+    count = int(model.body_jntnum[body])
     return [joint for joint in range(first, first + count) if int(model.jnt_qposadr[joint]) in columns]
 
 
 def _joint(model: mujoco.MjModel, joint: int, columns: dict[int, int], sense: float) -> _Slide | _Hinge:
     """Return the motion of a joint, or with sense -1 its inverse."""
     address = int(model.jnt_qposadr[joint])
-    reference, axis = float(model.qpos0[address]), sense * model.jnt_axis[joint]
+    reference = float(model.qpos0[address])
+    axis = sense * model.jnt_axis[joint]
     if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
         return _Slide(columns[address], reference, axis)
     return _Hinge(columns[address], reference, axis, model.jnt_pos[joint].copy())

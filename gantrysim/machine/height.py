@@ -27,7 +27,8 @@ def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
     distance = mujoco.mj_ray(model, data, above, -up, None, 1, int(model.site_bodyid[nozzle]), geom, None)
     if geom[0] < 0:
         return None
-    hit, weld = int(model.geom_bodyid[geom[0]]), model.body_weldid
+    hit = int(model.geom_bodyid[geom[0]])
+    weld = model.body_weldid
     # a work that is a mere frame has the geoms of the body that it is part of
     on_work = hit == work or (model.body_geomnum[work] == 0 and weld[hit] == weld[work])
     return _MM * float(distance) if on_work else None

@@ -17,7 +17,9 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
 
 _RIGID = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # solimp of a tendon of constant length
-_TIME_CONSTANT, _CURRENT_RATE = 0, 1  # dynprm of a dcmotor
+# dynprm of a dcmotor
+_TIME_CONSTANT = 0
+_CURRENT_RATE = 1
 
 
 def without_friction(machine: Machine) -> Machine:
@@ -83,10 +85,12 @@ def without_compliance(machine: Machine) -> Machine:
         physics = machine.physics
         tendon = physics.tendon(spring.name).id
         rest = float(physics.tendon_lengthspring[tendon].mean() - physics.tendon_length0[tendon])
-        spring.stiffness, spring.damping = np.zeros(3), np.zeros(3)
+        spring.stiffness = np.zeros(3)
+        spring.damping = np.zeros(3)
         held = spec.add_equality(type=mujoco.mjtEq.mjEQ_TENDON, name1=spring.name)
         held.data[0] = rest
-        held.solref, held.solimp = [2 * spec.option.timestep, 1.0], _RIGID
+        held.solref = [2 * spec.option.timestep, 1.0]
+        held.solimp = _RIGID
 
     return _without(machine, springs, stiffen)
 

@@ -136,7 +136,8 @@ class KinematicErrors:
         self._fixed = np.broadcast_to(np.asarray(geometry.fixed_end, float), len(names))
         self._scale_growth = geometry.scale_expansion * geometry.scale_warming * factors.get("warming", 1.0) * slides
         self._scale_fixed = np.broadcast_to(np.asarray(geometry.scale_fixed, float), len(names))
-        self._ram, self._power = geometry.ram, LOADS[geometry.bending_load]
+        self._ram = geometry.ram
+        self._power = LOADS[geometry.bending_load]
         self._abbe = np.broadcast_to(np.asarray(geometry.abbe, float), len(names))
         low, high = np.array([axis.travel for axis in machine.axes]).T
         limited = np.isfinite(low) & np.isfinite(high)
@@ -154,7 +155,8 @@ class KinematicErrors:
 
     def _take(self, machine: RigidMachine, geometry: Geometry, name: str, factors: Mapping[str, float]) -> None:
         """Take over the values of an error by column."""
-        value, own = geometry.of(name), geometry.given(name)
+        value = geometry.of(name)
+        own = geometry.given(name)
         if name in OF_FRAME:
             assert isinstance(value, float | int)
             needs = {"sag": "x", "racking": "xy"}.get(name, name.removeprefix("squareness_").removeprefix("bending_"))
@@ -202,7 +204,8 @@ class KinematicErrors:
             scales: whether the servo has each axis' position from a scale on its load, (axes,) or one for all.
         """
         on_load = np.broadcast_to(np.asarray(scales, bool), len(self._names))
-        play, last = np.zeros(len(self._names)), None
+        play = np.zeros(len(self._names))
+        last = None
         racked = 0.0
         width = np.where(on_load, 0.0, self._per_axis("play"))
         for motor in motors:
@@ -214,13 +217,16 @@ class KinematicErrors:
             if self.values.get("racking"):
                 b = self._at[self._bridge]
                 _play(motor[:, b], previous[b], racked, PRESLIDING, racking)
-            play, racked, last = lost[-1].copy(), float(racking[-1]), motor[-1].copy()
+            play = lost[-1].copy()
+            racked = float(racking[-1])
+            last = motor[-1].copy()
             moved = motor + np.where(on_load, self._of_scales(motor), self._of_screws(motor)) + lost
             yield self._tip(moved) + self._of_frame(motor, racking / PRESLIDING)
 
     def _of_screws(self, x: Floats) -> Floats:
         """Return the errors of the axes' own positions, (n, axes) [u]."""
-        travel, periodic = self._per_axis("travel_error"), self._per_axis("periodic_error")
+        travel = self._per_axis("travel_error")
+        periodic = self._per_axis("periodic_error")
         error = travel * x / _INTERVAL + periodic * np.sin(2 * np.pi * x / self._lead)
         return error + self._growth * (x - self._fixed)
 
@@ -230,7 +236,8 @@ class KinematicErrors:
 
     def _of_frame(self, motor: Floats, racked: Floats) -> Floats:
         """Return the displacement of the nozzle by guides and frame, (n, 3) [mm]."""
-        shift, own = np.zeros((len(motor), 3)), self.values
+        shift = np.zeros((len(motor), 3))
+        own = self.values
         if not self._at:
             return shift
         at = {name: motor[:, a] for name, a in self._at.items()}
@@ -241,12 +248,15 @@ class KinematicErrors:
         for name in BENDING:
             if bend := own.get(name):
                 a = self._at["z"]
-                upper, longest = self._middle[a] + self._half[a], self._ram + 2 * self._half[a]
-                out, home = (self._ram + upper - at["z"]) / longest, (self._ram + upper) / longest
+                upper = self._middle[a] + self._half[a]
+                longest = self._ram + 2 * self._half[a]
+                out = (self._ram + upper - at["z"]) / longest
+                home = (self._ram + upper) / longest
                 shift[:, "xyz".index(name[-1])] += bend * (out**self._power - home**self._power)
         for name, x in at.items():
             a = self._at[name]
-            u, u0 = (x - self._middle[a]) / self._half[a], -self._middle[a] / self._half[a]
+            u = (x - self._middle[a]) / self._half[a]
+            u0 = -self._middle[a] / self._half[a]
             for error, towards in (("straightness", "yxx"), ("straightness_vertical", "zzy")):
                 if bow := own.get(f"{error}_{name}"):
                     shift[:, "xyz".index(towards["xyz".index(name)])] += bow * (u**2 - u0**2)
@@ -266,7 +276,8 @@ class KinematicErrors:
         """Return the nozzle's place from the centre of an axis' yaw, across the axis and along it, (n,) [mm]."""
         assert self._levers is not None
         a = self._at[name]
-        across, along = self._abbe[a], self._guide_arm[a]
+        across = self._abbe[a]
+        along = self._guide_arm[a]
         other = "y" if name == "x" else "x"
         if other in at and self._levers.moves_nozzle_from(other, name):
             across = across + at[other]

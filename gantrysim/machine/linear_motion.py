@@ -47,7 +47,8 @@ def linear_motion(
             raise UnknownLoopError(f"actuator {name!r} has a delay in its MJCF: it cannot be linearised")
     model = smooth_model(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
-    data, nv = mujoco.MjData(model), model.nv
+    data = mujoco.MjData(model)
+    nv = model.nv
     # the only activations that matter are currents: without friction nothing depends on the bristles
     wound = [current for current in currents if current >= 0]
     size = 2 * nv + len(wound)
@@ -66,7 +67,8 @@ def linear_motion(
         slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _DIFFERENCE)
     if not np.isfinite(slopes).all():
         raise InputError("its accelerations about a state of rest are no finite numbers")
-    A, C = np.zeros((size, size)), np.zeros((len(controls), size))
+    A = np.zeros((size, size))
+    C = np.zeros((len(controls), size))
     A[:nv, nv : 2 * nv] = np.eye(nv)
     A[nv:] = slopes[:, :size]
     B = np.concatenate([np.zeros((nv, len(controls))), slopes[:, size:]])

@@ -297,7 +297,8 @@ class Machine:
     @property
     def _levers(self) -> Levers:
         """The chain of the axes, for the levers of yaws."""
-        parents, bodies = self.physics.body_parentid, self.physics.jnt_bodyid[self._joints].tolist()
+        parents = self.physics.body_parentid
+        bodies = self.physics.jnt_bodyid[self._joints].tolist()
         below_work = [self.work]
         while below_work[-1]:
             below_work.append(int(parents[below_work[-1]]))
@@ -308,7 +309,8 @@ class Machine:
     @property
     def _carried(self) -> dict[str, list[str]]:
         """Names of the axes that each axis carries, being above them in the tree of bodies."""
-        parents, bodies = self.physics.body_parentid, self.physics.jnt_bodyid[self._joints].tolist()
+        parents = self.physics.body_parentid
+        bodies = self.physics.jnt_bodyid[self._joints].tolist()
         names: dict[str, list[str]] = {name: [] for name in self.axis_names}
         for name, body in zip(self.axis_names, bodies, strict=True):
             above = int(parents[body])
@@ -329,7 +331,8 @@ class Machine:
         Raises:
             InputError: the edited MJCF does not compile, or is no machine.
         """
-        spec, machine = self.spec.copy(), copy.copy(self)
+        spec = self.spec.copy()
+        machine = copy.copy(self)
         edit(spec)
         try:
             machine._build(spec)
@@ -361,7 +364,8 @@ class Machine:
 
         The joints of a closed chain follow the axes; all others are at their reference.
         """
-        qpos, at = self.physics.qpos0.copy(), np.asarray(position, float)
+        qpos = self.physics.qpos0.copy()
+        at = np.asarray(position, float)
         joints = [address.joint for address in self.addresses]
         qpos[joints] = at / self._per_si
         offset = (self._reference - self.physics.qpos0)[joints] * self._per_si
@@ -370,7 +374,8 @@ class Machine:
 
     def _moved(self) -> Floats:
         """Return the velocity of every degree of freedom per velocity of an axis at zero [SI], (nv, axes)."""
-        physics, steps = self.physics, _SMALL * np.eye(len(self._per_si))
+        physics = self.physics
+        steps = _SMALL * np.eye(len(self._per_si))
         moved = np.zeros((physics.nv, len(steps)))
         joints = [int(joint) for joint in physics.actuator_trnid[:, 0]]
         moved[physics.jnt_dofadr[joints], np.arange(len(steps))] = 1.0

@@ -10,8 +10,13 @@ from gantrysim.base.arrays import Floats
 
 # indices of a dcmotor's parameters in MuJoCo's arrays
 MOTOR_CONSTANT = 1  # gainprm
-COGGING, COULOMB, STATIC = 0, 3, 4  # biasprm
-BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6  # dynprm
+# biasprm
+COGGING = 0
+COULOMB = 3
+STATIC = 4
+# dynprm
+BRISTLE_STIFFNESS = 5
+BRISTLE_DAMPING = 6
 
 _NEGLIGIBLE = 1e-30
 

@@ -109,7 +109,8 @@ def perturbed_model(
     friction, viscous, constant, stiffness = (
         perturbation.per_axis(name, names) for name in ("friction", "viscous", "motor_constant", "stiffness")
     )
-    dofs, motors = model.jnt_dofadr[list(joints)], dcmotors(model)
+    dofs = model.jnt_dofadr[list(joints)]
+    motors = dcmotors(model)
 
     changed.actuator_biasprm[:, [COULOMB, STATIC]] *= friction[:, None] ** motors
     changed.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= friction[:, None] ** motors
@@ -160,7 +161,8 @@ def perturbed_model(
 def _scratch(model: mujoco.MjModel) -> mujoco.MjData:
     """Return a state of this thread that fits a model and its copies, to be overwritten."""
     if getattr(_thread, "model", None) is not model:
-        _thread.model, _thread.data = model, mujoco.MjData(model)
+        _thread.model = model
+        _thread.data = mujoco.MjData(model)
     mujoco.mj_resetData(model, _thread.data)
     return _thread.data
 
@@ -208,7 +210,8 @@ def _axis_above(model: mujoco.MjModel, joint: int, driven: Sequence[int]) -> int
     body = int(model.jnt_bodyid[joint])
     below = joint
     while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         for other in reversed(range(first, first + count)):
             if other < below and other in driven:
                 return list(driven).index(other)

@@ -33,7 +33,8 @@ def check_sizes(file: Path) -> None:
         root = ElementTree.parse(file).getroot()
     except (ElementTree.ParseError, ValueError, OSError):
         return
-    elements, cells = 0.0, 0.0
+    elements = 0.0
+    cells = 0.0
     for element, copies in _elements(root, file.parent, 1.0, 1):
         elements += copies
         if element.tag in _CELLS:

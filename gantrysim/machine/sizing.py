@@ -79,7 +79,9 @@ class AxisSizing:
 
     def findings(self) -> tuple[str, ...]:
         """Return what does not suit, and what to change."""
-        axis, name, found = self.axis, self.axis.name, []
+        axis = self.axis
+        name = self.axis.name
+        found = []
         if self.torque_at_speed < self.friction_at_speed:
             found.append(
                 f"{name}: at {axis.speed_limit:.4g} {axis.unit}/s the bus leaves {self.torque_at_speed:.3g} N·m, "
@@ -161,7 +163,8 @@ class Sizing:
 
 
 def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torque: np.ndarray | None) -> AxisSizing:
-    axis, model = machine.axes[a], machine.physics
+    axis = machine.axes[a]
+    model = machine.physics
     per_motor = axis.scale / PER_SI[axis.unit]  # travel per motor angle [m/rad or 1]
     efficiency = fact(model, "efficiency", a, 1.0)
     continuous = fact(model, "continuous_torque", a)

@@ -109,7 +109,8 @@ class Tolerances:
         """Return the machines of `machines` as one column per varying factor, (count,) each."""
         from scipy.stats.qmc import LatinHypercube  # slow to import, and not needed by draw
 
-        count, seed = whole("number of machines", count, 1), whole("seed", seed, 0)
+        count = whole("number of machines", count, 1)
+        seed = whole("seed", seed, 0)
         columns = self.columns(machine)
         unit = LatinHypercube(len(columns), rng=seed).random(count)
         return {name: _scaled(name, tolerance, unit[:, k]) for k, (name, tolerance) in enumerate(columns.items())}

@@ -141,7 +141,8 @@ class Analysis(Shown):
     @cached_property
     def values(self) -> AnalysisValues:
         """The values of the run, up to a fault where there is one."""
-        run, on = self.run, self.ticks
+        run = self.run
+        on = self.ticks
 
         def along(block: slice) -> Floats:
             lag = run.commanded_tip[on[block]] - run.encoder_tip[on[block]]
@@ -189,7 +190,9 @@ def path_speed(run: Run) -> Floats:
         return np.zeros(n)
 
     def speed(block: slice) -> Floats:
-        before, after = min(block.start, 1), 1 if block.stop < n else 0  # rows of the neighbouring blocks
+        # rows of the neighbouring blocks
+        before = min(block.start, 1)
+        after = 1 if block.stop < n else 0
         around = run.nozzle[block.start - before : block.stop + after]
         return np.linalg.norm(np.gradient(around, run.period, axis=0), axis=1)[before : len(around) - after]
 

@@ -271,7 +271,8 @@ class Budget:
 
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a part of the error."""
-        size, mean = part.size, float(np.mean(self.contour.size**2))
+        size = part.size
+        mean = float(np.mean(self.contour.size**2))
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()

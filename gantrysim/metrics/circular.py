@@ -114,7 +114,8 @@ class Trace:
         """
         if not 0 < reach <= _LARGEST_REACH:
             raise InputError(f"reach = {reach:g} deg: must be above 0 deg and at most {_LARGEST_REACH:g} deg")
-        theta, sense = np.radians(self.angle), -1.0 if self.clockwise else 1.0
+        theta = np.radians(self.angle)
+        sense = -1.0 if self.clockwise else 1.0
         since = [sense * ((self.angle - 90.0 * k + 180) % 360 - 180) for k in range(4)]
         smooth = [np.ones(theta.size), np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)]
         jumps = [0.5 * np.sign(psi) * np.maximum(np.cos(np.radians(psi)), 0.0) for psi in since]
@@ -143,7 +144,8 @@ class CircularTest:
     counter_clockwise: Trace
 
     def __post_init__(self) -> None:
-        one, other = self.clockwise, self.counter_clockwise
+        one = self.clockwise
+        other = self.counter_clockwise
         if not one.clockwise or other.clockwise:
             raise InputError("circular test: must have one path clockwise and one counter-clockwise")
         if (one.centre, one.radius) != (other.centre, other.radius):

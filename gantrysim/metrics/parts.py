@@ -43,7 +43,8 @@ class Part:
         """Scalar product with another part, (m,) [mm²]."""
 
         def product(block: slice) -> Floats:
-            a, b = self.at(block), other.at(block)
+            a = self.at(block)
+            b = other.at(block)
             return a.lateral * b.lateral + a.vertical * b.vertical + a.beyond * b.beyond
 
         return by_blocks(product, len(self.lateral))

@@ -66,7 +66,8 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         ticks: ticks of the trace's points, ascending, (n,); missing ticks are gaps of the trace.
     """
     kept = forward(foot.s)
-    s, lateral = foot.s[kept], foot.lateral[kept]
+    s = foot.s[kept]
+    lateral = foot.lateral[kept]
     parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[kept]
     heading = by_blocks(lambda block: path.heading(s[block]), s.size)
 
@@ -74,18 +75,22 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         return np.interp(at, s, lateral)
 
     def slope(at: Floats) -> Floats:
-        low, high = np.maximum(at - _SLOPE_REACH, s[0]), np.minimum(at + _SLOPE_REACH, s[-1])
+        low = np.maximum(at - _SLOPE_REACH, s[0])
+        high = np.minimum(at + _SLOPE_REACH, s[-1])
         return (offset(high) - offset(low)) / (high - low)
 
     def trace(at: Floats) -> tuple[Floats, Floats, Local]:
         """The trace's points, its derivative by s in the plane, (m, 3) each, and the path there."""
-        here, error = path.local(at), offset(at)
+        here = path.local(at)
+        error = offset(at)
         point = here.position + error[:, None] * here.normal
         ahead = here.cosine - here.turning * error
         return point, ahead[:, None] * here.along + slope(at)[:, None] * here.normal, here
 
     heading, (first, last) = one_way(heading, s)
-    s, lateral, parts = s[first:last], lateral[first:last], parts[first:last]
+    s = s[first:last]
+    lateral = lateral[first:last]
+    parts = parts[first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
         return _none()
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
@@ -129,7 +134,8 @@ def _none() -> Spacing:
 @jit
 def forward(s: Floats) -> NDArray[np.bool_]:
     """Whether each arc length exceeds all before it, (n,)."""
-    ahead, furthest = np.empty(s.size, np.bool_), -np.inf
+    ahead = np.empty(s.size, np.bool_)
+    furthest = -np.inf
     for k in range(s.size):
         ahead[k] = s[k] > furthest
         furthest = max(furthest, s[k])
@@ -164,7 +170,10 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
             break
     if before == 0.0:
         return 0, 0
-    begin, low, high, furthest = 0, 0, 0, -1.0
+    begin = 0
+    low = 0
+    high = 0
+    furthest = -1.0
     own = 0.0  # sense of the stretch, 0 for that of a corner
     for k in range(n):
         sense = 2.0  # of no stretch, behind the last
@@ -179,6 +188,9 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
         elif sense != own:
             turned = abs(heading[k] - heading[begin]) * abs(own)
             if turned > furthest:
-                low, high, furthest = begin, k, turned
-            begin, own = k, sense
+                low = begin
+                high = k
+                furthest = turned
+            begin = k
+            own = sense
     return low, high

@@ -53,13 +53,15 @@ def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]
     solution, _, rank, _ = np.linalg.lstsq(matrix, (q**2).sum(axis=1), rcond=None)
     if rank < 3:
         raise InputError(f"{len(p)} points: must be at least three that do not lie on one line, for a circle")
-    c, r = solution[:2], float(np.sqrt(solution[2] + solution[:2] @ solution[:2]))
+    c = solution[:2]
+    r = float(np.sqrt(solution[2] + solution[:2] @ solution[:2]))
     for _ in range(_ROUNDS):
         out = q - c
         distance = np.linalg.norm(out, axis=1)
         jacobian = np.column_stack([-out / distance[:, None], -np.ones(len(q))])
         step = np.linalg.lstsq(jacobian, -(distance - r), rcond=None)[0]
-        c, r = c + step[:2], r + float(step[2])
+        c = c + step[:2]
+        r = r + float(step[2])
         if np.abs(step).max() < _TOLERANCE * r:
             break
     centre = c + middle
@@ -86,7 +88,8 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
     """
     p = plane_points(points)
     first, radius = least_squares_circle(p)
-    c, least = np.array(first), _TOLERANCE * radius
+    c = np.array(first)
+    least = _TOLERANCE * radius
 
     def distances(at: Floats) -> Floats:
         return np.linalg.norm(p - at, axis=1)
@@ -105,7 +108,8 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
             step = 0.5 * step
             tried = distances(c + step)
         if np.ptp(tried) < width:
-            c, r = c + step, tried
+            c = c + step
+            r = tried
         elif not beyond.size:
             break
     return MinimumZone((float(c[0]), float(c[1])), float(r.min()), float(r.max()))
@@ -124,7 +128,8 @@ def _zone_step(unit: Floats, deviation: Floats) -> Floats:
     """The step d that minimises b - a with a <= deviation - unit.d <= b, all in units of the width, (2,)."""
     from scipy.optimize import linprog  # slow to import
 
-    ones, zeros = np.ones((deviation.size, 1)), np.zeros((deviation.size, 1))
+    ones = np.ones((deviation.size, 1))
+    zeros = np.zeros((deviation.size, 1))
     solved = linprog(
         [0, 0, -1, 1],
         A_ub=np.concatenate([np.hstack([-unit, zeros, -ones]), np.hstack([unit, ones, zeros])]),

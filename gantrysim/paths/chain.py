@@ -82,7 +82,8 @@ class Chain(Path):
         self._join_headings()
 
     def _check_joints(self) -> None:
-        lengths, k = np.diff(self._s), np.arange(len(self.pieces))
+        lengths = np.diff(self._s)
+        k = np.arange(len(self.pieces))
         gap = np.linalg.norm(self._at(k[1:], 0 * lengths[1:]).point - self._at(k[:-1], lengths[:-1]).point, axis=1)
         if gap.max(initial=0.0) > _JOINT:
             worst = int(gap.argmax())
@@ -94,11 +95,14 @@ class Chain(Path):
     def _join_headings(self) -> None:
         """Make the headings continuous except at corners."""
         ends = np.arange(len(self.pieces)), np.diff(self._s)
-        first, last = self._at(ends[0], 0 * ends[1]).heading, self._at(*ends).heading
-        frame, direction = self._columns["frame"], self._columns["direction"]
+        first = self._at(ends[0], 0 * ends[1]).heading
+        last = self._at(*ends).heading
+        frame = self._columns["frame"]
+        direction = self._columns["direction"]
         flat = np.linalg.norm(np.einsum("kij,kj->ki", frame[:, :2], direction), axis=1)
         normal = ~self._columns["coil"] & (flat < 1e-9)  # lines along the normal
-        before, headings = None, self._columns["heading"].tolist()
+        before = None
+        headings = self._columns["heading"].tolist()
         for k, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
             if normal[k]:
                 headings[k] = before = 0.0 if before is None else before
@@ -150,7 +154,8 @@ class Chain(Path):
     def progress(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
         """Piece at arc lengths, (n,), and the completed share of its angle, or of a line's length, (n,)."""
         k, rest = self._locate(s)
-        coil, angle = self._columns["coil"][k], self._columns["angle"][k]
+        coil = self._columns["coil"][k]
+        angle = self._columns["angle"][k]
         return k, np.where(coil, self._at(k, rest).swept / np.where(coil, angle, 1.0), rest / np.diff(self._s)[k])
 
     def heading(self, s: ArrayLike) -> Floats:
@@ -196,8 +201,11 @@ def _values(
 ) -> tuple[Floats, ...]:
     """Return the fields of `_Places` at lengths from the starts of the pieces k; the others are a chain's columns."""
     n = k.size
-    point, heading, climb = np.empty((n, 3)), np.empty(n), np.empty(n)
-    turning, swept = np.zeros(n), np.zeros(n)
+    point = np.empty((n, 3))
+    heading = np.empty(n)
+    climb = np.empty(n)
+    turning = np.zeros(n)
+    swept = np.zeros(n)
     for i in range(n):
         j = k[i]
         for a in range(3):
@@ -205,10 +213,14 @@ def _values(
         heading[i], climb[i] = offset[j], straight[j]
         if not coil[j]:
             continue
-        b, c = growth[j], rise[j]
+        b = growth[j]
+        c = rise[j]
         swept[i] = phi = swept_angle(radius[j], b, np.hypot(b, c), rest[i], angle[j])  # type: ignore[no-untyped-call]
-        rho, psi = radius[j] + b * phi, begin[j] + turn[j] * phi
-        x, y, z = rho * np.cos(psi), rho * np.sin(psi), c * phi
+        rho = radius[j] + b * phi
+        psi = begin[j] + turn[j] * phi
+        x = rho * np.cos(psi)
+        y = rho * np.sin(psi)
+        z = c * phi
         for a in range(3):
             point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
         heading[i] += begin[j] + turn[j] * (phi + np.arctan2(max(rho, 0.0), b))

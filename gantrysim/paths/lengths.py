@@ -39,7 +39,8 @@ def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
 
 @inner_jit
 def _length(r, b, c, angle):
-    middle, square = r + 0.5 * b * angle, c * c
+    middle = r + 0.5 * b * angle
+    square = c * c
     if abs(b * angle) <= _EVEN * np.sqrt(middle * middle + square):
         total = 0.0
         for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba knows no strict
@@ -66,7 +67,8 @@ def _arc_lengths(r, b, c, angle):
 @jit
 def swept_along(r, b, c, s, most):
     """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `swept_angle` [rad]."""
-    found, rate = np.empty(s.size), np.hypot(r, c)
+    found = np.empty(s.size)
+    rate = np.hypot(r, c)
     for k in range(s.size):
         found[k] = _guess(rate, b, s[k], most) if b * c == 0.0 else swept_angle(r, b, c, s[k], most)
     return found

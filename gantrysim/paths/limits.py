@@ -32,12 +32,14 @@ class Limited:
     """
 
     def __init__(self, s: Floats, speed: Floats) -> None:
-        self._s, self._v = s, speed
+        self._s = s
+        self._v = speed
         unlimited = ~np.isfinite(speed)
         if unlimited.any():
             at = s[unlimited][0]
             raise InputError(f"speed = {speed[unlimited][0]:g} mm/s at {at:g} mm of the path: must be finite")
-        total, step = speed[1:] + speed[:-1], np.diff(s)
+        total = speed[1:] + speed[:-1]
+        step = np.diff(s)
         stuck = (total <= 0) & (step > 0)
         if stuck.any():
             raise InputError(f"speed = 0 mm/s at {s[:-1][stuck][0]:g} mm of the path: the limits allow no motion")
@@ -55,8 +57,10 @@ class Limited:
     @cached_property
     def slowest(self) -> tuple[float, float]:
         """Lowest speed between the first rise and the last fall, and its arc length [mm/s, mm]."""
-        change, peak = np.diff(self._v), int(self._v.argmax())
-        falling, rising = np.flatnonzero(change < 0), np.flatnonzero(change > 0)
+        change = np.diff(self._v)
+        peak = int(self._v.argmax())
+        falling = np.flatnonzero(change < 0)
+        rising = np.flatnonzero(change > 0)
         first = int(falling[0]) if falling.size else peak
         last = int(rising[-1]) + 1 if rising.size else peak
         if first > last:  # a single rise and fall
@@ -82,7 +86,8 @@ class Limited:
     def reached(self, s: float) -> float:
         """Return the time at which the arc length s is reached [s]."""
         k = int(np.clip(np.searchsorted(self._s, s, side="left") - 1, 0, self._dt.size - 1))
-        low, high = self._v[k], self._v[k + 1]
+        low = self._v[k]
+        high = self._v[k + 1]
         rest = max(s - self._s[k], 0.0)
         step = self._s[k + 1] - self._s[k]
         share = min(rest / step, 1.0) if step > 0 else 1.0
@@ -190,7 +195,8 @@ def _backward(s: Floats, first: Floats, second: Floats, top: Floats, limit: Floa
     """Squares of the highest speeds from which all limits ahead can be kept, (m,)."""
     x = top.copy()
     for k in range(s.size - 2, -1, -1):
-        after, step = x[k + 1], 2 * (s[k + 1] - s[k])
+        after = x[k + 1]
+        step = 2 * (s[k + 1] - s[k])
         if x[k] <= after:
             continue
         if step <= 0.0:

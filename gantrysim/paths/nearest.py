@@ -25,18 +25,22 @@ _CANDIDATES = 1024  # minima about a point that are looked at
 @inner_jit
 def _square(a, b):
     """Squared distance of two points."""
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    x = a[0] - b[0]
+    y = a[1] - b[1]
+    z = a[2] - b[2]
     return x * x + y * y + z * z
 
 
 @inner_jit
 def _nearest(table, point, low, high):
     """Index of the first entry nearest to a point, from low to high inclusive."""
-    best, least = low, np.inf
+    best = low
+    least = np.inf
     for i in range(max(low, 0), min(high, len(table) - 1) + 1):
         square = _square(table[i], point)
         if square < least:
-            best, least = i, square
+            best = i
+            least = square
     return best
 
 
@@ -73,7 +77,9 @@ def _minima(table, point, low, high, found, place, distance):
         place: likewise where the distance is least about each, in entries, (c,).
         distance: likewise the distances, (c,) [mm].
     """
-    count, best, least = 0, low, np.inf
+    count = 0
+    best = low
+    least = np.inf
     before = np.inf if low == 0 else _square(table[low - 1], point)
     square = _square(table[low], point)
     for i in range(low, high + 1):
@@ -83,8 +89,10 @@ def _minima(table, point, low, high, found, place, distance):
             place[count] = i + (_vertex(before, square, after) if 0 < i < len(table) - 1 else 0.0)
             count += 1
         if square < least:
-            best, least = i, square
-        before, square = square, after
+            best = i
+            least = square
+        before = square
+        square = after
     if count == 0:
         found[0], place[0], distance[0] = best, best, np.sqrt(least)
         return 1
@@ -96,7 +104,8 @@ def _range(values, count):
     """Return the least and the largest of the first `count` values; quicker than the methods of a slice."""
     least = largest = values[0]
     for i in range(1, count):
-        least, largest = min(least, values[i]), max(largest, values[i])
+        least = min(least, values[i])
+        largest = max(largest, values[i])
     return least, largest
 
 
@@ -105,7 +114,8 @@ def _start(table, point, spacing, begin):
     """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
     last_entry = len(table) - 1
     if begin < 0:
-        first, reach = _first(table, point, spacing), 2
+        first = _first(table, point, spacing)
+        reach = 2
     else:
         first = min(begin, last_entry)
         reach = int((2 * np.sqrt(_square(point, table[first])) + _BACK) / spacing)
@@ -144,10 +154,13 @@ def _extend(table, trace, travel, spacing, index, origin, kept, cost, at):
         at: where their feet are, in entries, (_KEPT,), updated.
     """
     last_entry = len(table) - 1
-    extended, reached = np.zeros(_KEPT), np.zeros(_KEPT)
+    extended = np.zeros(_KEPT)
+    reached = np.zeros(_KEPT)
     candidate = np.zeros(_CANDIDATES, np.int64)
-    place, distance = np.zeros(_CANDIDATES), np.zeros(_CANDIDATES)
-    count, lowest = 0, 0.0
+    place = np.zeros(_CANDIDATES)
+    distance = np.zeros(_CANDIDATES)
+    count = 0
+    lowest = 0.0
     for k in range(1, len(trace)):
         step = np.sqrt(_square(trace[k], trace[k - 1]))
         length = max(travel[k], step)
@@ -158,11 +171,13 @@ def _extend(table, trace, travel, spacing, index, origin, kept, cost, at):
             high = min(last + int((ahead + 4 * length) / spacing) + 1, last_entry)
             count = 0
             for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
-                best, least = 0, np.inf
+                best = 0
+                least = np.inf
                 for j in range(before):
                     total = cost[j] + _misfit((place[c] - at[j]) * spacing, step, travel[k])
                     if total < least:
-                        best, least = j, total
+                        best = j
+                        least = total
                 least += _WEIGHT * distance[c] * length
                 slot = count if count < _KEPT else int(np.argmax(extended))
                 if count < _KEPT:
@@ -212,8 +227,11 @@ def along(table, trace, travel, spacing, begin):
         begin: index at which the trace begins; -1 to search the whole table.
     """
     n = len(trace)
-    index, origin, kept = np.zeros((n, _KEPT), np.int32), np.zeros((n, _KEPT), np.int8), np.ones(n, np.int64)
-    cost, at = np.zeros(_KEPT), np.zeros(_KEPT)
+    index = np.zeros((n, _KEPT), np.int32)
+    origin = np.zeros((n, _KEPT), np.int8)
+    kept = np.ones(n, np.int64)
+    cost = np.zeros(_KEPT)
+    at = np.zeros(_KEPT)
     index[0, 0] = _start(table, trace[0], spacing, begin)
     at[0] = index[0, 0]
     _extend(table, trace, travel, spacing, index, origin, kept, cost, at)
@@ -242,8 +260,10 @@ def _next_block(table, trace, travel, spacing, index, origin, kept, cost, at, fo
     Returns:
         The number of decided points less one, and index, origin and kept from the last decided one on.
     """
-    u, n = len(kept) - 1, len(trace)
-    indices, origins = np.zeros((u + n, _KEPT), np.int32), np.zeros((u + n, _KEPT), np.int8)
+    u = len(kept) - 1
+    n = len(trace)
+    indices = np.zeros((u + n, _KEPT), np.int32)
+    origins = np.zeros((u + n, _KEPT), np.int8)
     counts = np.ones(u + n, np.int64)
     indices[: u + 1], origins[: u + 1], counts[: u + 1] = index, origin, kept
     _extend(table, trace, travel, spacing, indices[u:], origins[u:], counts[u:], cost, at)
@@ -273,9 +293,14 @@ def along_blocks(table, blocks, count, spacing, begin):
     trace, travel = next(blocks)
     if len(trace) == count:
         return along(table, trace, travel, spacing, begin)
-    found, decided, seen = np.empty(count, np.int64), 0, 0
-    index, origin, kept = np.zeros((1, _KEPT), np.int32), np.zeros((1, _KEPT), np.int8), np.ones(1, np.int64)
-    cost, at = np.zeros(_KEPT), np.zeros(_KEPT)
+    found = np.empty(count, np.int64)
+    decided = 0
+    seen = 0
+    index = np.zeros((1, _KEPT), np.int32)
+    origin = np.zeros((1, _KEPT), np.int8)
+    kept = np.ones(1, np.int64)
+    cost = np.zeros(_KEPT)
+    at = np.zeros(_KEPT)
     index[0, 0] = at[0] = along(table, trace[:1], travel[:1], spacing, begin)[0]
     while seen < count:
         seen = decided + len(kept) + len(trace) - 1

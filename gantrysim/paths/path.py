@@ -89,8 +89,11 @@ class Local:
     @classmethod
     def of(cls, position: Floats, heading: Floats, climb: Floats, frame: Floats, turning: Floats) -> Local:
         """Return the frame from the values of `Path`'s methods."""
-        cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-        u, v, w = frame[:, 0], frame[:, 1], frame[:, 2]
+        cos = np.cos(heading)[:, None]
+        sin = np.sin(heading)[:, None]
+        u = frame[:, 0]
+        v = frame[:, 1]
+        w = frame[:, 2]
         level = np.sqrt(np.maximum(1 - climb**2, 0.0))
         return cls(position, cos * u + sin * v, cos * v - sin * u, w, level, climb, turning)
 
@@ -148,7 +151,8 @@ class Path(ABC):
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
-        theta, sine = self.heading(s), self.climb(s)
+        theta = self.heading(s)
+        sine = self.climb(s)
         cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
         return _in_frame(self.frame(s), cosine * np.cos(theta), cosine * np.sin(theta), sine)
 
@@ -211,7 +215,9 @@ class Path(ABC):
         parts = ((points(block), travel[block]) for block in blocks(count))
         entries = along_blocks(p_table, parts, count, s_table[1], first)  # type: ignore[no-untyped-call]
         if led_in:
-            followed, entries, sharp = rows, entries[1:], sharp[1:]
+            followed = rows
+            entries = entries[1:]
+            sharp = sharp[1:]
         count = rows.size
         return table_by_blocks((self._foot(points(b), entries[b], sharp[b]) for b in blocks(count)), count)
 
@@ -248,7 +254,8 @@ class Path(ABC):
             sharp: distance from a sharp corner within which that is done, (n,) [mm].
         """
         s_table, p_table = self.table
-        low, high = s_table[np.maximum(nearest - 1, 0)], s_table[np.minimum(nearest + 1, s_table.size - 1)]
+        low = s_table[np.maximum(nearest - 1, 0)]
+        high = s_table[np.minimum(nearest + 1, s_table.size - 1)]
         guess = vertices(p_table, p, nearest) * s_table[1]  # type: ignore[no-untyped-call]
         found = self._between(p, low, high, guess)
         if self.corners.size:
@@ -306,8 +313,10 @@ class Path(ABC):
         Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step leaves the
         interval, as at the path's ends, jumps of curvature or centres of curvature, the end is tried, then bisection.
         """
-        first, last = low, high
-        low, high = low.copy(), high.copy()
+        first = low
+        last = high
+        low = low.copy()
+        high = high.copy()
         s = np.clip(guess, low, high)
         offset, normal, tangent = np.empty((3, len(p), 3))
         tried = np.zeros(len(p), bool)
@@ -323,7 +332,8 @@ class Path(ABC):
             high[active[beyond]], low[active[~beyond]] = at[beyond], at[~beyond]
             step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
             moved = at - step
-            lowest, highest = low[active], high[active]
+            lowest = low[active]
+            highest = high[active]
             outside = (moved < lowest) | (moved > highest)
             # just inside, as a corner has another tangent on its other side
             end = np.where(ahead > 0, first[active] + _INSIDE, last[active] - _INSIDE)

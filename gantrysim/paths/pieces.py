@@ -143,5 +143,6 @@ def row_of(piece: Line | Coil, length: float) -> tuple[Any, ...]:
         heading = np.arctan2(direction @ v, direction @ u)
         return False, frame, piece.start, direction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, heading
     growth, rise = _growth(piece)
-    turn, angle = np.sign(piece.angle), abs(piece.angle)
+    turn = np.sign(piece.angle)
+    angle = abs(piece.angle)
     return True, frame, piece.centre, (0.0, 0.0, 0.0), piece.radius[0], growth, rise, piece.begin, turn, angle, 0.0

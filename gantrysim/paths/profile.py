@@ -188,7 +188,8 @@ class PointToPoint:
         """Highest speed reached [mm/s]."""
         if self.speed * sum(self._ramps(self.speed)) <= 2 * self.length:
             return self.speed
-        low, high = 0.0, self.speed
+        low = 0.0
+        high = self.speed
         while self.length > 0 and 0.5 * high * sum(self._ramps(0.5 * high)) > 2 * self.length:
             high *= 0.5
         for _ in range(_HALVINGS):
@@ -218,8 +219,10 @@ class PointToPoint:
         if self.peak <= 0:
             return np.where(at > 0, self.length, 0.0)
         up, along, down = self._times
-        moved, left = np.clip(at - up, 0.0, along), self.duration - at
-        climbed, braked = np.full(at.shape, 0.5 * up), np.zeros(at.shape)
+        moved = np.clip(at - up, 0.0, along)
+        left = self.duration - at
+        climbed = np.full(at.shape, 0.5 * up)
+        braked = np.zeros(at.shape)
         ramp = at < up  # most times lie on neither ramp
         climbed[ramp] = up * self.shape.distance(np.maximum(at[ramp] / up, 0.0), self.peak, self.acceleration)
         ramp = left < down

@@ -109,12 +109,15 @@ class Involute(Path):
 
     def _place(self, along: Floats, inward: Floats, up: Floats) -> Floats:
         """Points of coordinates along the first tangent, and towards the centre."""
-        c, s = np.cos(self.heading_start), np.sin(self.heading_start)
+        c = np.cos(self.heading_start)
+        s = np.sin(self.heading_start)
         left = self._turn * inward
         return np.stack([self.start[0] + along * c - left * s, self.start[1] + along * s + left * c, up], axis=-1)
 
     def position(self, s: ArrayLike) -> Floats:
-        phi, c, d = self.phi(s), np.cos(self.heading_start), np.sin(self.heading_start)
+        phi = self.phi(s)
+        c = np.cos(self.heading_start)
+        d = np.sin(self.heading_start)
         turned = np.cos(phi), np.sin(phi)  # not compiled, for other rounding would be another path
         return _points(phi, *turned, float(self.radius), self.a, self._rise, self.start, float(c), float(d), self._turn)
 

@@ -32,14 +32,18 @@ class Track(Chain):
     def __init__(
         self, start: ArrayLike, end: ArrayLike, angle: ArrayLike, centre: ArrayLike, plane: ArrayLike, frames: ArrayLike
     ) -> None:
-        self._start, self._end = np.asarray(start, float), np.asarray(end, float).reshape(-1, 3)
-        self._angle, self._centre = np.asarray(angle, float), np.asarray(centre, float)
-        self._plane, self._frames = np.asarray(plane, np.intp), np.asarray(frames, float)
+        self._start = np.asarray(start, float)
+        self._end = np.asarray(end, float).reshape(-1, 3)
+        self._angle = np.asarray(angle, float)
+        self._centre = np.asarray(centre, float)
+        self._plane = np.asarray(plane, np.intp)
+        self._frames = np.asarray(frames, float)
         if not len(self._end):
             raise InputError("track: must have a piece of positive length")
         begin = np.concatenate([self._start[None], self._end[:-1]])
         coil = self._angle != 0
-        count, one = len(coil), np.unique(self._plane)
+        count = len(coil)
+        one = np.unique(self._plane)
         frame = np.broadcast_to(self._frames[one[0]], (count, 3, 3)) if one.size == 1 else self._frames[self._plane]
         lengths = np.sqrt(((self._end - begin) ** 2).sum(axis=1))
         straight = np.where(coil, 1.0, lengths)
@@ -64,7 +68,8 @@ class Track(Chain):
 
     def _coils(self, columns: dict[str, NDArray[Any]], coil: NDArray[np.bool_], begin: Floats) -> Floats:
         """Fill in the columns of the coils and return their lengths."""
-        frame, angle = columns["frame"][coil], np.abs(self._angle[coil])
+        frame = columns["frame"][coil]
+        angle = np.abs(self._angle[coil])
         arms = [np.einsum("ijk,ik->ij", frame, p - self._centre[coil]) for p in (begin[coil], self._end[coil])]
         radii = [np.hypot(arm[:, 0], arm[:, 1]) for arm in arms]
         columns["radius"][coil] = radii[0]
@@ -78,7 +83,8 @@ class Track(Chain):
     def _continue_headings(self, lengths: Floats) -> None:
         """Make the headings continuous except at corners; lines along the normal keep that of the piece before."""
         k = np.arange(lengths.size)
-        first, last = self._at(k, 0 * lengths).heading, self._at(k, lengths).heading
+        first = self._at(k, 0 * lengths).heading
+        last = self._at(k, lengths).heading
         level = self._columns["coil"] | (np.abs(self._columns["straight"]) < 1 - 1e-12)
         of = np.flatnonzero(level)
         jumps = np.round((last[of[:-1]] - first[of[1:]]) / (2 * np.pi))

@@ -62,7 +62,8 @@ def save_plots(
     if bead is not None and bead.volume[-1] > 0:
         extent = float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y))
         drawings["bead"] = (partial(draw_height_map, bead=bead), (7.0, 0.9 * view_height(*extent, 7.0)))
-    written, failed = [], []
+    written = []
+    failed = []
     for done, (name, (draw, size)) in enumerate(drawings.items(), 1):
         file = folder / f"{name}.png"
         try:

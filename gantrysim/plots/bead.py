@@ -15,14 +15,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 _DRY = 1e-3  # of the nozzle's height; less is no glue
-_USUAL, _ABOVE = 95.0, 1.6  # percentile of the width, and the limit of the axis over it
-_GLUE, _GAP, _OVERLAP = "#b87a00", "#3a9fc7", "#d55e00"
+# percentile of the width, and the limit of the axis over it
+_USUAL = 95.0
+_ABOVE = 1.6
+_GLUE = "#b87a00"
+_GAP = "#3a9fc7"
+_OVERLAP = "#d55e00"
 
 
 def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
     """Draw the height of the glue over the surface, in plan view; return the axes."""
     axes = axes_on(on)
-    heights, x, y = bead.map.height, bead.map.x, bead.map.y
+    heights = bead.map.height
+    x = bead.map.x
+    y = bead.map.y
     half = 0.5 * bead.map.cell
     image = axes.imshow(
         np.ma.masked_less(heights, _DRY * bead.gap),
@@ -37,7 +43,8 @@ def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
     bar = axes.figure.colorbar(image, ax=axes, label="height [mm]", shrink=0.8)
     if bead.settings.squashed and bead.gap <= float(heights.max()):
         bar.ax.axhline(bead.gap, color=INK, lw=1.0)
-        place, units = (0, bead.gap), ("axes fraction", "data")
+        place = (0, bead.gap)
+        units = ("axes fraction", "data")
         bar.ax.annotate("gap", place, (-2, 0), units, "offset points", ha="right", va="center", fontsize=7)
     return axes
 

@@ -60,7 +60,8 @@ def draw_budget_along(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes,
     Vertical errors, if any, are thin lines. Returns the axes.
     """
     analysis = budget.analysis
-    s, ticks = analysis.nozzle.s, analysis.ticks
+    s = analysis.nozzle.s
+    ticks = analysis.ticks
     shown = {name: part for name, part in budget.parts.items() if part.size.max() > _NOTHING}
     largest = max(float(budget.contour.size.max()), _NOTHING)
     ratios = [2.4] + [1.0] * len(shown)
@@ -109,7 +110,8 @@ def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style
     """Draw an error along the path, with gaps at missing ticks."""
     gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
     if gaps.size:
-        s, error = np.insert(s, gaps, np.nan), np.insert(error, gaps, np.nan)
+        s = np.insert(s, gaps, np.nan)
+        error = np.insert(error, gaps, np.nan)
     x, y = thinned(s, error)
     axes.plot(x, UM * y, **style)  # type: ignore[arg-type]
 
@@ -135,14 +137,16 @@ def stack_bars(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool)
         values: values of every link, (m,).
         upright: whether the bars are vertical.
     """
-    above, below = np.zeros(at.size), np.zeros(at.size)
+    above = np.zeros(at.size)
+    below = np.zeros(at.size)
     for name, value in values.items():
         foot = np.where(value >= 0, above, below)
         if upright:
             axes.bar(at, value, 0.7, bottom=foot, color=COLOURS[name], label=name)
         else:
             axes.barh(at, value, 0.7, left=foot, color=COLOURS[name], label=name)
-        above, below = above + np.maximum(value, 0), below + np.minimum(value, 0)
+        above = above + np.maximum(value, 0)
+        below = below + np.minimum(value, 0)
     if below.min() < 0:
         (axes.axhline if upright else axes.axvline)(0, color=INK, lw=0.8)
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ...]:
     """Draw the following errors of linear and of rotary axes, and the contour error, over time; return the axes."""
-    run, on = analysis.run, analysis.ticks
+    run = analysis.run
+    on = analysis.ticks
     kinds = [unit for unit in THOUSANDTH if unit in run.units]
     *upper, lower = figure.subplots(len(kinds) + 1, sharex=True)
     for panel, unit in zip(upper, kinds, strict=True):
@@ -60,7 +61,8 @@ def _following(run: Run, axis: int) -> Floats:
 
 def _clip(axes: Axes, analysis: Analysis, members: list[int], unit: str) -> None:
     """Scale the axis to the usual errors while the dispenser is on, and annotate the largest if that is beyond."""
-    run, on = analysis.run, analysis.ticks
+    run = analysis.run
+    on = analysis.ticks
     size = np.zeros(on.size)
     for a in members:
         np.maximum(size, np.abs(_following(run, a)[on]), out=size)
@@ -71,7 +73,8 @@ def _clip(axes: Axes, analysis: Analysis, members: list[int], unit: str) -> None
     k = on[size.argmax()]
     errors = 1e3 * (run.commanded[k] - run.encoder[k])
     worst = max(members, key=lambda a: abs(errors[a]))
-    time, peak = run.time[k], errors[worst]
+    time = run.time[k]
+    peak = errors[worst]
     at = (time, np.sign(peak) * usual)
     text = f"peak {peak:.0f} {unit} at {time:.3f} s"
     colour = AXIS_COLOURS[worst]

@@ -23,7 +23,8 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     run = analysis.run
     axes = axes_on(on)
     distance = analysis.nozzle.distance
-    worst, factor = int(distance.argmax()), _magnification(analysis)
+    worst = int(distance.argmax())
+    factor = _magnification(analysis)
     every = np.arange(0, distance.size, -(-distance.size // _MOST_POINTS))
     shown = np.unique(np.append(every, [worst, distance.size - 1]))
     ticks = analysis.ticks[shown]

@@ -21,13 +21,16 @@ if TYPE_CHECKING:
 
 _MOST_NAMED = 5  # largest number of turns in a legend
 _MOST_LINES = 100  # that stay lines in a page
-_MOST_COLUMNS, _LEAST_COLUMNS = 20_000, 60  # horizontal resolution of all turns' lines, and of one
+# horizontal resolution of all turns' lines, and of one
+_MOST_COLUMNS = 20_000
+_LEAST_COLUMNS = 60
 
 
 def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the spacing over the angle within the turn; return the axes."""
     axes = axes_on(on)
-    turns, requested = analysis.spacing, analysis.run.requested.turn_spacing
+    turns = analysis.spacing
+    requested = analysis.run.requested.turn_spacing
     for k, rows, style in _by_turn(turns):
         axes.plot(360 * (turns.turn[rows] - k), turns.distance[rows], **style)
     if requested is not None:
@@ -46,17 +49,20 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
     The centre of the plot is not zero: the range of spacings fills the outer half.
     """
     axes = cast("PolarAxes", axes_on(on, projection="polar"))
-    run, turns = analysis.run, analysis.spacing
+    run = analysis.run
+    turns = analysis.spacing
     requested = run.requested.turn_spacing
     first, last = run.requested.heading(turns.s[[0, -1]])
     to_the_left = 0.5 * np.pi * np.sign(last - first)
     for _, rows, style in _by_turn(turns):
         axes.plot(run.requested.heading(turns.s[rows]) - to_the_left, turns.distance[rows], **style)
-    low, high = float(turns.distance.min()), float(turns.distance.max())
+    low = float(turns.distance.min())
+    high = float(turns.distance.max())
     if requested is not None:
         circle = np.linspace(0, 2 * np.pi, 181)
         axes.plot(circle, np.full(181, requested), color=INK, lw=1.0, ls="--", label=f"requested: {requested:g} mm")
-        low, high = min(low, requested), max(high, requested)
+        low = min(low, requested)
+        high = max(high, requested)
     reach = max(high - low, 1e-3)
     axes.set_rlim(low - reach, high + 0.05 * reach)
     axes.set_rticks(np.linspace(low, high, 3), [f"{r:.3f}" for r in np.linspace(low, high, 3)], fontsize=8)
@@ -68,11 +74,13 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
 
 def _by_turn(spacing: Spacing) -> Iterator[tuple[int, NDArray[np.intp], dict[str, Any]]]:
     """Number, points and style of the line of every turn; many turns become an image, with fewer points each."""
-    turn, distance = spacing.turn, spacing.distance
+    turn = spacing.turn
+    distance = spacing.distance
     numbers = range(math.floor(turn[0]), math.floor(turn[-1]) + 1)
     ends = np.append(np.searchsorted(turn, numbers), turn.size).tolist()
     present = [(k, begin, end) for k, (begin, end) in zip(numbers, pairwise(ends), strict=True) if begin < end]
-    step, columns = -(-len(present) // _MOST_NAMED), max(_MOST_COLUMNS // len(present), _LEAST_COLUMNS)
+    step = -(-len(present) // _MOST_NAMED)
+    columns = max(_MOST_COLUMNS // len(present), _LEAST_COLUMNS)
     for i, ((k, begin, end), colour) in enumerate(zip(present, turn_colours(len(present)), strict=True)):
         rows, _ = thinned(np.arange(begin, end, dtype=np.float64), distance[begin:end], columns)
         label = f"turn {k + 1} to {k + 2}" if i % step == 0 else "_"  # that is not shown

@@ -11,7 +11,9 @@ from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.sections import drawn
 
 _UM = 1e3
-_WIDE, _HEIGHT = 10.7, 2.4  # of the plot [inch]
+# of the plot [inch]
+_WIDE = 10.7
+_HEIGHT = 2.4
 
 
 def causes_section(causes: Causes) -> Section:

@@ -21,7 +21,11 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.report.summary import fault_summary, summary
 
-JOB, RUN, SUMMARY, VIDEO, PLOTS = "job.toml", "run.npz", "summary.json", "video.mp4", "plots"
+JOB = "job.toml"
+RUN = "run.npz"
+SUMMARY = "summary.json"
+VIDEO = "video.mp4"
+PLOTS = "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run
 REPORT = "report.html"
 RECORD = "record.csv"  # what the controller itself records, where its program asks for it

@@ -9,7 +9,9 @@ from gantrysim.record.run import Run
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
 _UM = 1e3
-_ALMOST_ALL, _MOST = 0.9, 0.5  # of the mean square
+# of the mean square
+_ALMOST_ALL = 0.9
+_MOST = 0.5
 
 
 def headline(budget: Budget) -> str:

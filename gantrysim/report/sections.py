@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _UM = 1e3
-_WIDE, _HALF = 10.7, 5.3  # width of a plot across the page, and of one of two side by side [inch]
+# width of a plot across the page, and of one of two side by side [inch]
+_WIDE = 10.7
+_HALF = 5.3
 _PLAN = 7.6  # width of a plan view [inch]
 
 
@@ -97,7 +99,8 @@ def _turns(budget: Budget) -> Table:
 
 def errors_section(analysis: Analysis) -> Section:
     """Return the section of the errors over time."""
-    values, run = analysis.values, analysis.run
+    values = analysis.values
+    run = analysis.run
     rows = [
         [name, THOUSANDTH[unit], 1e3 * error.rms, 1e3 * error.max]
         for unit, (name, error) in zip(run.units, values.tracking.items(), strict=True)

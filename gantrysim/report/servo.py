@@ -19,7 +19,9 @@ from gantrysim.stability.margins import NO_LOOP, Margins
 
 def servo_section(job: Job, machine: Machine, run: Run) -> Section:
     """Return the section of the servo of a job on the machine of its run."""
-    margins, reason, law = job.margins, job.servo_reason, job.built_servo.law
+    margins = job.margins
+    reason = job.servo_reason
+    law = job.built_servo.law
     named = [] if law == LawParameters.law else [f"Law: {words(law)}."]
     return Section(
         "Servo",

@@ -53,7 +53,8 @@ def summary(
         injected: faults on purpose, whether the run came to them, and what they cost (`Losses`); null without any
         headline: the result in a sentence or two; of a run with faults, what happened
     """
-    run, values = budget.analysis.run, budget.analysis.values
+    run = budget.analysis.run
+    values = budget.analysis.values
     tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
     for unit, (name, error) in zip(run.units, values.tracking.items(), strict=True):
         tracking[unit][name] = _thousandths(error)

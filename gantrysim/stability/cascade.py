@@ -34,16 +34,27 @@ def with_velocity_loops(
         times: t, servo period, servo delay [s].
     """
     t, period, delay = times
-    n, m = len(system.F), len(gain)
-    G, H, K = system.G0 + system.G1, motors, np.diag(gain)
-    one, whole = np.eye(m), np.diag(gain * (1 + rate * t))
-    step, enter = np.zeros((n + 2 * m, n + 2 * m)), np.zeros((n + 2 * m, m))
-    x, before, z = slice(0, n), slice(n, n + m), slice(n + m, n + 2 * m)
+    n = len(system.F)
+    m = len(gain)
+    G = system.G0 + system.G1
+    H = motors
+    K = np.diag(gain)
+    one = np.eye(m)
+    whole = np.diag(gain * (1 + rate * t))
+    step = np.zeros((n + 2 * m, n + 2 * m))
+    enter = np.zeros((n + 2 * m, m))
+    x = slice(0, n)
+    before = slice(n, n + m)
+    z = slice(n + m, n + 2 * m)
     step[x, x], step[x, before], step[x, z] = system.F - G @ whole @ H / t, G @ whole / t, G @ K @ np.diag(rate)
     step[before, x], step[z, x], step[z, before], step[z, z] = H, -H, one, one
     enter[x], enter[z] = G @ whole, t * one
-    F, G0, G1 = np.eye(n + 2 * m), np.zeros_like(enter), np.zeros_like(enter)
+    F = np.eye(n + 2 * m)
+    G0 = np.zeros_like(enter)
+    G1 = np.zeros_like(enter)
     late = math.ceil(delay / t * (1 - _SAME_TIME))
     for j in range(round(period / t)):
-        F, G0, G1 = step @ F, step @ G0 + enter * (j < late), step @ G1 + enter * (j >= late)
+        F = step @ F
+        G0 = step @ G0 + enter * (j < late)
+        G1 = step @ G1 + enter * (j >= late)
     return LinearSystem(system.axes, F, G0, G1, np.concatenate([system.H, np.zeros((m, 2 * m))], axis=1))

@@ -68,18 +68,26 @@ class Compensator:
         b0, b1, b2, a1, a2 = filter
         if not (b1 or b2 or a1 or a2):
             return Compensator(self.A, self.B, b0 * self.C, b0 * self.D)
-        n, own = len(self.A), np.array([b1 - a1 * b0, b2 - a2 * b0])
+        n = len(self.A)
+        own = np.array([b1 - a1 * b0, b2 - a2 * b0])
         A = np.zeros((n + 2, n + 2))
         A[:n, :n], A[n:, :n], A[n:, n:] = self.A, np.outer(own, self.C), [[-a1, 1.0], [-a2, 0.0]]
         return Compensator(A, np.append(self.B, own * self.D), np.append(b0 * self.C, [1.0, 0.0]), b0 * self.D)
 
     def delayed(self, samples: int) -> Compensator:
         """Return this law of the error of some samples ago."""
-        A, B, C, D = self.A, self.B, self.C, self.D
+        A = self.A
+        B = self.B
+        C = self.C
+        D = self.D
         for _ in range(samples):
-            n, later = len(A), np.zeros((len(A) + 1, len(A) + 1))
+            n = len(A)
+            later = np.zeros((len(A) + 1, len(A) + 1))
             later[:n, :n], later[:n, n] = A, B
-            A, B, C, D = later, np.append(np.zeros(n), 1.0), np.append(C, D), 0.0
+            A = later
+            B = np.append(np.zeros(n), 1.0)
+            C = np.append(C, D)
+            D = 0.0
         return Compensator(A, B, C, D)
 
     def response(self, z: Complexes) -> Complexes:

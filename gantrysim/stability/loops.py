@@ -65,7 +65,8 @@ def _grid(system: LinearSystem) -> Floats:
             roots.append(np.linalg.eigvals(drawn))
     z = np.concatenate(roots)
     z = z[np.abs(z) > 0]
-    angle, width = np.angle(z), np.abs(np.log(np.abs(z)))
+    angle = np.angle(z)
+    width = np.abs(np.log(np.abs(z)))
     peaked = (angle > 0) & (angle < np.pi) & (width < _PEAKED * angle)
     close = np.outer(np.append(1 - _AROUND_A_PEAK, 1 + _AROUND_A_PEAK), angle[peaked]).ravel()
     return np.unique(np.concatenate([even, close[(close > even[0]) & (close < np.pi)]]))
@@ -81,7 +82,10 @@ class Loops:
     """
 
     def __init__(self, plant: FrequencyResponse, laws: Sequence[Compensator], period: float) -> None:
-        self.plant, self.system, self.laws, self.T = plant, plant.system, tuple(laws), period
+        self.plant = plant
+        self.system = plant.system
+        self.laws = tuple(laws)
+        self.T = period
         self.delayed = bool(np.any(self.system.G0))
 
     def open(self, theta: Floats, P: Complexes) -> Complexes:
@@ -100,13 +104,19 @@ class Loops:
 
         The state is x, those of the laws, and the last u if the output is delayed.
         """
-        F, G0, G1, H = self.system.F, self.system.G0, self.system.G1, self.system.H
-        n, m = len(F), len(H)
+        F = self.system.F
+        G0 = self.system.G0
+        G1 = self.system.G1
+        H = self.system.H
+        n = len(F)
+        m = len(H)
         own = np.cumsum([n, *(len(law.A) for law in self.laws)])
         size = own[-1] + (m if self.delayed else 0)
-        A, u = np.zeros((size, size)), np.zeros((m, size))
+        A = np.zeros((size, size))
+        u = np.zeros((m, size))
         for a, law in enumerate(self.laws):
-            scale, part = factor if a in axes else 1.0, slice(own[a], own[a + 1])
+            scale = factor if a in axes else 1.0
+            part = slice(own[a], own[a + 1])
             u[a, :n], u[a, part] = -scale * law.D * H[a], scale * law.C
             A[part, :n], A[part, part] = -np.outer(law.B, H[a]), law.A
         A[:n] = G1 @ u
@@ -127,9 +137,12 @@ class Loops:
         values = np.stack([L.imag / size, np.log(size)])  # (2, n, axes)
         kind, k, axis = np.nonzero((values[:, :-1] >= 0) != (values[:, 1:] >= 0))
         unit = kind == 1
-        a, b = theta[k], theta[k + 1]
-        fa, fb = values[kind, k, axis], values[kind, k + 1, axis]
-        falls, at = fa >= 0, L[k + 1, axis]
+        a = theta[k]
+        b = theta[k + 1]
+        fa = values[kind, k, axis]
+        fb = values[kind, k + 1, axis]
+        falls = fa >= 0
+        at = L[k + 1, axis]
         for _ in range(_MOST_STEPS):  # regula falsi, Illinois variant
             if not len(k) or np.abs(fb).max() < _EXACT:
                 break
@@ -137,22 +150,27 @@ class Loops:
             at = self.at(np.exp(c))[np.arange(len(c)), axis]
             fc = np.where(unit, np.log(np.abs(at)), at.imag / np.abs(at))
             over = (fc >= 0) != (fb >= 0)
-            a, fa = np.where(over, b, a), np.where(over, fb, 0.5 * fa)
-            b, fb = c, fc
+            a = np.where(over, b, a)
+            fa = np.where(over, fb, 0.5 * fa)
+            b = c
+            fb = fc
         return Crossings(np.exp(b), axis, unit, falls, at)
 
     def peaks(self, L: Complexes) -> Floats:
         """Return the peak of |S| of each axis, given the loops on the grid, (axes,)."""
-        theta, each = self.plant.theta, np.arange(L.shape[1])
+        theta = self.plant.theta
+        each = np.arange(L.shape[1])
         peaks: Floats = np.abs(1 / (1 + L)).max(axis=0)
         k = np.abs(1 + L).argmin(axis=0)
-        low, high = theta[np.maximum(k - 1, 0)], theta[np.minimum(k + 1, len(theta) - 1)]
+        low = theta[np.maximum(k - 1, 0)]
+        high = theta[np.minimum(k + 1, len(theta) - 1)]
         for _ in range(2):
             near = np.linspace(low, high, _ZOOM)  # (zoom, axes)
             size = np.abs(1 / (1 + self.at(near.ravel()).reshape(*near.shape, -1)[:, each, each]))
             peaks = np.maximum(peaks, size.max(axis=0))
             k = size.argmax(axis=0)
-            low, high = near[np.maximum(k - 1, 0), each], near[np.minimum(k + 1, _ZOOM - 1), each]
+            low = near[np.maximum(k - 1, 0), each]
+            high = near[np.minimum(k + 1, _ZOOM - 1), each]
         poles = self.poles()  # lightly damped ones have peaks narrower than the grid
         narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
         return np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))

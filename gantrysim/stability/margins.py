@@ -25,7 +25,9 @@ from gantrysim.stability.loops import FrequencyResponse, Loops
 from gantrysim.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
-_LEAST, _MOST = 1e-3, 10.0  # factors on all gains
+# factors on all gains
+_LEAST = 1e-3
+_MOST = 10.0
 _FACTORS = 60  # up to either, to begin with
 _SHARP = 1e-6  # accuracy of a factor on all gains
 _COARSE = 4  # points of the grid for each of a coarse one
@@ -146,7 +148,8 @@ class Plant:
         self.delay = at_least("servo delay", delay, 0, "s")
         if delay > period:
             raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
-        self.axes, self.drives = len(motion.C), drives
+        self.axes = len(motion.C)
+        self.drives = drives
         motors = motion.C
         if drives != _PLAIN:
             motion = motion.driven(drives)
@@ -169,7 +172,8 @@ class Plant:
         self, motion: Motion, motors: Floats, states: list[int], axes: list[int]
     ) -> tuple[float, LinearSystem]:
         """Return the motion of a group between the samples of the loop that is closed around it, and their period."""
-        drives, mode = self.drives, self.drives.mode_of(axes[0])
+        drives = self.drives
+        mode = self.drives.mode_of(axes[0])
         if mode == "position":
             return drives.period, motion.sampled_group(states, axes, drives.period)
         if mode != "velocity":
@@ -260,7 +264,8 @@ class Plant:
         if len(laws) != self.axes:
             raise InputError(f"servo has {len(laws)} axes: the plant has {self.axes}")
         for name in ("period", "delay"):
-            given, own = getattr(servo, name), getattr(self, name)
+            given = getattr(servo, name)
+            own = getattr(self, name)
             if abs(given - own) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
         if servo.drives != self.drives:
@@ -281,9 +286,11 @@ def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None
 
 def _margins(loops: Loops) -> list[Margins]:
     L = loops.open(loops.plant.theta, loops.plant.P)
-    crossings, stable = loops.crossings(L), loops.stable()
+    crossings = loops.crossings(L)
+    stable = loops.stable()
     peaks = loops.peaks(L) if stable else np.full(len(loops.laws), np.inf)
-    margins, together = [], _together(loops)
+    margins = []
+    together = _together(loops)
     for a in range(len(loops.laws)):
         real, unit = (crossings.of(a, unit=kind) for kind in (False, True))
         ends = L[[0, -1], a]  # here the loop is real, or nearly so
@@ -327,10 +334,12 @@ def _together(loops: Loops) -> float | None:
     stable = loops.stable()
     low = high = 1.0
     for factor in np.geomspace(1, _MOST if stable else _LEAST, _FACTORS)[1:].tolist():
-        low, high = min(low, factor), max(high, factor)
+        low = min(low, factor)
+        high = max(high, factor)
         if loops.stable(axes, factor) is not stable:
             break
-        low, high = (factor, factor)
+        low = factor
+        high = factor
     else:
         return math.inf if stable else 0.0
     while high - low > _SHARP * low:

@@ -119,7 +119,8 @@ class Motion:
         held = np.flatnonzero(np.delete(self.C, axis, axis=0).any(axis=0))
         fixed = [*held, *self.A[held].argmax(axis=1)]  # the rate of a position is its velocity, a state
         free = np.setdiff1d(np.arange(len(self.A)), fixed)
-        A, C = self.A[np.ix_(free, free)], self.C[[axis]][:, free]
+        A = self.A[np.ix_(free, free)]
+        C = self.C[[axis]][:, free]
         (states,) = (group for group in _coupled(A) if np.any(C[:, group]))
         L = None if self.L is None else self.L[[axis]][:, free][:, states]
         kept = free[states].tolist()
@@ -135,7 +136,9 @@ class Motion:
         Raises:
             InputError: a position of a load, or a winding, that the motion does not have.
         """
-        A, B, C = self.A.copy(), self.B.copy(), self.C.copy()
+        A = self.A.copy()
+        B = self.B.copy()
+        C = self.C.copy()
         for a, width in enumerate(drives.bandwidth):
             row = self.currents[a] if self.currents else -1
             if width and row < 0:
@@ -215,7 +218,8 @@ class Motion:
         self, states: Sequence[int], axes: Sequence[int], period: float, delay: float = 0.0
     ) -> LinearSystem:
         """Return the motion of one of the groups, see `sampled`."""
-        A, B = self.A[np.ix_(states, states)], self.B[np.ix_(states, axes)]
+        A = self.A[np.ix_(states, states)]
+        B = self.B[np.ix_(states, axes)]
         _, G1 = _held(A, B, period - delay)
         F, G = _held(A, B, period)
         if not (np.isfinite(F).all() and np.isfinite(G).all()):
@@ -240,9 +244,11 @@ def _coupled(A: Floats) -> list[list[int]]:
     size = np.abs(A)
     linked = size > _NO_EFFECT * size.max(axis=1, keepdims=True)
     linked |= linked.T
-    left, groups = set(range(len(A))), []
+    left = set(range(len(A)))
+    groups = []
     while left:
-        group, new = set[int](), {min(left)}
+        group = set[int]()
+        new = {min(left)}
         while new:
             group |= new
             new = {int(k) for k in np.flatnonzero(linked[sorted(new)].any(axis=0))} - group

@@ -29,7 +29,8 @@ Row = dict[str, Value]
 Mode = Literal["simulated", "perfect follower"]
 
 OK = "ok"
-_FAULT, _REFUSED = "fault: ", "refused: "
+_FAULT = "fault: "
+_REFUSED = "refused: "
 _THOUSANDTHS = 1e3
 
 
@@ -176,7 +177,8 @@ def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
         InputError: the dispenser is never on.
     """
     analysis = Analysis(run)
-    values, budget = analysis.values, Budget(analysis)
+    values = analysis.values
+    budget = Budget(analysis)
     row: Row = {}
     errors = {"generation": analysis.commanded.distance, "contour": analysis.nozzle.distance}
     errors |= {link: part.size for link, part in budget.parts.items() if link != "generation"}
@@ -212,7 +214,9 @@ def _sizes(name: str, error: Floats) -> Row:
 
 def _steady(analysis: Analysis) -> Row:
     """The following error along the path and normal to it, in the middle of the dispensing time."""
-    run, on, foot = analysis.run, analysis.ticks, analysis.commanded.s
+    run = analysis.run
+    on = analysis.ticks
+    foot = analysis.commanded.s
     middle = steady(on.size)
     error = (run.commanded_tip - run.encoder_tip)[on[middle]]
     tangent = run.requested.tangent(foot[middle])

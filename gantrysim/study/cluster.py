@@ -72,7 +72,8 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
         try:
             unreadable, results = out.result()
         except KilledWorker as error:
-            times, last = error.allowed_failures + 1, error.last_worker.address
+            times = error.allowed_failures + 1
+            last = error.last_worker.address
             raise WorkerError(f"{times} workers ended at the same case, the last at {last}") from None
         except CancelledError:
             raise WorkerError(f"lost the scheduler at {_address(self._client)}") from None

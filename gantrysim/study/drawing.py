@@ -23,9 +23,11 @@ def logarithmic(axes: Axes, which: Literal["x", "y"], values: Sequence[float]) -
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    low, high = min(values), max(values)
+    low = min(values)
+    high = max(values)
     margin = 1.06 * (high / low) ** 0.03
-    low, high = low / margin, high * margin
+    low = low / margin
+    high = high * margin
     for steps in _STEPS:
         decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
         ticks = [step * 10.0**decade for decade in decades for step in steps if low <= step * 10.0**decade <= high]

@@ -23,7 +23,9 @@ from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Progress, run_cases
 from gantrysim.study.study import Report, Study
 
-_ROWS, _CURVES, _STUDY = "study.csv", "curves.csv", "study.toml"
+_ROWS = "study.csv"
+_CURVES = "curves.csv"
+_STUDY = "study.toml"
 _DPI = 130
 
 
@@ -146,7 +148,8 @@ def run_study(
             except GantryError:
                 raise
             except Exception as error:
-                report, failed = Report(f"{len(rows)} cases"), text_of(error)
+                report = Report(f"{len(rows)} cases")
+                failed = text_of(error)
             with output.written(folder) as scratch:
                 _write_rows(study, rows, report, scratch, identity)
                 if failed is None:

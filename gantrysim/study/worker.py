@@ -108,7 +108,8 @@ def _name() -> str:
 @cache
 def _installed() -> tuple[tuple[str, str], ...]:
     """Return the versions that numbers depend on, as (name, version)."""
-    digest, root = hashlib.sha256(), Path(str(files("gantrysim")))
+    digest = hashlib.sha256()
+    root = Path(str(files("gantrysim")))
     for file in sorted(file for kind in ("*.py", "*.xml") for file in root.rglob(kind)):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     system = f"{platform.system()} {platform.machine()}"

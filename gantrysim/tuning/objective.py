@@ -125,7 +125,8 @@ def _perturbed(machine: Machine, perturbation: Perturbation) -> Machine:
 
 
 def _servo(case: Case) -> Servo:
-    job, changes = _base(case), case.settings
+    job = _base(case)
+    changes = case.settings
     allowed = {f"servo.{name}" for name in GAIN_NAMES}
     if other := sorted(set(changes) - allowed):
         raise GantryError(f"a case that changes {other[0]}: only {', '.join(sorted(allowed))} may differ")

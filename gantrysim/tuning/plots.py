@@ -53,7 +53,8 @@ def draw_links(values: Mapping[Phase, BudgetValues]) -> Figure:
             if max(own) <= NO_ERROR:
                 axes.text(0.5, k, "none", transform=axes.get_yaxis_transform(), ha="center", va="center", fontsize=9)
                 continue
-            start, tuned = max(own[0], NO_ERROR), max(own[-1], NO_ERROR)
+            start = max(own[0], NO_ERROR)
+            tuned = max(own[-1], NO_ERROR)
             if abs(math.log(start / tuned)) > _CHANGED:
                 arrow = {"arrowstyle": "-|>", "color": COLOURS[name], "lw": 2.0}
                 axes.annotate("", (tuned, k), (start, k), arrowprops=arrow)
@@ -81,7 +82,8 @@ def draw_path(budgets: Mapping[Phase, Budget]) -> Figure:
     with sheet(10.7, 2.4 * len(budgets) + 0.8) as figure:
         panels = figure.subplots(len(budgets), sharex=True, sharey=True, squeeze=False)[:, 0]
         for panel, (phase, budget) in zip(panels, budgets.items(), strict=True):
-            s, ticks = budget.analysis.nozzle.s, budget.analysis.ticks
+            s = budget.analysis.nozzle.s
+            ticks = budget.analysis.ticks
             gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
             lines = (("contour", budget.contour, 1.6), ("tracking", budget.parts["tracking"], 0.9))
             for name, part, width in lines:
@@ -131,7 +133,8 @@ def draw_search(history: History, label: str, ripple: float) -> Figure:
 
 def _draw_leaders(axes: Axes, history: History) -> None:
     """Draw the gains of the first axis of every leader as multiples of the tuned ones."""
-    runs, drawn = [one.runs for one in history.leaders], []
+    runs = [one.runs for one in history.leaders]
+    drawn = []
     for name, colour in zip(SEARCHED, _GAIN_COLOURS, strict=True):
         values = np.array([getattr(one.servo, name)[0] for one in history.leaders])
         if not values[-1] > 0:
@@ -148,7 +151,8 @@ def _draw_leaders(axes: Axes, history: History) -> None:
 
 def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
     """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
-    names, width = SEARCHED, 0.8 / len(axes)
+    names = SEARCHED
+    width = 0.8 / len(axes)
     old, new = (np.array([getattr(servo, name) for name in names]) for servo in (start, tuned))
     drawn = [0.5, 2.0]
     with sheet(9.0, 3.2) as figure:
@@ -156,7 +160,8 @@ def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
         for a, axis in enumerate(axes):
             k = np.flatnonzero((old[:, a] > 0) & (new[:, a] > 0))
             ratio = new[k, a] / old[k, a]
-            at, colour = k + (a - 0.5 * (len(axes) - 1)) * width, AXIS_COLOURS[a % len(AXIS_COLOURS)]
+            at = k + (a - 0.5 * (len(axes) - 1)) * width
+            colour = AXIS_COLOURS[a % len(AXIS_COLOURS)]
             bars = panel.bar(at, ratio - 1, 0.9 * width, bottom=1.0, color=colour, label=axis)
             panel.bar_label(bars, [f"{one:.3g}" for one in ratio], padding=2, fontsize=8)
             drawn += ratio.tolist()

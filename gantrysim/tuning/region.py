@@ -22,15 +22,22 @@ from scipy.optimize import minimize
 from gantrysim.base.arrays import Floats
 from gantrysim.tuning.surrogate import Surrogate
 
-_RADIUS, _LARGEST, _SMALLEST = 0.4, 0.8, 0.01  # half the side of the region
-_GROWTH, _SHRINKAGE = 1.6, 0.6
+# half the side of the region
+_RADIUS = 0.4
+_LARGEST = 0.8
+_SMALLEST = 0.01
+_GROWTH = 1.6
+_SHRINKAGE = 0.6
 _SIDES = (0.4, 2.5)  # of the region along a coordinate, over their mean: as the scales of the metric
 _NEAREST = 100  # measured points in a surrogate
 _ABOVE = 2.0  # values further above the least are cut, so that they do not bend the surrogate there
 _RIPPLES, _NEAR = (-2.0, 1.0), -0.7  # the same for the ripple; below _NEAR everywhere, it is left out
 _CAUTION = (0.0, 1.0, 2.0, 1.0)  # c of the points of a round, in turn
 _PENALTY = 20.0
-_SAMPLES, _STARTS, _STEPS = 400, 3, 40  # to find the least: random points, descents from the best, steps of each
+# to find the least: random points, descents from the best, steps of each
+_SAMPLES = 400
+_STARTS = 3
+_STEPS = 40
 _CHANGED = 10  # coordinates of a random point that differ from the centre, in the mean
 _MOVES = 2  # of the centre that are repeated at once
 _NUDGE = 1e-5  # of a difference quotient
@@ -95,7 +102,8 @@ class TrustRegion:
         if known.any() and slack[known].max() > _NEAR:
             ripple = self._ripple = Surrogate.fitted(points[known], np.clip(slack[known], *_RIPPLES), self._ripple)
         half = self.radius * np.clip(metric.scales / np.exp(np.log(metric.scales).mean()), *_SIDES)
-        low, high = np.maximum(centre - half, self.bounds[:, 0]), np.minimum(centre + half, self.bounds[:, 1])
+        low = np.maximum(centre - half, self.bounds[:, 0])
+        high = np.minimum(centre + half, self.bounds[:, 1])
         repeated = self._repeated(centre) if count > 1 else []
         chosen = []
         for k in range(count - len(repeated)):

@@ -81,8 +81,10 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
 def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
     """Return the plots: error budget, error along the path, search, gains, loops, unseen machines."""
     history = study.history(rows)
-    start, tuned = history.start.servo, history.best.servo
-    axes, metric = study.job.built_machine.axis_names, METRICS[study.metric]
+    start = history.start.servo
+    tuned = history.best.servo
+    axes = study.job.built_machine.axis_names
+    metric = METRICS[study.metric]
     budgets = _budgets(study, history)
     shown = []
     if budgets:
@@ -174,7 +176,8 @@ def _finite(value: float) -> float | None:
 
 
 def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Table:
-    budgets, metric = _budgets(study, history), METRICS[study.metric]
+    budgets = _budgets(study, history)
+    metric = METRICS[study.metric]
     results: list[dict[str, Any]] = []
     for phase, candidate in history.phases.items():
         values = budgets[phase].values.contour if phase in budgets else None

@@ -18,7 +18,9 @@ _RANDOM = 4  # points among which a region begins that is not around the best on
 _PROGRESS = 0.002  # share by which the metric must fall
 _IDLE = 6  # regions in succession without progress, after which there are no more rounds
 _LEAST = 1e-12  # of a metric or a torque ripple
-_SMALL, _HOPELESS = 0.1, 0.2  # a region this small is left if its metric is larger than the least by this share
+# a region this small is left if its metric is larger than the least by this share
+_SMALL = 0.1
+_HOPELESS = 0.2
 
 
 def rounds(
@@ -56,7 +58,9 @@ def rounds(
     centre = now.measured.points[now.best()]
     steps = np.where(centre + _STEP <= high, _STEP, -_STEP)
     now = Estimates((yield list(np.clip(centre + np.diag(steps), low, high))), machines, ripple)
-    idle, turn, since = 0, 0, 0
+    idle = 0
+    turn = 0
+    since = 0
     while idle < _IDLE:
         least = now.best()
         if turn % 2:
@@ -91,7 +95,8 @@ class Estimates:
     def __init__(self, candidates: Sequence[Candidate], machines: int, ripple: float) -> None:
         points = np.array([one.point for one in candidates])
         full = [k for k, one in enumerate(candidates) if len(one.results) == machines and math.isfinite(one.metric)]
-        metric, ripples = np.full(len(points), np.inf), np.full(len(points), np.inf)
+        metric = np.full(len(points), np.inf)
+        ripples = np.full(len(points), np.inf)
         for k, one in enumerate(candidates):
             if not one.results:
                 continue

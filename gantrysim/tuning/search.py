@@ -112,7 +112,8 @@ def search(
         on_leader: called with every candidate that becomes the best.
     """
     start = Candidate(0, 1, space.start, float(stability.excess(space.start).max()))
-    tried, leaders = [start], [start]
+    tried = [start]
+    leaders = [start]
     runs = yield from _run(start, range(machines), 0)
     on_leader(start)
     begin, bounds, guess = box(space, stability)
@@ -123,7 +124,8 @@ def search(
         begin, bounds, space.natural, known=bool(seen), machines=machines, ripple=ripple, seed=seed, batch=batch
     )
     points = next(proposals)
-    count, skipped = 0, 0
+    count = 0
+    skipped = 0
     ended: Ended | None = None
     while ended is None:
         count += 1
@@ -212,7 +214,8 @@ def candidate_at(
         point: rho, at most 0, and shape.
         guess: the fastest loops of another shape.
     """
-    rho, shape = point[: space.groups], point[space.groups :]
+    rho = point[: space.groups]
+    shape = point[space.groups :]
     fastest = stability.fastest(space, shape, guess)
     if fastest.excess > 0:
         return Candidate(count, number, space.servo(fastest.frequencies, shape), fastest.excess, point=point), guess

@@ -94,7 +94,8 @@ class SearchSpace:
         A gain that is not above zero begins at its natural number, a feed-forward at zero; axes that share a
         coordinate begin at its mean.
         """
-        numbers, natural = self._numbers(self.start), self._natural
+        numbers = self._numbers(self.start)
+        natural = self._natural
         coordinates = {}
         for name in self.coordinates:
             share = numbers[name] / natural[name]
@@ -129,7 +130,8 @@ class SearchSpace:
         for name, u in zip(names, shape.reshape(len(names), self.groups), strict=True):
             share = np.sinh(_BEND * u) / math.sinh(_BEND) if name in "va" else 10.0**u
             number[name] = self._natural[name] * share
-        w, kp = number["w"], self._inertia * number["w"] ** 2
+        w = number["w"]
+        kp = self._inertia * number["w"] ** 2
         gains = {
             "kp": kp,
             "ki": kp * w / number["n"] if "n" in number else 0.0 * kp,
@@ -165,7 +167,8 @@ class SearchSpace:
 
     @cached_property
     def _natural(self) -> dict[str, Floats]:
-        one, derived = np.ones(len(self.axes)), self._numbers(self.derived)
+        one = np.ones(len(self.axes))
+        derived = self._numbers(self.derived)
         return {"w": derived["w"], "zeta": derived["zeta"], "n": _INTEGRAL * one, "v": one, "a": one}
 
     def _numbers(self, servo: Servo) -> dict[str, Floats]:

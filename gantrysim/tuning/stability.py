@@ -170,7 +170,9 @@ class Stability:
             shape: in the space, (shapes,).
             guess: the fastest loops of another shape: the machines that limit them are tried first.
         """
-        start, binding, together = guess.frequencies, guess.binding, False
+        start = guess.frequencies
+        binding = guess.binding
+        together = False
         while True:
             found = self._edge(space, shape, start, binding, together)
             if found.excess > 0:
@@ -182,7 +184,8 @@ class Stability:
                 return Fastest(found.frequencies, binding=(max(binding, key=lambda k: excess[k]),))
             start = found.frequencies
             if worst in binding:  # coupled axes: each group kept the margin only by itself
-                start, together = start - _STEP, True
+                start = start - _STEP
+                together = True
             else:
                 binding = (*binding, worst)
 
@@ -193,18 +196,26 @@ class Stability:
 
         A bracket is found, then narrowed by false position, or by halving where its upper end is unstable.
         """
-        low, high = np.full(space.groups, -np.inf), np.full(space.groups, np.inf)
-        kept, missed = low.copy(), high.copy()  # excess at low and at high
+        low = np.full(space.groups, -np.inf)
+        high = np.full(space.groups, np.inf)
+        # excess at low and at high
+        kept = low.copy()
+        missed = high.copy()
         least = high.copy()
-        at, step = guess, _STEP
+        at = guess
+        step = _STEP
         while True:
             excess = self.excess(space.servo(at, shape), machines).reshape(space.groups, -1).max(axis=1)
             if together:
                 excess = np.full(space.groups, excess.max())
-            least, keeps = np.minimum(least, excess), excess <= 0
-            low, kept = np.where(keeps, at, low), np.where(keeps, excess, kept)
-            high, missed = np.where(keeps, high, at), np.where(keeps, missed, excess)
-            none_kept, none_missed = np.isneginf(low), np.isposinf(high)
+            least = np.minimum(least, excess)
+            keeps = excess <= 0
+            low = np.where(keeps, at, low)
+            kept = np.where(keeps, excess, kept)
+            high = np.where(keeps, high, at)
+            missed = np.where(keeps, missed, excess)
+            none_kept = np.isneginf(low)
+            none_missed = np.isposinf(high)
             if np.any(none_kept & (high < np.minimum(guess, 0) - _REACH)):
                 return Fastest(at, float(least.max()), tuple(machines))
             done = (high - low <= _WIDTH) | (kept > -_TOLERANCE) | (low > np.maximum(guess, 0) + _REACH)

@@ -183,7 +183,8 @@ class TuningStudy(Study):
     @cached_property
     def space(self) -> SearchSpace:
         """The search space."""
-        axes, start = self.job.built_machine.axes, self.job.built_servo
+        axes = self.job.built_machine.axes
+        start = self.job.built_servo
         law = self.law or ("pid" if any(start.ki) else "pd")
         drive = {parameter.name: getattr(start, parameter.name) for parameter in DRIVE}
         for name in ("delay", "feedback", "feedback_delay", "encoder_seed"):
@@ -282,8 +283,10 @@ class TuningStudy(Study):
 
     def text(self, _name: str, rows: list[Row]) -> str:
         """Return the tuned servo as TOML."""
-        history, job = self.history(rows), self.job
-        start, best = history.start, history.best
+        history = self.history(rows)
+        job = self.job
+        start = history.start
+        best = history.best
         worst = f", the worst of {self.robust + 1} machines" if self.robust else ""
         comments = [
             f"Job {job.name} on machine {job.built_machine.name}: law {self.space.name}, tuned by gantrysim "

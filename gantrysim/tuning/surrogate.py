@@ -17,9 +17,15 @@ from scipy.optimize import minimize
 
 from gantrysim.base.arrays import Floats
 
-_SCALE, _SCALE_SPREAD = 1.0, 1.0  # prior of a scale, lognormal: its median, and the deviation of its logarithm
-_NOISE, _NOISE_SPREAD = 1e-2, 1.5  # prior of the noise's deviation over s, likewise
-_SCALES, _NOISES = (0.05, 30.0), (1e-4, 0.3)  # bounds
+# prior of a scale, lognormal: its median, and the deviation of its logarithm
+_SCALE = 1.0
+_SCALE_SPREAD = 1.0
+# prior of the noise's deviation over s, likewise
+_NOISE = 1e-2
+_NOISE_SPREAD = 1.5
+# bounds
+_SCALES = (0.05, 30.0)
+_NOISES = (1e-4, 0.3)
 _STEPS = 60  # of the optimiser of the likelihood
 _LEAST = 1e-9  # of s, where all values are equal
 
@@ -62,7 +68,8 @@ class Surrogate(NamedTuple):
         apart = (points[:, None] - points[None]) ** 2
 
         def cost(logs: Floats) -> tuple[float, Floats]:
-            scales, noise = np.exp(logs[:-1]), math.exp(logs[-1])
+            scales = np.exp(logs[:-1])
+            noise = math.exp(logs[-1])
             own = cls._given(points, values, scales, noise, apart)
             likelihood = len(values) * math.log(own.size) + float(np.log(np.diag(own.factor)).sum())
             # d/dlog of the likelihood: half the trace of (K^-1 - w w^T / s^2) dK
@@ -93,7 +100,8 @@ class Surrogate(NamedTuple):
 
     def extended(self, point: Floats, value: float) -> Surrogate:
         """Return the process with one more value, its scales and noise unchanged."""
-        points, values = np.vstack([self.points, point]), np.append(self.values, value)
+        points = np.vstack([self.points, point])
+        values = np.append(self.values, value)
         apart = (points[:, None] - points[None]) ** 2
         return self._given(points, values, self.scales, self.noise, apart)
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 
 from gantrysim.base.errors import positive
 
-SLOWEST, FASTEST = 1e-3, 1e3  # speeds that keys reach
+# speeds that keys reach
+SLOWEST = 1e-3
+FASTEST = 1e3
 _SPAN = 1.0  # of the wall clock, over which the pace is taken [s]
 
 
@@ -57,7 +59,8 @@ class Clock:
 
     def scaled(self, factor: float, now: float) -> Clock:
         """Return the clock with its speed multiplied, within SLOWEST to FASTEST, without a jump."""
-        slowest, fastest = min(SLOWEST, self.speed), max(FASTEST, self.speed)
+        slowest = min(SLOWEST, self.speed)
+        fastest = max(FASTEST, self.speed)
         return replace(self.moved(self.at(now), now), speed=min(max(self.speed * factor, slowest), fastest))
 
 

@@ -19,7 +19,13 @@ from gantrysim.view.texts import moment_texts
 from gantrysim.view.window import ViewerWindow, WindowClosedError
 
 # GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
-_SPACE, _BACKSPACE, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 259, 262, 263, 264, 265, 268
+_SPACE = 32
+_BACKSPACE = 259
+_RIGHT = 262
+_LEFT = 263
+_DOWN = 264
+_UP = 265
+_HOME = 268
 _PERIOD = 1 / 60  # of pictures, at best [s]
 _JUMP = 1.0  # of the arrow keys [s]
 _ALL_KEYS = 10.0  # for which all keys are listed at the beginning; later only while paused [s]
@@ -54,9 +60,15 @@ class Player:
         timer: Callable[[], float] = time.perf_counter,
         rest: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._name, self._scene, self._source, self._window = name, scene, source, window
-        self._bodies, self._timer, self._rest = bodies, timer, rest
-        self._pace, self._chart = Pace(), Chart()
+        self._name = name
+        self._scene = scene
+        self._source = source
+        self._window = window
+        self._bodies = bodies
+        self._timer = timer
+        self._rest = rest
+        self._pace = Pace()
+        self._chart = Chart()
         self._shown: tuple[Run, int] | None = None
         self._push = 0.0
         self._telemetry = Telemetry(source.run)
@@ -87,11 +99,13 @@ class Player:
         for key in self._window.pressed():
             self._act(key)
         self._apply_pushes()
-        source, now = self._source, self._timer()
+        source = self._source
+        now = self._timer()
         moment = self.clock.at(now)
         if not source.over or not source.live:
             source.go(moment)
-        run, tick = source.run, source.tick
+        run = source.run
+        tick = source.tick
         at = float(run.time[tick])
         if source.live and not self.clock.paused and at + run.period < moment:
             # too slow: the clock waits, so that no time has to be made up later
@@ -133,7 +147,9 @@ class Player:
     def _show(self, run: Run, tick: int, now: float) -> None:
         if run is not self._telemetry.run:
             self._telemetry = Telemetry(run)
-        source, telemetry, clock = self._source, self._telemetry, self.clock
+        source = self._source
+        telemetry = self._telemetry
+        clock = self.clock
         self._chart.draw(telemetry.time[: tick + 1], telemetry.error[: tick + 1], source.until)
         keys = clock.paused or source.over or now - self._start < _ALL_KEYS
         pace = self._pace.factor

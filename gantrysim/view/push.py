@@ -35,7 +35,8 @@ class Bodies:
         # unnamed bodies are matched by number as long as all before them agree
         same = True
         for body in range(1, shown.nbody):
-            name, parent = shown.body(body).name, int(shown.body_parentid[body])
+            name = shown.body(body).name
+            parent = int(shown.body_parentid[body])
             same = same and body < simulated.nbody and name == simulated.body(body).name
             found = mujoco.mj_name2id(simulated, mujoco.mjtObj.mjOBJ_BODY, name) if name else (body if same else -1)
             self._source[body], self._target[body] = (
@@ -53,10 +54,12 @@ class Bodies:
         """
         result = np.zeros((self._count, 6))
         for body in np.flatnonzero(wrench.any(axis=1)):
-            target, source = int(self._target[body]), int(self._source[body])
+            target = int(self._target[body])
+            source = int(self._source[body])
             if target == 0:
                 continue  # the world is fixed
-            force, torque = wrench[body, :3], wrench[body, 3:]
+            force = wrench[body, :3]
+            torque = wrench[body, 3:]
             result[target, :3] += force
             result[target, 3:] += torque + np.cross(centre[body] - centre[source], force)
         return result

@@ -121,7 +121,9 @@ class Live:
         timer: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._simulation = simulation
-        self._chunk, self._patience, self._timer = whole("chunk", chunk, 1), patience, timer
+        self._chunk = whole("chunk", chunk, 1)
+        self._patience = patience
+        self._timer = timer
         self.until = (len(simulation.position) - 1) * simulation.setpoints.period
         self.restart()
 

@@ -61,8 +61,11 @@ def moment_texts(
         push: force of the mouse on the machine [N].
         keys: whether all keys are listed.
     """
-    tick, paused, ended = source.tick, clock.paused, source.over
-    time, error = float(telemetry.time[tick]), float(telemetry.error[tick])
+    tick = source.tick
+    paused = clock.paused
+    ended = source.over
+    time = float(telemetry.time[tick])
+    error = float(telemetry.error[tick])
     behind = not (paused or ended) and pace is not None and pace < _BEHIND * clock.speed
     values = [
         ("live" if source.live else "replay", plain(name)),

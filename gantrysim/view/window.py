@@ -25,7 +25,8 @@ _LEAVING = 0.3  # for threads to leave a viewer that has stopped drawing [s]
 _NEAR = 0.1  # least distance of the free camera's look-at point, of the machine's size
 _PICTURE = 60.0  # for the first picture, slow in software, and for the last [s]
 
-_SMALL, _LARGE = mujoco.mjtFontScale.mjFONTSCALE_100.value, mujoco.mjtFontScale.mjFONTSCALE_150.value
+_SMALL = mujoco.mjtFontScale.mjFONTSCALE_100.value
+_LARGE = mujoco.mjtFontScale.mjFONTSCALE_150.value
 _CORNER = mujoco.mjtGridPos
 
 
@@ -58,13 +59,15 @@ class ViewerWindow:
         threads = set(threading.enumerate())
         self._handle = self._launch()
         self._threads = [thread for thread in threading.enumerate() if thread not in threads]
-        self._requested, self._uploaded = threading.Semaphore(0), threading.Semaphore(0)
+        self._requested = threading.Semaphore(0)
+        self._uploaded = threading.Semaphore(0)
         threading.Thread(target=self._upload, name="bead", daemon=True).start()
         with self._inside() as handle, handle.lock():
             # Esc frees the viewer's own camera, at the pose of the fixed one
             own = handle.cam
             own.lookat[:], own.distance, own.azimuth, own.elevation = _free_view(scene, view)
-            own.type, own.fixedcamid = view.type, view.fixedcamid
+            own.type = view.type
+            own.fixedcamid = view.fixedcamid
 
     def pressed(self) -> list[int]:
         """Return the keys pressed since the last call, by GLFW's codes."""
@@ -95,7 +98,8 @@ class ViewerWindow:
             handle.set_texts(list(columns))
             area = handle.viewport
             if area is not None:
-                width, height = round(0.42 * area.width), round(0.26 * area.height)
+                width = round(0.42 * area.width)
+                height = round(0.26 * area.height)
                 right = area.left + area.width
                 handle.set_figures((mujoco.MjrRect(right - width, area.bottom, width, height), chart.figure))
                 if self._scene.scale is not None:
@@ -163,9 +167,11 @@ class ViewerWindow:
             failed.append(" ".join(str(error.exc_value).split()) or error.exc_type.__name__)
 
         ended = threading.Event()
-        simulate, hook = viewer._Simulate, threading.excepthook
+        simulate = viewer._Simulate
+        hook = threading.excepthook
         thread = threading.Thread(target=launch, name="launch", daemon=True)
-        viewer._Simulate, threading.excepthook = _guarded(simulate, self._guard, ended), fail
+        viewer._Simulate = _guarded(simulate, self._guard, ended)
+        threading.excepthook = fail
         try:
             thread.start()
             end = time.monotonic() + _PICTURE
@@ -174,7 +180,8 @@ class ViewerWindow:
             if ended.is_set():
                 thread.join(_LEAVING)
         finally:
-            viewer._Simulate, threading.excepthook = simulate, hook
+            viewer._Simulate = simulate
+            threading.excepthook = hook
         if not opened and ended.is_set() and not failed:
             raise WindowClosedError
         if not opened:

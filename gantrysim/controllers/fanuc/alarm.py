@@ -45,7 +45,10 @@ class Alarm(InputError):  # noqa: N818 - the controller's own word
     """
 
     def __init__(self, number: int, block: str, line: int, detail: str) -> None:
-        self.number, self.title, self.block, self.line = number, TITLES[number], block, line
+        self.number = number
+        self.title = TITLES[number]
+        self.block = block
+        self.line = line
         self.detail = detail if len(detail) <= _LONGEST else f"{detail[:_LONGEST]}..."
         where = block if block.startswith("block ") else f"block {block}"
         where += f" (line {line})" if line else ""

@@ -75,7 +75,8 @@ def _level(place: Vector, height: Vector, leg: Leg) -> Vector:
 
 
 def _beside(leg: Leg) -> Line | Coil | None:
-    piece, d = leg.piece, leg.compensation
+    piece = leg.piece
+    d = leg.compensation
     if piece is None or d == 0:
         return piece
     if isinstance(piece, Coil):
@@ -93,7 +94,8 @@ def _normal(line: Line) -> Floats:
     """Left normal in the line's plane; zero for a line along the plane's normal."""
     u, v = np.array(line.frame)
     displacement = np.subtract(line.end, line.start)
-    a, b = displacement @ u, displacement @ v
+    a = displacement @ u
+    b = displacement @ v
     size = math.hypot(a, b)
     return (a * v - b * u) / size if size > _GAP else np.zeros(3)
 
@@ -107,7 +109,8 @@ def _between(leg: Leg, start: Vector, end: Vector) -> Leg:
     """A straight move between other places of its plane, at the same heights."""
     if not isinstance(leg.piece, Line):
         raise leg.source.fail(34, "cutter compensation begins or ends in an arc: must be in a straight move")
-    first, last = _level(start, leg.piece.start, leg), _level(end, leg.piece.end, leg)
+    first = _level(start, leg.piece.start, leg)
+    last = _level(end, leg.piece.end, leg)
     return replace(leg, start=first, piece=replace(leg.piece, start=first, end=last))
 
 
@@ -163,7 +166,8 @@ def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
 def _corner(before: Leg, leg: Leg) -> float:
     """Angle from the end of one motion to the start of the next, positive to the left [rad]."""
     u, v = np.array(_frame(leg))
-    first, second = _direction(before, 1), _direction(leg, 0)
+    first = _direction(before, 1)
+    second = _direction(leg, 0)
     return float(np.angle(complex(second @ u, second @ v) / complex(first @ u, first @ v)))
 
 

@@ -60,7 +60,8 @@ class Spliced:
     """
 
     def __init__(self, profiles: list[Limited], times: list[float]) -> None:
-        self._profiles, self._times = profiles, np.array(times)
+        self._profiles = profiles
+        self._times = np.array(times)
 
     @property
     def length(self) -> float:

@@ -41,14 +41,16 @@ def piece_of(
 
 def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -> Coil:
     first, second, across = PLANES[block.plane]
-    a, b = complex(start[first], start[second]), complex(end[first], end[second])
+    a = complex(start[first], start[second])
+    b = complex(end[first], end[second])
     if block.centre is not None:
         centre = a + complex(*block.centre)
     elif block.radius:
         centre = _centre_by_radius(a, b, block.radius, block.clockwise, fail)
     else:
         raise fail(22, "arc without a centre and without a radius: must have I, J, K of its plane, or R")
-    radius, reached = abs(a - centre), abs(b - centre)
+    radius = abs(a - centre)
+    reached = abs(b - centre)
     if radius < _ROUNDING:
         raise fail(22, "radius = 0 mm: must be greater than 0 mm; I, J, K are relative to the start")
     if abs(reached - radius) > tolerance:
@@ -75,9 +77,11 @@ def _centre_by_radius(a: complex, b: complex, radius: float, clockwise: bool, fa
 
 def _spiral(block: Spiral, start: Vector, end: Vector, tolerance: float, fail: Fail) -> Coil:
     first, second, across = PLANES[block.plane]
-    a, b = complex(start[first], start[second]), complex(end[first], end[second])
+    a = complex(start[first], start[second])
+    b = complex(end[first], end[second])
     centre = a + complex(*block.centre)
-    radius, reached = abs(a - centre), abs(b - centre)
+    radius = abs(a - centre)
+    reached = abs(b - centre)
     rise = end[across] - start[across]
     if block.compensation and min(radius, reached) < _ROUNDING:
         end_name = "start" if radius < _ROUNDING else "end"
@@ -85,7 +89,8 @@ def _spiral(block: Spiral, start: Vector, end: Vector, tolerance: float, fail: F
     if radius < _ROUNDING:
         raise fail(5122, "radius at the start = 0 mm: must be greater than 0 mm")
     if block.height_per_turn is not None and abs(rise) < _ROUNDING:
-        word, axis = _CENTRE_WORDS[across], _NAMES[across].upper()
+        word = _CENTRE_WORDS[across]
+        axis = _NAMES[across].upper()
         raise fail(5122, f"height per turn {word} without a height: must come with an end {axis}")
     turn = _angle(a - centre, b - centre, block.clockwise) if reached > _ROUNDING else 2 * math.pi
     turns = _turns(block, radius, reached, rise, turn / (2 * math.pi), tolerance, fail)
@@ -103,9 +108,13 @@ def _turns(
 ) -> float:
     """Number of turns: whole ones, and the part from the start's direction to the end's, 0 < part <= 1."""
     if block.change is not None:
-        step, total, name = block.change, reached - radius, "Q"
+        step = block.change
+        total = reached - radius
+        name = "Q"
     elif block.height_per_turn is not None:
-        step, total, name = block.height_per_turn, rise, "height per turn"
+        step = block.height_per_turn
+        total = rise
+        name = "height per turn"
     elif block.turns is not None:
         if block.turns < 1 or block.turns != int(block.turns):
             raise fail(5122, f"L = {block.turns:g}: must be a whole number of at least 1")

@@ -74,7 +74,9 @@ def legs_of(
         Alarm: a block that cannot be run from the end of the one before.
     """
     legs = []
-    here, angle, feed = start, 0.0, None
+    here = start
+    angle = 0.0
+    feed = None
     for line in blocks:
         block = line.block
         if isinstance(block, Dwell):
@@ -105,7 +107,8 @@ def legs_of(
             )
         )
         x, y, z = (there if there is not None else now for there, now in zip(block.end, here, strict=True))
-        here, angle = (x, y, z), turned
+        here = (x, y, z)
+        angle = turned
     return legs
 
 

@@ -17,7 +17,8 @@ from gantrysim.controllers.gcode.parameters import Parameters, Scope, System
 
 _DEEPEST = 10  # calls
 _MOST_DIGITS = 20  # of a block's or program's number
-_LOCAL, _HIGHEST = 33, 9999
+_LOCAL = 33
+_HIGHEST = 9999
 _MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
 _LABEL = re.compile(r"N\s*([0-9]+)")
 _PROGRAM = re.compile(r"(?:N[0-9]+)?O([0-9]+)")
@@ -83,7 +84,8 @@ class Macro:
         Raises:
             Alarm: a block that cannot be read or run.
         """
-        at, count = 0, 0
+        at = 0
+        count = 0
         while 0 <= at < len(self._blocks):
             if at and at in self._starts and not self._calls:
                 return  # the main program's end

@@ -29,7 +29,8 @@ from gantrysim.paths.profile import Constant, PointToPoint, Profile
 from gantrysim.record.setpoints import Setpoints, ticks
 
 _LONGEST_BLEND = 10.0  # [s]
-_WORDS, _LINEAR = "ABC", "xyz"
+_WORDS = "ABC"
+_LINEAR = "xyz"
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,12 @@ class Planner:
     """
 
     def __init__(self, legs: list[Leg], chain: Chain, feeding: Feeding) -> None:
-        self._legs, self._chain, self._feeding = legs, chain, feeding
+        self._legs = legs
+        self._chain = chain
+        self._feeding = feeding
         share = 1.0 if feeding.blend_time == 0 else 0.5  # of the accelerations, for the pieces
-        self._limit, self._rotary_limit = share * feeding.acceleration, share * feeding.rotary_acceleration
+        self._limit = share * feeding.acceleration
+        self._rotary_limit = share * feeding.rotary_acceleration
         s, piece = nodes(chain.ends, [_step(leg) for leg in legs])
         self._nodes = s, piece
         if math.isfinite(feeding.acceleration):
@@ -53,7 +56,8 @@ class Planner:
         if feeding.dry_run is None:
             return Spliced([self._plan(False)], [0.0])
         dry = feeding.dry_run_from <= begun < feeding.dry_run_until
-        profiles, times = [self._plan(dry)], [0.0]
+        profiles = [self._plan(dry)]
+        times = [0.0]
         for switch, after in ((feeding.dry_run_from - begun, True), (feeding.dry_run_until - begun, False)):
             here = switch - times[-1]
             if 0 < here < profiles[-1].duration and math.isfinite(switch):
@@ -83,7 +87,8 @@ class Planner:
         edges = np.concatenate([[0.0], self._chain.ends])
         fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / PER_MINUTE) for leg in self._legs])
         k = np.arange(len(self._legs))
-        added, of = [s], [piece]
+        added = [s]
+        of = [piece]
         for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
             steepest = np.abs(self._chain.tangent(self._within(edge, k))).max(axis=1)
             ramp = fastest_feed**2 * steepest / (2 * self._limit * (1 - MARGIN))
@@ -91,7 +96,8 @@ class Planner:
                 inside = share * ramp < np.diff(edges)
                 added.append((edge + inward * share * ramp)[inside])
                 of.append(k[inside])
-        s, piece = np.concatenate(added), np.concatenate(of)
+        s = np.concatenate(added)
+        piece = np.concatenate(of)
         order = np.lexsort((s, piece))
         return s[order], piece[order]
 
@@ -103,21 +109,24 @@ class Planner:
         s, piece = self._nodes
         if begin > 0:
             ahead = s > begin + _APART
-            s, piece = np.concatenate([[begin], s[ahead]]), np.concatenate([piece[ahead][:1], piece[ahead]])
+            s = np.concatenate([[begin], s[ahead]])
+            piece = np.concatenate([piece[ahead][:1], piece[ahead]])
         top = self._feed(s, piece, dry)
         a = self._feeding.acceleration
         if math.isinf(a):
             return fastest(s, top, np.ones((s.size, 1)), np.zeros((s.size, 1)), [math.inf], [a])
         braked = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
         top = self._at_corners(s, np.maximum(top, braked))
-        linear, rotary = self._derivatives(s, piece), self._rotary(s, piece)
+        linear = self._derivatives(s, piece)
+        rotary = self._rotary(s, piece)
         first, second = (np.column_stack(pair) for pair in zip(linear, rotary, strict=True))
         limits = np.array([self._limit] * 3 + [self._rotary_limit])
         return fastest(s, top, first, second, np.full(4, math.inf), limits, begin=speed)
 
     def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
         """Largest path speed at the nodes [mm/s]."""
-        legs, feeding = self._legs, self._feeding
+        legs = self._legs
+        feeding = self._feeding
         at_feed = np.array([not leg.rapid for leg in legs])
         feeds = np.array([leg.feed for leg in legs])
         if dry and feeding.dry_run is not None:
@@ -151,8 +160,10 @@ class Planner:
         """The speeds, limited to stops between motions, or by blending."""
         if len(self._legs) < 2:
             return top
-        ends, k = self._chain.ends[:-1], np.arange(len(self._legs) - 1)
-        before, after = self._within(ends, k), self._within(ends, k + 1)
+        ends = self._chain.ends[:-1]
+        k = np.arange(len(self._legs) - 1)
+        before = self._within(ends, k)
+        after = self._within(ends, k + 1)
         corner = np.linalg.norm(self._chain.tangent(after) - self._chain.tangent(before), axis=1)
         turning = np.abs(self._rotary(after, k + 1)[0] - self._rotary(before, k)[0])
         if self._feeding.blend_time > 0:
@@ -187,7 +198,8 @@ class Planner:
             reach: largest distance in the time of the average [mm].
         """
         summed = np.concatenate([[0.0], np.cumsum(jump)])
-        last, first = np.searchsorted(ends, ends + reach, side="right"), np.searchsorted(ends, ends - reach)
+        last = np.searchsorted(ends, ends + reach, side="right")
+        first = np.searchsorted(ends, ends - reach)
         near = summed[last] - summed[first]  # all jumps within one window
         change = acceleration * self._feeding.blend_time
         return np.divide(change, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
@@ -198,7 +210,8 @@ class Planner:
         It turns with the angle of a coil, on which ds = m d(theta), m^2 = rho^2 + b^2 + k^2; m' = b rho / m^2.
         """
         turned = np.array([leg.rotary[1] - leg.rotary[0] for leg in self._legs])
-        first, second = (turned / np.diff(self._chain.ends, prepend=0.0))[piece], np.zeros(s.size)
+        first = (turned / np.diff(self._chain.ends, prepend=0.0))[piece]
+        second = np.zeros(s.size)
         coil = np.array([isinstance(leg.piece, Coil) for leg in self._legs]) & (turned != 0)
         here = coil[piece]
         if here.any():

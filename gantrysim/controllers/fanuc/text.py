@@ -18,7 +18,8 @@ from gantrysim.paths.pieces import Vector
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _INCH = 25.4
-_ENDS, _CENTRES = "XYZ", "IJK"
+_ENDS = "XYZ"
+_CENTRES = "IJK"
 _LENGTHS = set("XYZIJKQR")
 
 # G codes and their settings
@@ -30,7 +31,12 @@ _EXACT_STOP: dict[float, bool] = {61: True, 64: False}
 _SIDE: dict[float, int] = {40: 0, 41: 1, 42: -1}
 _SYSTEMS = {54: 0, 55: 1, 56: 2, 57: 3, 58: 4, 59: 5}
 _CONTOUR: dict[float, str] = {5.1: "Q", 8: "P"}  # look-ahead, and its switch
-_DWELL, _SET, _HOME, _LOCAL, _MACHINE, _SHIFT = 4, 10, 28, 52, 53, 92
+_DWELL = 4
+_SET = 10
+_HOME = 28
+_LOCAL = 52
+_MACHINE = 53
+_SHIFT = 92
 _NOTHING = {43, 44, 49, 80, 94}
 _ALONE = {_SET, _HOME, _LOCAL, _SHIFT}
 _KNOWN = {*_MOTION, *_PLANE, *_UNIT, *_ABSOLUTE, *_EXACT_STOP, *_SIDE, *_SYSTEMS, *_CONTOUR, *_ALONE}
@@ -263,9 +269,12 @@ class _State:
     def _round(self, block: Words, values: dict[str, float], common: dict[str, Any], end: list[float | None]) -> Block:
         turning: dict[str, Any] = {"clockwise": self.motion == 2, "feed": self._required_feed(block)}
         first, second, across = PLANES[self.plane]
-        i, j = values.pop(_CENTRES[first], None), values.pop(_CENTRES[second], None)
+        i = values.pop(_CENTRES[first], None)
+        j = values.pop(_CENTRES[second], None)
         up = values.pop(_CENTRES[across], None)
-        change, turns, radius = values.pop("Q", None), values.pop("L", None), values.pop("R", None)
+        change = values.pop("Q", None)
+        turns = values.pop("L", None)
+        radius = values.pop("R", None)
         centre = (i or 0.0, j or 0.0)
         if change is None and turns is None and (up is None or end[across] is None):
             if up is not None:

@@ -120,7 +120,9 @@ class Scanner:
     """
 
     def __init__(self, text: str, at: int = 0, truncating: bool = False) -> None:
-        self.text, self.at, self._truncating = text, at, truncating
+        self.text = text
+        self.at = at
+        self._truncating = truncating
         self._depth = self._operators = 0
 
     @property

@@ -58,7 +58,9 @@ class Flow:
         for name, other in others.items():
             self._files.append((len(self._lines), name))
             self._lines += other.splitlines()
-        self._steps, self._skip, self._left = steps, skip, left
+        self._steps = steps
+        self._skip = skip
+        self._left = left
         self._compact = compact
         self._labels: dict[str, list[tuple[int, str]]] = {}
         self._statements: dict[int, Statement] = {}
@@ -107,7 +109,10 @@ class Flow:
         Raises:
             InputError: a line that cannot be read, or too many of them.
         """
-        lines, count, delimited, after = self._lines, 0, False, 0
+        lines = self._lines
+        count = 0
+        delimited = False
+        after = 0
         while after < len(lines) and not (len(self._frames) == 1 and after >= self._main):
             self._at = after
             after += 1
@@ -194,7 +199,9 @@ class Flow:
 
     def _control(self, made: Statement) -> int:
         """Run an O word; return the line that follows, -1 for the program's end."""
-        store, keyword, after = self.parameters, made.keyword, self._at + 1
+        store = self.parameters
+        keyword = made.keyword
+        after = self._at + 1
         label = made.label
         assert label is not None
         key = label if isinstance(label, str) else str(round(label(store)))
@@ -223,7 +230,9 @@ class Flow:
         return self._structured(key, made)
 
     def _structured(self, key: str, made: Statement) -> int:
-        store, keyword, after = self.parameters, made.keyword, self._at + 1
+        store = self.parameters
+        keyword = made.keyword
+        after = self._at + 1
         repeats = self._frames[-1].repeats
         if keyword in ("IF", "ELSEIF"):
             return self._branch(key, made)
@@ -251,7 +260,8 @@ class Flow:
         """Go to the first branch whose condition holds."""
         if made.keyword == "ELSEIF":  # met at the end of a branch that was taken
             return self._next(key, ("ENDIF",)) + 1
-        holds, at = made.arguments[0](self.parameters), self._at
+        holds = made.arguments[0](self.parameters)
+        at = self._at
         while not holds:
             at = self._next(key, ("ELSEIF", "ELSE", "ENDIF"), at)
             made = self._statements.get(at) or statement(compact(self._lines[at]).lstrip("/"))

@@ -83,7 +83,8 @@ class Frames:
 
     def _polar(self, values: dict[str, float], place: Three) -> None:
         """Take the words @, distance from the origin, and ^, angle, of a place in X and Y."""
-        distance, angle = math.hypot(place[0], place[1]), math.degrees(math.atan2(place[1], place[0]))
+        distance = math.hypot(place[0], place[1])
+        angle = math.degrees(math.atan2(place[1], place[0]))
         if "@" in values:
             r = values.pop("@") * self.unit
             distance = r if self.absolute else distance + r
@@ -107,7 +108,8 @@ class Frames:
             for i, value in given.items():
                 self.offsets[k][i] = value
             return
-        in_force, self.system = self.system, k
+        in_force = self.system
+        self.system = k
         place = self.program(self.here)
         reached = self.machine([given.get(i, place[i]) for i in range(3)])
         self.offsets[k] = [o + h - r for o, h, r in zip(self.offsets[k], self.here, reached, strict=True)]

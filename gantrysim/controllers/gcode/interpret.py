@@ -57,7 +57,8 @@ def interpret(
     flow = Flow(text, others, state.provided, steps, skip, state.left, read)
     try:
         for words in flow.words():
-            state.line, state.depth = flow.line, flow.depth
+            state.line = flow.line
+            state.depth = flow.depth
             if not state.run(words):
                 break
     except InputError as error:

@@ -136,7 +136,8 @@ def _control(scanner: Scanner) -> Statement:
     label: str | Value
     found = _LABEL.match(scanner.text, scanner.at)
     if found:
-        label, scanner.at = _key(found[1]), found.end()
+        label = _key(found[1])
+        scanner.at = found.end()
     else:
         scanner.at += 1
         label = scanner.value("O")

@@ -15,7 +15,9 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.paths.limits import Limited
 
-INWARD, ALONG = math.sqrt(0.75), 0.5  # shares of the acceleration on an arc
+# shares of the acceleration on an arc
+INWARD = math.sqrt(0.75)
+ALONG = 0.5
 
 
 def turning_speed(radius: Floats, acceleration: float) -> Floats:
@@ -41,16 +43,19 @@ def planned(lengths: Floats, speed: Floats, acceleration: Floats, joint: Floats)
     top = np.zeros(lengths.size + 1)
     top[1:-1] = np.minimum(np.minimum(speed[:-1], speed[1:]), joint) ** 2
     square = _swept(lengths, acceleration, top)
-    low, high = square[:-1], square[1:]
+    low = square[:-1]
+    high = square[1:]
     peak = np.minimum(np.maximum(speed**2, np.maximum(low, high)), 0.5 * (low + high) + acceleration * lengths)
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
     rise, fall = (np.clip((peak - end) / (2 * acceleration), 0.0, lengths) for end in (low, high))
-    s, v = np.empty((lengths.size, 3)), np.empty((lengths.size, 3))
+    s = np.empty((lengths.size, 3))
+    v = np.empty((lengths.size, 3))
     s[:, 0], v[:, 0] = ends[:-1], np.sqrt(low)
     s[:, 1] = np.minimum(ends[:-1] + rise, ends[1:])
     s[:, 2] = np.clip(ends[1:] - fall, s[:, 1], ends[1:])
     v[:, 1] = v[:, 2] = np.sqrt(peak)
-    nodes, speeds = np.append(s.ravel(), ends[-1]), np.append(v.ravel(), 0.0)
+    nodes = np.append(s.ravel(), ends[-1])
+    speeds = np.append(v.ravel(), 0.0)
     kept = np.append(True, np.diff(nodes) > 0)  # of nodes at one place the first, where their speeds agree
     return Limited(nodes[kept], speeds[kept])
 

@@ -177,7 +177,8 @@ class Modal(Motions):
         self._saved.pop(depth, None)
 
     def _mode(self, code: int, values: dict[str, float]) -> None:
-        modes, frames = self.modes, self.frames
+        modes = self.modes
+        frames = self.frames
         if code in (170, 180, 190):
             modes.plane = (code - 170) // 10
         elif code in (200, 210):
@@ -191,11 +192,14 @@ class Modal(Motions):
         elif code in (930, 940, 950):
             modes.feed_code = code
         elif code == 610:
-            modes.path, modes.naive = EXACT_PATH, 0.0
+            modes.path = EXACT_PATH
+            modes.naive = 0.0
         elif code == 611:
-            modes.path, modes.naive = EXACT_STOP, 0.0
+            modes.path = EXACT_STOP
+            modes.naive = 0.0
         elif code == 640:
-            p, q = values.pop("P", None), values.pop("Q", None)
+            p = values.pop("P", None)
+            q = values.pop("Q", None)
             values.pop("R", None)
             modes.path = p * frames.unit if p else math.inf
             modes.naive = (q if q is not None else p or 0.0) * frames.unit
@@ -263,7 +267,8 @@ class Modal(Motions):
                 self.extruder = values.pop("E")
             frames.set_shift(values, code == 520)
         else:
-            kind, number = values.pop("L", None), values.pop("P", 0.0)
+            kind = values.pop("L", None)
+            number = values.pop("P", 0.0)
             if kind in (2, 20):
                 frames.set_offset(number, values, kind == 20)
             elif kind == 1:

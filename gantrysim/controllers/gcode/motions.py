@@ -67,11 +67,17 @@ class Motions:
     def __init__(
         self, moves: Moves, dialect: Dialect, dispense: Dispense, tolerance: float, frames: Frames, modes: Modes
     ) -> None:
-        self.moves, self.dialect, self.dispense, self.tolerance = moves, dialect, dispense, tolerance
-        self.frames, self.modes, self.extrudes = frames, modes, dialect.extrudes
+        self.moves = moves
+        self.dialect = dialect
+        self.dispense = dispense
+        self.tolerance = tolerance
+        self.frames = frames
+        self.modes = modes
+        self.extrudes = dialect.extrudes
         self.motion = 10 if self.extrudes else 0  # G code in tenths
         self.glue = False
-        self.extruder, self.relative_extruder = 0.0, False
+        self.extruder = 0.0
+        self.relative_extruder = False
         self.line = 0
         self._control: complex | None = None  # of the cubic before, to the next one's first
 
@@ -108,7 +114,8 @@ class Motions:
         if self.relative_extruder:
             self.extruder += e
             return e * self.frames.unit
-        fed, self.extruder = e - self.extruder, e
+        fed = e - self.extruder
+        self.extruder = e
         return fed * self.frames.unit
 
     def _feed(self, length: float) -> float:
@@ -154,8 +161,10 @@ class Motions:
         before = frames.program(start)
         end = frames.end(values, False)
         after = frames.program(end)
-        a, b = complex(before[u], before[v]), complex(after[u], after[v])
-        i, j = values.pop(_CENTRES[u], None), values.pop(_CENTRES[v], None)
+        a = complex(before[u], before[v])
+        b = complex(after[u], after[v])
+        i = values.pop(_CENTRES[u], None)
+        j = values.pop(_CENTRES[v], None)
         if _CENTRES[w] in values:
             raise InputError(f"{_CENTRES[w]} in G{17 + self.modes.plane}: the centre must be given in the plane")
         radius = values.pop("R", None)
@@ -174,7 +183,8 @@ class Motions:
         if self.modes.plane and frames.turns[frames.system]:
             raise InputError(f"G{17 + self.modes.plane} arc under a turned coordinate system: must be in G17")
         length = math.hypot(angle * 0.5 * (abs(a - centre) + abs(b - centre)), end[w] - start[w])
-        feed, modes = self._feed(length), self.modes
+        feed = self._feed(length)
+        modes = self.modes
         if not max(*map(abs, end), *map(abs, placed)) <= _FARTHEST:
             raise InputError(f"arc to {[round(c, 3) for c in end]} mm: must be within {_FARTHEST:g} mm")
         glue = self._lays(True, fed)
@@ -184,7 +194,8 @@ class Motions:
         frames.here = end
 
     def _checked(self, begin: complex, end: complex, clockwise: bool, turns: int) -> float:
-        radius, reached = abs(begin), abs(end)
+        radius = abs(begin)
+        reached = abs(end)
         if min(radius, reached) < 1e-6:
             raise InputError("radius = 0 mm: must be greater than 0 mm")
         error = abs(radius - reached)
@@ -203,7 +214,8 @@ class Motions:
         words: dict[str, Any] = {letter: values.pop(letter, None) for letter in "IJPQ"}
         scaled = {letter: None if value is None else value * frames.unit for letter, value in words.items()}
         after = frames.program(frames.end(values, False))
-        a, b = complex(before[0], before[1]), complex(after[0], after[1])
+        a = complex(before[0], before[1])
+        b = complex(after[0], after[1])
         first = complex(scaled["I"] or 0.0, scaled["J"] or 0.0)
         if self.motion == 51:
             points = [a, a + first, b]

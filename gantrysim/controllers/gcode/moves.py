@@ -10,12 +10,24 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
-LINE, ARC, DWELL = 0.0, 1.0, 2.0
+LINE = 0.0
+ARC = 1.0
+DWELL = 2.0
 EXACT_STOP, EXACT_PATH = -1.0, 0.0  # modes; above 0 a tolerance of rounded corners [mm]
 PLANES = ((0, 1, 2), (2, 0, 1), (1, 2, 0))  # axes of the plane and its normal, of G17, G18, G19
 
 # columns of a row
-KIND, END, CENTRE, PLANE, ANGLE, FEED, MODE, NAIVE, GLUE, SOURCE, FLOW = 0, 1, 4, 6, 7, 8, 9, 10, 11, 12, 13
+KIND = 0
+END = 1
+CENTRE = 4
+PLANE = 6
+ANGLE = 7
+FEED = 8
+MODE = 9
+NAIVE = 10
+GLUE = 11
+SOURCE = 12
+FLOW = 13
 WIDTH = 14
 _MOST = 5_000_000
 _SAME = 1e-9  # relative to 1 rad

@@ -32,7 +32,9 @@ class Parameters:
     """
 
     def __init__(self, system: System, local: int, highest: int) -> None:
-        self._system, self._local, self._highest = system, local, highest
+        self._system = system
+        self._local = local
+        self._highest = highest
         self._all = Scope()
         self.scope = Scope()
 

@@ -108,7 +108,8 @@ class Plan:
         before = np.concatenate([[0.0], np.cumsum(times)])
         begun = moving + before[:-1]
         k = np.searchsorted(begun, t, side="right") - 1
-        after, k = k >= 0, np.maximum(k, 0)
+        after = k >= 0
+        k = np.maximum(k, 0)
         waiting = after & ((t - begun[k] < times[k]) | (self.wait_pieces[k] == self.source.size))
         s = np.asarray(self.profile.position(np.where(after, np.maximum(moving[k], t - before[k + 1]), t)))
         # the last piece before a dwell and the first after it meet at one place
@@ -138,7 +139,8 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
         centre[chosen, u], centre[chosen, v] = table[kept[chosen], CENTRE], table[kept[chosen], CENTRE + 1]
     frames = np.array([np.eye(3)[list(axes)] for axes in PLANES])
     turned = placement.direction(frames) / placement.scale
-    start, end = placement.point([program.start])[0], placement.point(points[kept + 1])
+    start = placement.point([program.start])[0]
+    end = placement.point(points[kept + 1])
     return Track(start, end, table[kept, ANGLE], placement.point(centre), plane, turned), kept
 
 
@@ -229,7 +231,8 @@ def _profile(
     path: Rounded, joint: Floats, speed: Floats, acceleration: Floats, rows: NDArray[np.intp], settings: Settings
 ) -> tuple[Limited, NDArray[np.intp]]:
     arcs = path.arc >= 0
-    top, change = speed[path.piece], acceleration[path.piece]
+    top = speed[path.piece]
+    change = acceleration[path.piece]
     k = path.piece[arcs]
     top[arcs] = np.minimum(
         np.minimum(speed[k], speed[k + 1]), turning_speed(path.radius[path.arc[arcs]], settings.acceleration)

@@ -71,7 +71,8 @@ class Rounded:
 def corners(track: Track) -> tuple[Floats, Floats, Floats]:
     """Return the angles between the tangents where pieces meet, (m - 1,), and the tangents before and after."""
     first, last = track.end_tangents()
-    before, after = last[:-1], first[1:]
+    before = last[:-1]
+    after = first[1:]
     apart = np.sqrt(((after - before) ** 2).sum(axis=1))
     return 2 * np.arctan2(apart, np.sqrt(((after + before) ** 2).sum(axis=1))), before, after
 
@@ -90,7 +91,8 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
         distance: of the path from each corner, (m - 1,) [mm].
     """
     angle, before, after = corners(track)
-    lines, lengths = ~track.coil, np.diff(track.ends, prepend=0.0)
+    lines = ~track.coil
+    lengths = np.diff(track.ends, prepend=0.0)
     tangent = np.tan(0.5 * angle)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.minimum(0.5 * np.minimum(lengths[:-1], lengths[1:]), tolerance / np.tan(0.25 * angle))
@@ -111,8 +113,10 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
     parts = np.maximum(lengths - trimmed - np.append(reach, 0.0), 0.0)
     place = np.arange(count) + np.concatenate([[0], np.cumsum(made)])
     total = count + k.size
-    piece, arc = np.empty(total, np.intp), np.full(total, -1, np.intp)
-    begin, size = np.zeros(total), np.empty(total)
+    piece = np.empty(total, np.intp)
+    arc = np.full(total, -1, np.intp)
+    begin = np.zeros(total)
+    size = np.empty(total)
     piece[place], begin[place], size[place] = np.arange(count), trimmed, parts
     piece[place[k] + 1], arc[place[k] + 1], size[place[k] + 1] = k, np.arange(k.size), radius * angle[k]
     ends = np.concatenate([[0.0], np.cumsum(size)])

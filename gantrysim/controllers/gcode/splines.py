@@ -24,7 +24,8 @@ def chords(points: list[complex]) -> Iterator[tuple[complex, float]]:
     if n > _MOST:
         raise InputError(f"spline of {n} chords: must be at most {_MOST}")
     for k in range(1, n + 1):
-        level, t = points, k / n
+        level = points
+        t = k / n
         while len(level) > 1:
             level = [(1 - t) * a + t * b for a, b in pairwise(level)]
         yield (points[-1] if k == n else level[0]), t

@@ -82,7 +82,8 @@ def placed(path: Segment, placement: Placement) -> Segment:
     if isinstance(piece, Line):
         return Segment(Line(vector(placement.point(piece.start)), vector(placement.point(piece.end))), end)
     if isinstance(piece, Coil):
-        radius, scale = piece.radius, placement.scale
+        radius = piece.radius
+        scale = placement.scale
         turned = replace(
             piece,
             centre=vector(placement.point(piece.centre)),
@@ -128,7 +129,8 @@ def _through(here: Floats, via: Floats, end: Floats) -> Segment:
 
     a and b are the via point and the end relative to the start h. The arc turns left about n.
     """
-    a, b = via[:3] - here[:3], end[:3] - here[:3]
+    a = via[:3] - here[:3]
+    b = end[:3] - here[:3]
     sides = np.sort([np.linalg.norm(a), np.linalg.norm(b), np.linalg.norm(b - a)])
     three = f"the three points ({_point_text(here)}), ({_point_text(via)}) and ({_point_text(end)})"
     if sides[0] <= _NEAR:
@@ -138,15 +140,20 @@ def _through(here: Floats, via: Floats, end: Floats) -> Segment:
     if size <= _STRAIGHT * sides[0] * sides[2]:
         raise SoftMCError(f"{three} are collinear: must not be; use Move for a straight line")
     out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)  # from the centre to the start
-    centre, radius = here[:3] - out, float(np.linalg.norm(out))
-    first, normal = out / radius, n / size
+    centre = here[:3] - out
+    radius = float(np.linalg.norm(out))
+    first = out / radius
+    normal = n / size
     to_end = b + out
     angle = math.atan2(to_end @ np.cross(normal, first), to_end @ first) % (2 * math.pi)
     if normal[2] < -_UPRIGHT:
-        normal, angle = -normal, -angle
-    frame, begin = (vector(first), vector(np.cross(normal, first))), 0.0
+        normal = -normal
+        angle = -angle
+    frame = (vector(first), vector(np.cross(normal, first)))
+    begin = 0.0
     if np.hypot(*normal[:2]) <= _UPRIGHT:
-        frame, begin = XY, math.atan2(out[1], out[0])
+        frame = XY
+        begin = math.atan2(out[1], out[0])
     return Segment(Coil(vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
 
 

@@ -23,7 +23,8 @@ PROFILE_TYPES: dict[int, ProfileType] = {
 _MAX_SMOOTH = 100
 # Bounds of speeds, accelerations and jerks in their units: products and roots of them are then numbers. A motion at the
 # least of them takes years, and is refused for its duration.
-_LEAST, _MOST = 1e-12, 1e15
+_LEAST = 1e-12
+_MOST = 1e15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,8 +157,13 @@ class Group:
         if not rotation:
             return self._profile(length, speed, self.acceleration, down, self.jerk)
         ratio = length / abs(rotation)
-        vrot, arot, jrot = self.vrot * ratio, self.arot * ratio, self._rotary_jerk * ratio
-        speed, up, down, jerk = min(speed, vrot), min(self.acceleration, arot), min(down, arot), min(self.jerk, jrot)
+        vrot = self.vrot * ratio
+        arot = self.arot * ratio
+        jrot = self._rotary_jerk * ratio
+        speed = min(speed, vrot)
+        up = min(self.acceleration, arot)
+        down = min(down, arot)
+        jerk = min(self.jerk, jrot)
         return self._profile(length, speed, up, down, jerk)
 
     def in_place(self, rotation: float) -> Profile:

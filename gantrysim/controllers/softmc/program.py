@@ -121,7 +121,8 @@ class Program(Controller):
 
     def setpoints(self, period: float) -> Setpoints:
         made = stream(self.legs, period)
-        dispense, ends = made.dispense.copy(), np.unique(made.ends)
+        dispense = made.dispense.copy()
+        ends = np.unique(made.ends)
         gates = ends[(ends > 0) & (self.group.settle_error < np.inf)]
         dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while a command settles
         return Setpoints(

@@ -99,7 +99,8 @@ def leg_of(
         InputError: too short a path.
     """
     if placement is not None and placement != Placement():
-        path, here = placed(path, placement), placed(Segment(None, here), placement).end
+        path = placed(path, placement)
+        here = placed(Segment(None, here), placement).end
     rotation = float(path.end[3] - here[3])
     if path.piece is None:
         return Leg(here, path, own.in_place(rotation), dispense, line)

@@ -55,7 +55,8 @@ def read(program: str) -> tuple[SourceLine, ...]:
     Raises:
         SoftMCError: a line that is not a command.
     """
-    commands, group = [], None
+    commands = []
+    group = None
     for number, line in enumerate(program.splitlines(), 1):
         text = line.partition("'")[0].strip()
         if not text:
@@ -100,7 +101,8 @@ def _command(text: str) -> tuple[Command, str | None]:
 
 
 def _tokens(text: str) -> list[tuple[str, str]]:
-    tokens, at = [], 0
+    tokens = []
+    at = 0
     while at < len(text):
         match = _TOKEN.match(text, at)
         if match is None:

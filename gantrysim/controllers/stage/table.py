@@ -90,7 +90,8 @@ class Turning:
         return self._difference(s, self._raw_rate) if self.window else np.zeros(np.shape(s))
 
     def _difference(self, s: ArrayLike, of: Callable[[Floats], Floats]) -> Floats:
-        at, half = np.asarray(s, float), 0.5 * self.window
+        at = np.asarray(s, float)
+        half = 0.5 * self.window
         return (of(at + half) - of(at - half)) / self.window
 
     @cached_property

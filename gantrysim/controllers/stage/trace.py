@@ -130,7 +130,8 @@ class OutlineTrace(Controller):
     def _outline(self) -> tuple[ArcChain, float]:
         corners = self.corners
         if corners is None:
-            x, y = 0.5 * self.width, 0.5 * self.height
+            x = 0.5 * self.width
+            y = 0.5 * self.height
             corners = ((-x, -y), (-x, y), (x, y), (x, -y))
             if not self.clockwise:
                 corners = (corners[1], corners[0], *corners[:1:-1])
@@ -164,7 +165,8 @@ class OutlineTrace(Controller):
     @cached_property
     def _knots(self) -> Floats:
         """Ends of the linear moves of `corner_pieces`, by arc length."""
-        s, turns = self.turning.s, np.diff(self.turning.angle) != 0
+        s = self.turning.s
+        turns = np.diff(self.turning.angle) != 0
         parts = [
             np.linspace(low, high, (self.corner_pieces if turned else 1) + 1)[:-1]
             for low, high, turned in zip(s[:-1], s[1:], turns, strict=True)
@@ -199,7 +201,9 @@ class OutlineTrace(Controller):
             slope = np.diff(self._exact(edges), axis=0) / np.diff(edges)[:, None]
             return [slope[piece], np.zeros((s.size, 3))]
         at = np.clip(s, edges[piece] + _NUDGE, edges[piece + 1] - _NUDGE)
-        theta, rate, change = self.turning.value(at), self.turning.rate(at), self.turning.change(at)
+        theta = self.turning.value(at)
+        rate = self.turning.rate(at)
+        change = self.turning.change(at)
         tangent = _complex(self.requested.tangent(at))
         first = self._table.first(tangent, theta, rate)
         second = self._table.second(tangent, self.requested.curvature(at), theta, rate, change)
@@ -272,7 +276,8 @@ class OutlineTrace(Controller):
         for _ in range(_ZOOMS):
             s = np.linspace(begin, end, _SAMPLES)
             k = int((side * self.coordinates(s)[:, column]).argmax())
-            begin, end = s[max(k - 1, 0)], s[min(k + 1, _SAMPLES - 1)]
+            begin = s[max(k - 1, 0)]
+            end = s[min(k + 1, _SAMPLES - 1)]
         return float(s[k])
 
 

@@ -35,7 +35,8 @@ def _turn_counter(turns: int) -> str:
 
 def _guard(passes: Passes) -> str:
     flaw = "listing: the guard accepts x = 0 and negative x"
-    ratio, time = passes.ratio, passes.time
+    ratio = passes.ratio
+    time = passes.time
     negative = np.flatnonzero(ratio < 0)
     if passes.halted:
         return (

@@ -27,7 +27,8 @@ class RatioTooSmallError(Exception):
 
     def __init__(self, number: int, ratio: float) -> None:
         super().__init__(number, ratio)
-        self.number, self.ratio = number, ratio
+        self.number = number
+        self.ratio = ratio
 
 
 class EndlessError(Exception):
@@ -35,7 +36,8 @@ class EndlessError(Exception):
 
     def __init__(self, ratio: float, time: float) -> None:
         super().__init__(ratio, time)
-        self.ratio, self.time = ratio, time
+        self.ratio = ratio
+        self.time = time
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class Passes:
             climb: height per radian of the virtual circles [mm/rad].
             clockwise: sense of rotation.
         """
-        ratio, angle = self.connected, np.diff(self.distance) / radius
+        ratio = self.connected
+        angle = np.diff(self.distance) / radius
         turn = -1.0 if clockwise else 1.0
         if np.all(ratio > 0):
             return ArcChain(start, 0.5 * math.pi, turn / (ratio * radius), angle * ratio * radius, climb * angle)
@@ -175,7 +178,8 @@ class Loop:
         ratio: list[float] = []
         time: list[float] = []
         distance: list[float] = []
-        begun, halted = 0.0, False
+        begun = 0.0
+        halted = False
         while not axis.done:
             x = 1 - self.change * (len(ratio) + 1)
             zero = abs(x) < _ROUNDING

@@ -79,7 +79,9 @@ class VirtualAxis:
         """Move at the SPEED `target` [mm/s] until a time [s] or the end, whichever comes first."""
         while not self.done and until - self.time > _ROUNDING:
             if self.braking:
-                rate, to_speed, to_end = -self.deceleration, math.inf, self.speed / self.deceleration
+                rate = -self.deceleration
+                to_speed = math.inf
+                to_end = self.speed / self.deceleration
             else:
                 rate, to_speed = self._towards(target)
                 to_end = self._until_braking(rate)
@@ -111,7 +113,8 @@ class VirtualAxis:
     def _until_braking(self, rate: float) -> float:
         """Time until (v + a t)^2 / 2 d is the remaining distance less v t + a t^2 / 2."""
         share = rate / self.deceleration + 1
-        a, b = 0.5 * rate * share, self.speed * share
+        a = 0.5 * rate * share
+        b = self.speed * share
         c = max(self.length - self.distance - 0.5 * self.speed**2 / self.deceleration, 0.0)
         root = b + math.sqrt(max(b**2 + 4 * a * c, 0.0))
         return 2 * c / root if root > 0 else math.inf

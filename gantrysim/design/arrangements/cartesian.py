@@ -57,7 +57,8 @@ def cantilever(table: MachineTable) -> Mjcf:
     mjcf.guide_arms["y"] = -BEAM[0] / M
     point_mass(root, 1e-3, (room.x - room.wide, *BEAM))  # the arm's mass is behind its hinge
     arm = add(root, "body", name="bridge")
-    stiffness, mass = table.arm_stiffness or 0.0, table.masses.bridge or 0.0
+    stiffness = table.arm_stiffness or 0.0
+    mass = table.masses.bridge or 0.0
     inertia = mass * (2 * room.wide) ** 2 / 3 + carried(table) * (room.x - room.wide) ** 2
     add(
         arm,
@@ -108,8 +109,10 @@ def moving_table(table: MachineTable) -> Mjcf:
 
 def _y_axis(mjcf: Mjcf, parent: Element, name: str, sign: int, load: float) -> Element:
     """Append the nut of y and the body behind its stiffness, which is returned."""
-    table, drive = mjcf.table, drive_of(mjcf.table.y)
-    gear, along = drive.transmission.gear, (0, sign * Y[1], 0)
+    table = mjcf.table
+    drive = drive_of(mjcf.table.y)
+    gear = drive.transmission.gear
+    along = (0, sign * Y[1], 0)
     nut = add(parent, "body", name=f"{name}_nut")
     point_mass(nut, drive.nut_mass, (0, BEAM[0], -0.1))
     mjcf.slide(nut, "y", along, table.y)

@@ -33,13 +33,15 @@ _PULLEY_TURNS = 1.05  # travel of the motors over that which the corners need
 
 def corexy(table: MachineTable) -> Mjcf:
     """Return a machine whose motors a and b stand on the frame and pull the carriage: r a = x + y, r b = x - y."""
-    room, belts = Extent.of(table), table.belts
+    room = Extent.of(table)
+    belts = table.belts
     assert belts is not None  # the table is checked
     mjcf = Mjcf(table, "coupled", 2 * room.wide)
     frame(mjcf, room)
     bench(mjcf, room)
     work(mjcf.frame, table, room)
-    on_x, k = carried(table) + belts.nut_mass, 1e6 * belts.transmission.stiffness
+    on_x = carried(table) + belts.nut_mass
+    k = 1e6 * belts.transmission.stiffness
     on_y = on_x + (table.masses.bridge or 0.0)
     radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)
     far = max(abs(one) for slide in (table.x, table.y) for one in slide.travel)
@@ -83,12 +85,15 @@ def corexy(table: MachineTable) -> Mjcf:
 
 def tandem(table: MachineTable) -> Mjcf:
     """Return a machine whose bridge is driven by y1 on its left and y2 on its right, and can skew."""
-    room, drive, span = Extent.of(table), drive_of(table.y), M * (table.span or 0.0)
+    room = Extent.of(table)
+    drive = drive_of(table.y)
+    span = M * (table.span or 0.0)
     mjcf = Mjcf(table, "coupled", 2 * room.wide)
     frame(mjcf, room)
     bench(mjcf, room)
     work(mjcf.frame, table, room)
-    load, k = on_bridge(table), 1e6 * drive.transmission.stiffness
+    load = on_bridge(table)
+    k = 1e6 * drive.transmission.stiffness
     gear = drive.transmission.gear
     for side, name in ((-1, "y1"), (1, "y2")):
         x = room.x + 0.5 * side * span
@@ -101,7 +106,8 @@ def tandem(table: MachineTable) -> Mjcf:
     mjcf.slide(bridge, "y", Y, Slide(travel=table.y.travel))
     own = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
     about = own * (2 * room.wide) ** 2 / 12
-    mounts, guides = 2 * k * (0.5 * span) ** 2, table.skew_stiffness
+    mounts = 2 * k * (0.5 * span) ** 2
+    guides = table.skew_stiffness
     ratio = drive.transmission.damping_ratio
     add(
         bridge,

@@ -8,7 +8,9 @@ from xml.etree.ElementTree import Element
 from gantrysim.design.mjcf import M, Mjcf, Numbers, add, include
 from gantrysim.design.table import Drive, MachineTable, Slide
 
-X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+X = (1, 0, 0)
+Y = (0, 1, 0)
+Z = (0, 0, 1)
 BEAM = 0.125, 0.13  # y and z of the beam behind and above the nozzle [m]
 _RAIL = -0.095  # z of the rails on the frame [m]
 _GYRATION = 0.04  # radius of a nut, carriage or ram (assumption) [m]
@@ -65,7 +67,8 @@ def point_mass(body: Element, mass: float, pos: Numbers, inertia: Numbers | None
 
 def frame(mjcf: Mjcf, room: Extent, rails: bool = True) -> None:
     """Draw feet, profiles, table and the rails along y."""
-    body, y = mjcf.frame, room.y + BEAM[0]
+    body = mjcf.frame
+    y = room.y + BEAM[0]
     for side in (-1, 1):
         x = room.x + side * room.wide
         geom(body, "", (x, y, -0.14), (0.02, room.long + 0.04, 0.04))
@@ -139,7 +142,8 @@ def carriage(mjcf: Mjcf, body: Element) -> None:
         _nozzle(body)
         return
     z = drive_of(table.z)
-    own, gear = table.masses.carriage + z.known_motor.mass, z.transmission.gear
+    own = table.masses.carriage + z.known_motor.mass
+    gear = z.transmission.gear
     ram_mass = table.masses.ram or 0.0
     point_mass(body, own, (0, 0.06, 0.19))
     geom(body, "plate", (0, 0.05, 0.271), (0.024, 0.024, 0.023))
@@ -167,7 +171,8 @@ def x_axis(mjcf: Mjcf, body: Element) -> None:
     """Append the driven carriage on a bridge or beam."""
     table = mjcf.table
     drive = drive_of(table.x)
-    gear, load = drive.transmission.gear, carried(table)
+    gear = drive.transmission.gear
+    load = carried(table)
     nut = add(body, "body", name="carriage_nut")
     point_mass(nut, drive.nut_mass, (0, 0.085, 0.13))
     mjcf.slide(nut, "x", X, table.x)

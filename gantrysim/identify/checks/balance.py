@@ -73,7 +73,8 @@ def check_balance(fit: AxisFit, period: float) -> Doubt:
 
 def _findings(fit: AxisFit, balance: Balance, partition: str, uneven: float) -> list[Finding]:
     coulomb = fit.model.coulomb
-    change, deviation = float(balance.change[2]), float(balance.deviation[2])
+    change = float(balance.change[2])
+    deviation = float(balance.deviation[2])
     findings = []
     if abs(change) > max(FROM_FRICTION * coulomb, SIGNIFICANT * deviation):
         values = (*FRICTION, *MODE) if abs(change) > LARGEST * coulomb else MODE

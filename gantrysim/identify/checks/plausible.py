@@ -62,7 +62,8 @@ def _nearest(factor: float) -> float:
 
 def check_plausible(fit: AxisFit, period: float) -> Doubt:
     """Return which values are beyond reason."""
-    model, table = fit.model, fit.nominal
+    model = fit.model
+    table = fit.nominal
     findings = []
     ratio = model.inertia / table.inertia
     if not 1 / FAR <= ratio <= FAR:

@@ -27,7 +27,8 @@ def kinematics_of(model: mujoco.MjModel, driven: Sequence[int], nozzle: int, wor
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, TEXT)
     name = "serial"
     if index >= 0:
-        first, size = int(model.text_adr[index]), int(model.text_size[index])
+        first = int(model.text_adr[index])
+        size = int(model.text_size[index])
         name = bytes(model.text_data[first : first + size - 1]).decode()
     if name not in KINEMATICS:
         raise unknown("kinematics", name, KINEMATICS)

@@ -12,7 +12,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
-MM, DEG = 1e3, 180 / np.pi
+MM = 1e3
+DEG = 180 / np.pi
 _ROUNDING = 1e-9  # [mm or deg]
 
 

@@ -55,7 +55,8 @@ class Coupled(Kinematics):
                 f"kinematics 'coupled': {len(rows)} fixed tendons with stiffness or an equality join {len(tied)} axes "
                 f"and {len(followers)} other joints: must be as many of each"
             )
-        F, D = rows[:, followers], np.zeros((len(rows), len(driven)))  # noqa: N806 - letters of the equation
+        F = rows[:, followers]  # noqa: N806
+        D = np.zeros((len(rows), len(driven)))  # noqa: N806
         values = np.linalg.svd(F, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
             raise InputError("kinematics 'coupled': its tendons do not determine the joints that follow the axes")
@@ -63,7 +64,8 @@ class Coupled(Kinematics):
             D[:, a] = rows[:, driven[a]] / per_si_of(model, driven[a])
         constant = np.linalg.solve(F, lengths).astype(np.float64)
         gain = -np.linalg.solve(F, D).astype(np.float64)
-        found, rest = [], []
+        found = []
+        rest = []
         for f, joint in enumerate(followers):
             per_si = per_si_of(model, joint)
             if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
@@ -79,7 +81,8 @@ class Coupled(Kinematics):
         values = np.linalg.svd(square, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
             raise InputError("kinematics 'coupled': its tendons do not determine the axes from the coordinates")
-        inverse, count = np.linalg.inv(square), len(coordinates)
+        inverse = np.linalg.inv(square)
+        count = len(coordinates)
         level = -inverse[:, count:] @ np.array([at for _, at in rest])
         return cls(
             coordinates=coordinates,
@@ -110,9 +113,11 @@ def _tendons(model: mujoco.MjModel) -> tuple[Floats, Floats]:
         for e in range(model.neq)
         if model.eq_type[e] == mujoco.mjtEq.mjEQ_TENDON and model.eq_obj2id[e] < 0 and model.eq_active0[e]
     }
-    rows, lengths = [], []
+    rows = []
+    lengths = []
     for tendon in range(model.ntendon):
-        first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+        first = int(model.tendon_adr[tendon])
+        count = int(model.tendon_num[tendon])
         wraps = range(first, first + count)
         if any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
             continue

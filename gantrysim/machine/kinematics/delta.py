@@ -96,9 +96,11 @@ class Delta(Kinematics):
         slides = data.xaxis[list(followers)].copy()
         if np.abs(frame @ slides.T - np.eye(3)).max() > _SAME:
             raise InputError("kinematics 'delta': the slides of its platform must be along x, y and z of the work")
-        shoulder, elbow_at = MM * data.xanchor[hinges], MM * data.site_xpos[[elbow for _, elbow, _ in rods]]
+        shoulder = MM * data.xanchor[hinges]
+        elbow_at = MM * data.site_xpos[[elbow for _, elbow, _ in rods]]
         joint = MM * data.site_xpos[[site for _, _, site in rods]]
-        elbow, hinge = elbow_at - shoulder, data.xaxis[hinges].copy()
+        elbow = elbow_at - shoulder
+        hinge = data.xaxis[hinges].copy()
         others = tuple(a for a in range(len(driven)) if a not in arms)
         made = cls(
             coordinates=(
@@ -153,8 +155,9 @@ class Delta(Kinematics):
         d = self.joint + u[:, None] - self.shoulder
         along = _dot(self.elbow, self.hinge)[:, None] * self.hinge
         across = np.cross(self.hinge, self.elbow)
-        A, B = _dot(d, self.elbow - along), _dot(d, across)  # noqa: N806 - letters of the equation
-        C = 0.5 * (_dot(d, d) + _dot(self.elbow, self.elbow) - self.rod**2) - _dot(d, along)  # noqa: N806
+        A = _dot(d, self.elbow - along)  # noqa: N806
+        B = _dot(d, across)  # noqa: N806
+        C = 0.5 * (_dot(d, d) + _dot(self.elbow, self.elbow) - self.rod**2) - _dot(d, along)  # noqa: N806  # noqa: N806
         return np.arctan2(B, A), C / np.hypot(A, B)
 
     def _centres(self, angle: Floats) -> Floats:
@@ -169,7 +172,8 @@ class Delta(Kinematics):
         centres = self._centres(angle)
         first, second, third = (centres[:, k] for k in range(_ARMS))
         # trilateration in the frame of the first centre: i towards the second, j in their plane, k across it
-        to_second, to_third = second - first, third - first
+        to_second = second - first
+        to_third = third - first
         length = np.sqrt(_dot(to_second, to_second))
         i = to_second / length[:, None]
         reach = _dot(i, to_third)
@@ -195,7 +199,9 @@ class Delta(Kinematics):
 
     def _span(self, u: Floats, k: int) -> tuple[float, float, float]:
         """Return the distance from shoulder to platform in an arm's plane, and its bounds [mm]."""
-        n, d, e = self.hinge[k], self.joint[k] + u - self.shoulder[k], self.elbow[k]
+        n = self.hinge[k]
+        d = self.joint[k] + u - self.shoulder[k]
+        e = self.elbow[k]
         arm = float(np.linalg.norm(np.cross(n, e)))
         rod = float(np.sqrt(max(self.rod[k] ** 2 - (n @ (d - e)) ** 2, 0.0)))
         return float(np.linalg.norm(np.cross(n, d))), abs(arm - rod), arm + rod
@@ -240,7 +246,8 @@ def _held_tendons(model: mujoco.MjModel) -> list[int]:
 
 def _rod(model: mujoco.MjModel, tendon: int, driven: Sequence[int]) -> tuple[int, int, int]:
     """Return the axis that moves one end of a rod, and the sites on the arm and on the platform."""
-    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    first = int(model.tendon_adr[tendon])
+    count = int(model.tendon_num[tendon])
     wraps = range(first, first + count)
     if count == 2 and all(model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_SITE for w in wraps):
         ends = [int(model.wrap_objid[w]) for w in wraps]
@@ -255,7 +262,8 @@ def _rod(model: mujoco.MjModel, tendon: int, driven: Sequence[int]) -> tuple[int
 def _axis_above(model: mujoco.MjModel, body: int, driven: Sequence[int]) -> int | None:
     """Return the axis of the only driven hinge that carries a body, None if there is none."""
     while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         for joint in range(first, first + count):
             if joint in driven:
                 return list(driven).index(joint)
@@ -264,7 +272,8 @@ def _axis_above(model: mujoco.MjModel, body: int, driven: Sequence[int]) -> int 
 
 
 def _slides(model: mujoco.MjModel, platform: int, driven: Sequence[int]) -> tuple[int, ...]:
-    first, count = int(model.body_jntadr[platform]), int(model.body_jntnum[platform])
+    first = int(model.body_jntadr[platform])
+    count = int(model.body_jntnum[platform])
     joints = tuple(range(first, first + count))
     slides = [model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE and joint not in driven for joint in joints]
     if count != _ARMS or not all(slides):

@@ -26,8 +26,10 @@ def check_work_frame(kinematics: Kinematics, at_home: Floats, tip: Callable[[Flo
     def nozzle(position: Floats) -> Floats:
         return tip(kinematics.inverse(position))
 
-    coordinates, each = kinematics.coordinates, np.eye(3)
-    unit, home = np.eye(len(coordinates)), at_home[None]
+    coordinates = kinematics.coordinates
+    each = np.eye(3)
+    unit = np.eye(len(coordinates))
+    home = at_home[None]
     room = [
         not kinematics.followers or at + 1 <= along.travel[1] for at, along in zip(at_home, coordinates, strict=True)
     ]

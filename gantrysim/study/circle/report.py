@@ -26,7 +26,8 @@ _INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviation
 
 def report(study: CircleStudy, rows: list[Row]) -> Report:
     """Return the circular deviations, the reversals, the chart, and the deviation over the angle."""
-    traces, motors = study.traces(rows, "radial"), study.traces(rows, "motor")
+    traces = study.traces(rows, "radial")
+    motors = study.traces(rows, "motor")
     if len(traces) < len(SENSES):
         failed = next(row for row in rows if row["status"] != OK)
         return Report(f"The circle run {failed['direction']} has no values: {failed['status']}")
@@ -116,7 +117,8 @@ def _draw_chart(test: CircularTest) -> Figure:
         axes = cast("PolarAxes", figure.add_subplot(projection="polar"))
         for name, trace in paths.items():
             order = np.argsort(trace.angle)
-            angle, deviation = np.radians(trace.angle[order]), UM * trace.deviation[order]
+            angle = np.radians(trace.angle[order])
+            deviation = UM * trace.deviation[order]
             closed = np.append(angle, angle[0] + 2 * np.pi), np.append(deviation, deviation[0])
             axes.plot(*closed, lw=1.3, color=_PATHS[name], label=f"{name}, G = {UM * trace.circular_deviation:.1f} µm")
         round_ = np.linspace(0, 2 * np.pi, 721)

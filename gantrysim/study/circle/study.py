@@ -29,7 +29,9 @@ _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the evaluated circle, at least: it begins and ends between two reversals [deg]
 _CALM = 0.3  # at full speed before the evaluated circle, at least [s]
 _LEAST_TICKS = 120  # servo periods on the circle, one every 3 deg
-_SMALLEST, _LARGEST = 1e-6, 1e6  # radius [mm]
+# radius [mm]
+_SMALLEST = 1e-6
+_LARGEST = 1e6
 _FASTEST = 1e6  # speed [mm/s]
 _ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 

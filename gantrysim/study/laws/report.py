@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PAYS = 0.95  # of the value without it: what a law must come below to pay
-_PD, _PID = "pd", "pid"
+_PD = "pd"
+_PID = "pid"
 _SHOWN = {"following_rms_um": "tracking", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
 _VALUES = {
     "tracking, rms": ("following_rms_um", COLOURS["tracking"]),
@@ -164,7 +165,8 @@ def _draw_variations(study: LawsStudy, rows: list[Row]) -> Figure:
         LOADED: f"{study.payload:g} kg more",
         RUBBING: f"friction x {study.friction:g}",
     }
-    laws, shown = list(chosen(rows, NOMINAL)), {}
+    laws = list(chosen(rows, NOMINAL))
+    shown = {}
     for (variation, label), colour in zip(labels.items(), AXIS_COLOURS, strict=False):
         found = chosen(rows, variation)
         values = [_value(found[law], "following_rms_um") if law in found else float("nan") for law in laws]
@@ -176,7 +178,8 @@ def _bars(laws: list[str], shown: dict[str, tuple[list[float], str]], label: str
     """Return points by law, from the top, on a logarithmic scale."""
     with sheet(9.0, 0.42 * len(laws) + 1.6) as figure:
         axes = figure.add_subplot()
-        places, every = np.arange(len(laws))[::-1], []
+        places = np.arange(len(laws))[::-1]
+        every = []
         for name, (values, colour) in shown.items():
             axes.plot(values, places, "o", ms=6, color=colour, label=name)
             every += [value for value in values if value > 0]

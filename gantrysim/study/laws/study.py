@@ -47,7 +47,11 @@ LADDER = (
     Rung(("pid", "friction", "zvd")),
 )
 REPEATS = (1, 2, 3, 5, 10)  # of learning
-NOMINAL, EXACT, LOADED, RUBBING, REPEATED = "nominal", "exact encoder", "payload", "friction", "repeats"
+NOMINAL = "nominal"
+EXACT = "exact encoder"
+LOADED = "payload"
+RUBBING = "friction"
+REPEATED = "repeats"
 AFTER = 0.1  # time after a reversal in which its peak is sought [s]
 _UM = 1e3
 
@@ -139,7 +143,8 @@ class LawsStudy(Study):
             law: the law.
             integral: share of the job's integral time.
         """
-        servo, own = self.job.servo, dict[str, Any]()
+        servo = self.job.servo
+        own = dict[str, Any]()
         if PD in law:
             own = {f"servo.{name}": None for name in NOT_PD if getattr(servo, name) is not None}
         elif integral != 1 and servo.ki is not None:
@@ -165,10 +170,12 @@ class LawsStudy(Study):
             InputError: a job that is refused, or never dispenses.
         """
         values_row(simulated(Case.of(self.job, mode="perfect follower")))  # refused before anything is written
-        loaded, rubbing = Perturbation(payload=self.payload), Perturbation(friction=self.friction)
+        loaded = Perturbation(payload=self.payload)
+        rubbing = Perturbation(friction=self.friction)
         cases = []
         for rung in self.ladder:
-            own, name = self.overrides(*rung), rung.name
+            own = self.overrides(*rung)
+            name = rung.name
             cases += [
                 Case.of(self.job, own, law=name, variation=NOMINAL),
                 Case.of(self.job, {**own, "servo.resolution": 0.0}, law=name, variation=EXACT),

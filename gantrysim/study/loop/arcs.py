@@ -109,7 +109,8 @@ class SteppedArcs:
         wanted = self.speed / self._ratios
         if self.acceleration == math.inf:
             return wanted * time / self.radius
-        distance, v = np.empty(time.size), 0.0
+        distance = np.empty(time.size)
+        v = 0.0
         for k, (target, span) in enumerate(zip(wanted.tolist(), time.tolist(), strict=True)):
             ramp = min((target - v) / self.acceleration, span)
             reached = v + self.acceleration * ramp
@@ -122,7 +123,8 @@ class SteppedArcs:
         """Start angle, radius and centre of every arc, (k,)."""
         begin = np.concatenate([[0.0], np.cumsum(self._angles)])
         count = int(np.searchsorted(begin, self._end * (1 - 1e-15)))
-        begin, ratio = begin[:count], self._ratios[:count]
+        begin = begin[:count]
+        ratio = self._ratios[:count]
         if self.ratio_bits is not None:
             ratio = np.round(ratio * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
         radius = ratio * self.radius

@@ -16,8 +16,12 @@ from gantrysim.study.series import series
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LEAST_DECADES, _MANY_DECADES = 1.0, 2.5  # of a logarithmic axis: least range, and range labelled at decades only
-_WIDTH, _HANDLE = 160, 6  # of the legend, and of a handle in it [characters]
+# of a logarithmic axis: least range, and range labelled at decades only
+_LEAST_DECADES = 1.0
+_MANY_DECADES = 2.5
+# of the legend, and of a handle in it [characters]
+_WIDTH = 160
+_HANDLE = 6
 _FEW = 8  # swept values, up to which each is labelled
 _PER_CENT = 100.0
 _INSIDE = 0.55  # size of a point drawn inside another
@@ -36,7 +40,9 @@ class Panels:
 
     def __init__(self, axes: list[Axes], rows: list[Row], sweep: str, scale: float, label: str) -> None:
         self.errors, self.spacing, self.ripple = axes
-        self.rows, self.sweep, self.scale = rows, sweep, scale
+        self.rows = rows
+        self.sweep = sweep
+        self.scale = scale
         self.unit = label.rpartition("[")[2].rstrip("]")
         for panel in axes:
             panel.set(xscale="log", yscale="log")

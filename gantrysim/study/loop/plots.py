@@ -52,7 +52,8 @@ def plots(study: LoopStudy, rows: list[Row]) -> list[Plot]:
             continue
         with sheet(*_SIZE) as figure:
             grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
-            left, top = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
+            left = figure.add_subplot(grid[:, 0])
+            top = figure.add_subplot(grid[0, 1])
             panels = Panels([left, top, figure.add_subplot(grid[1, 1], sharex=top)], rows, sweep, scale, label)
             text = draw(study, panels)
             panels.finish()
@@ -83,8 +84,11 @@ def _program_errors(
     study: LoopStudy, on: Panels, values: tuple[float, ...]
 ) -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:
     """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
-    amber, swept, key = COLOURS["generation"], _points(values), f"program.{on.sweep}"
-    alone, limited = _predicted(study, key, swept, FREE), _predicted(study, key, swept, {})
+    amber = COLOURS["generation"]
+    swept = _points(values)
+    key = f"program.{on.sweep}"
+    alone = _predicted(study, key, swept, FREE)
+    limited = _predicted(study, key, swept, {})
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
     on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
@@ -96,7 +100,8 @@ def _program_errors(
 
 
 def _loop_period(study: LoopStudy, on: Panels) -> str:
-    amber, program = COLOURS["generation"], study.job.program
+    amber = COLOURS["generation"]
+    program = study.job.program
     period, alone, limited = _program_errors(study, on, study.loop_periods)
     radius = 0.5 * program["diameter"]
     first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
@@ -121,7 +126,8 @@ def _loop_period(study: LoopStudy, on: Panels) -> str:
 
 
 def _interpreter_time(study: LoopStudy, on: Panels) -> str:
-    amber, program = COLOURS["generation"], study.job.program
+    amber = COLOURS["generation"]
+    program = study.job.program
     time, alone, _ = _program_errors(study, on, study.interpreter_times)
     on.spacing.set(yscale="linear", ylabel="[mm]")
     for column, colour in (("max", INK), ("mean", amber), ("min", INK)):
@@ -141,17 +147,20 @@ def _interpreter_time(study: LoopStudy, on: Panels) -> str:
 
 
 def _servo_period(study: LoopStudy, on: Panels) -> str:
-    blue, green = COLOURS["tracking"], COLOURS["structure"]
+    blue = COLOURS["tracking"]
+    green = COLOURS["structure"]
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
     on.points(on.errors, "tracking_rms_um", AS_IT_IS, blue, "tracking, as it is")
-    normal, along = "steady_tracking_normal_rms_um", "steady_tracking_along_rms_um"
+    normal = "steady_tracking_normal_rms_um"
+    along = "steady_tracking_along_rms_um"
     on.points(on.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
     on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
     machine = study.job.built_machine
     torques = set(study.job.built_servo.mode) == {"torque"}  # what the theory speaks of
     if study.spiral and torques and {"x", "y"} <= set(machine.axis_names):
-        program, period = study.job.program, _points(study.servo_periods)
+        program = study.job.program
+        period = _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
         middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured
         radius = involute_radius(program["diameter"], program["turns"], program["thickness"], middle)
@@ -176,7 +185,8 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
 
 
 def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
-    pink, count = COLOURS["measurement"], _points(study.resolutions)
+    pink = COLOURS["measurement"]
+    count = _points(study.resolutions)
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     if study.spiral:
         on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")

@@ -103,7 +103,8 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
 def _without_wa(study: LoopStudy, period: float) -> float | None:
     """Return the generation error at a loop period without WA's rounding [µm]; None where that makes no difference."""
     shortest = {"program.loop_period": period}
-    cut, uncut = study.arcs(shortest), study.arcs({**shortest, "program.wait_resolution": 0.0})
+    cut = study.arcs(shortest)
+    uncut = study.arcs({**shortest, "program.wait_resolution": 0.0})
     if uncut is None or (cut is not None and uncut.generation.rms >= cut.generation.rms / _TURNED):
         return None
     return 1e3 * uncut.generation.rms
@@ -113,7 +114,8 @@ def _interpreter(study: LoopStudy, rows: list[Row]) -> Lines:
     time, pitch = series(rows, "value", "spacing_mean_mm", sweep="interpreter_time", variant=PERFECT)
     if time.size < 2 or time[0] > 0:
         return []
-    sweep, nominal = "interpreter time", study.job.program["thickness"]
+    sweep = "interpreter time"
+    nominal = study.job.program["thickness"]
     narrowing = f"{_um(1e3 * (pitch[0] - pitch[-1]))} of {nominal:g} mm"
     lines = [(sweep, PERFECT, f"narrowing of the turns at {_ms(time[-1])} per pass", narrowing)]
     as_is, contour = series(rows, "value", "contour_rms_um", sweep="interpreter_time", variant=AS_IT_IS)

@@ -76,7 +76,8 @@ def sample_and_hold(
     radii = np.atleast_1d(np.asarray(radius, float)).tolist()
     for rho in radii:
         first, second = (circle_response(servo, k, axes[k], speed / rho) for k in plane)
-        mean, half = 0.5 * (first + second), 0.5 * (first - second)
+        mean = 0.5 * (first + second)
+        half = 0.5 * (first - second)
         along += rho**2 * (mean.imag**2 + 0.5 * abs(half) ** 2) / len(radii)
         normal += rho**2 * (mean.real**2 + 0.5 * abs(half) ** 2) / len(radii)
     return FollowingError(math.sqrt(along), math.sqrt(normal))

@@ -33,7 +33,8 @@ def knee(x: ArrayLike, y: ArrayLike, floor: float, excess: float = EXCESS) -> fl
     The first crossing is interpolated in the logarithms of x and y, both above zero, (m,), x ascending. None if y is
     above from the first x on, inf if it never is.
     """
-    places, values = np.asarray(x, float), np.asarray(y, float)
+    places = np.asarray(x, float)
+    values = np.asarray(y, float)
     bound = (1 + excess) * floor
     above = np.flatnonzero(values > bound)
     if not above.size:
@@ -90,9 +91,12 @@ class Convergence:
     @classmethod
     def of(cls, steps: ArrayLike, values: ArrayLike) -> Convergence:
         """Return the convergence of at least three values, (m,), over steps that halve, (m,) [s]."""
-        h, f = np.asarray(steps, float), np.asarray(values, float)
-        before, after = f[-3] - f[-2], f[-2] - f[-1]
-        order, limit = None, float(f[-1])
+        h = np.asarray(steps, float)
+        f = np.asarray(values, float)
+        before = f[-3] - f[-2]
+        after = f[-2] - f[-1]
+        order = None
+        limit = float(f[-1])
         if after and before / after > _LEAST_GAIN:
             order = math.log2(before / after)
             limit = float(f[-1] - after / (2**order - 1))

@@ -19,7 +19,8 @@ from gantrysim.study.study import Plot, Report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_GOOD, _BAD = COLOURS["structure"], COLOURS["fault"]
+_GOOD = COLOURS["structure"]
+_BAD = COLOURS["fault"]
 _BINS = (12, 40)
 _WORST = 5
 _MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
@@ -31,7 +32,8 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
     good = [row for row in rows if row["status"] == OK]
     if not good:
         return Report(f"None of the {len(rows)} machines gives a run with values: {rows[0]['status']}")
-    criterion, label = study.criterion, study.criterion.axis_label(good[0])
+    criterion = study.criterion
+    label = study.criterion.axis_label(good[0])
     found = yield_of(int(np.sum(values <= criterion.tolerance)), values.size)
     factors, explained = influences(study.machines, values)
     headline = (
@@ -164,7 +166,8 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
             weight="bold",
         )
         bins = int(np.clip(np.sqrt(finite.size) * 1.5, *_BINS))
-        low, high = min(finite[0], tolerance), max(finite[-1], tolerance)
+        low = min(finite[0], tolerance)
+        high = max(finite[-1], tolerance)
         width = max((high - low) / bins, 1e-9 * abs(high))
         edges = tolerance + width * np.arange(
             np.floor((low - tolerance) / width), np.ceil((high - tolerance) / width) + 1

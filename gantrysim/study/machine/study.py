@@ -71,7 +71,8 @@ class MachineStudy(ToleranceStudy):
             InputError: an unknown metric.
         """
         self.criterion.check(self.measure(Case.of(self.job, mode="perfect follower")))
-        nominal, nothing = Case.of(self.job), dict.fromkeys(self.machines, 1.0)
+        nominal = Case.of(self.job)
+        nothing = dict.fromkeys(self.machines, 1.0)
         if self.spread.payload:
             nothing["payload_kg"] = 0.0
         yield [
@@ -86,5 +87,6 @@ class MachineStudy(ToleranceStudy):
 
     def drawn(self, rows: list[Row]) -> tuple[Row, list[Row], Floats]:
         """Return the row of the nominal machine, those of the others, and their metric, (samples,)."""
-        nominal, others = rows[0], rows[1:]
+        nominal = rows[0]
+        others = rows[1:]
         return nominal, others, np.array([self.criterion.value(row) for row in others])

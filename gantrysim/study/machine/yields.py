@@ -84,8 +84,10 @@ def influences(factors: dict[str, Floats], metric: Floats) -> tuple[list[Influen
         deviation = ranks.std()
         return (ranks - ranks.mean()) / deviation if deviation > 0 else np.zeros(ranks.size)
 
-    n, k = metric.size, len(factors)
-    x, y = np.column_stack([standardised(values) for values in factors.values()]), standardised(metric)
+    n = metric.size
+    k = len(factors)
+    x = np.column_stack([standardised(values) for values in factors.values()])
+    y = standardised(metric)
     inverse = np.linalg.pinv(x.T @ x)
     b = inverse @ x.T @ y
     rest = max(float(np.sum((y - x @ b) ** 2)), _ROUNDING * n)

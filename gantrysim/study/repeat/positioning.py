@@ -21,8 +21,12 @@ CYCLES = 5
 TARGETS = 11
 _SHARE = 0.9  # of the travel that the targets span
 _OVERRUN = 0.02  # of the travel, beyond the outer targets
-_SPEED, _SHARE_OF_LIMIT = 100.0, 0.5  # mean speed between targets, at most [mm/s], and of the axis' limit
-_SHORTEST, _DWELL = 0.2, 0.2  # of a motion and of a stop [s]
+# mean speed between targets, at most [mm/s], and of the axis' limit
+_SPEED = 100.0
+_SHARE_OF_LIMIT = 0.5
+# of a motion and of a stop [s]
+_SHORTEST = 0.2
+_DWELL = 0.2
 _GOLDEN = 0.6180339887498949
 
 
@@ -52,7 +56,8 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
     Raises:
         InputError: a cycle ends in a fault.
     """
-    machine, servo = job.built_machine, job.built_servo
+    machine = job.built_machine
+    servo = job.built_servo
     own = machine.axes[machine.axis_names.index(axis)]
     targets = targets_of(own.travel)
     over = _OVERRUN * (own.travel[1] - own.travel[0])

@@ -62,7 +62,8 @@ def phased_setpoints(job: Job, phase: int) -> Setpoints:
 
 def places_along(analysis: Analysis, count: int) -> Floats:
     """Return at most `count` evenly spaced places on the requested path where glue is laid, by arc length [mm]."""
-    s, first = analysis.commanded.s, np.diff(analysis.ticks, prepend=analysis.ticks[0] - 2) > 1
+    s = analysis.commanded.s
+    first = np.diff(analysis.ticks, prepend=analysis.ticks[0] - 2) > 1
     step = float(np.abs(np.diff(s))[~first[1:]].max(initial=0.0))
     even = np.linspace(s.min(), s.max(), count)
     ascending = np.sort(s)

@@ -25,7 +25,8 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
     if ALL not in paths:
         return Report(f"Fewer than two of {study.repeats} repeats have values: {rows[0]['status']}")
     path = paths[ALL]
-    accuracy, repeatability = UM * path.path_accuracy, UM * path.path_repeatability
+    accuracy = UM * path.path_accuracy
+    repeatability = UM * path.path_repeatability
     headline = (
         f"Path accuracy ATp = {accuracy:.2f} µm, path repeatability RTp = {repeatability:.2f} µm over "
         f"{len(path.attained)} repeats of {study.job.name}."
@@ -129,10 +130,12 @@ def _variation_table(study: RepeatStudy) -> Table:
 def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
     """Draw accuracy and repeatability along the path, and the repeatability by varied source."""
     path = paths[ALL]
-    accuracy, reach = UM * path.accuracy, UM * path.repeatability
+    accuracy = UM * path.accuracy
+    reach = UM * path.repeatability
     with sheet(9.0, 6.6) as figure:
         above, below = figure.subplots(2, sharex=True)
-        low, high = np.maximum(accuracy - reach, 0), accuracy + reach
+        low = np.maximum(accuracy - reach, 0)
+        high = accuracy + reach
         above.fill_between(path.s, low, high, color=COLOURS["tracking"], alpha=0.25, lw=0, label="± repeatability RT")
         above.plot(path.s, accuracy, color=INK, lw=1.2, label="accuracy AT: mean of the repeats to the path")
         k = int(accuracy.argmax())
@@ -154,7 +157,8 @@ def _draw_plan(path: RepeatedPath) -> Figure:
     """Draw the plan of the path, coloured by the repeatability."""
     from matplotlib.collections import LineCollection
 
-    points, reach = path.command[:, :2], UM * path.repeatability
+    points = path.command[:, :2]
+    reach = UM * path.repeatability
     steps = np.diff(path.s)
     joined = steps < 1.5 * np.median(steps)  # no line where no glue is laid
     segments = np.stack([points[:-1], points[1:]], axis=1)[joined]

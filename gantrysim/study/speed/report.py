@@ -26,7 +26,8 @@ def report(study: SpeedStudy, rows: list[Row]) -> Report:
     good = sorted((row for row in rows if row["status"] == OK), key=speed_of)
     if not good:
         return Report(f"None of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}")
-    limit, found = f"the tolerance of {study.criterion.limit(good[0])}", answer(study.tried(rows))
+    limit = f"the tolerance of {study.criterion.limit(good[0])}"
+    found = answer(study.tried(rows))
     tried = f"from {min(map(speed_of, rows)):g} to {max(map(speed_of, rows)):g} mm/s"
     if found.fastest is None:
         headline = f"No speed tried, {tried}, is within {limit}."
@@ -63,7 +64,8 @@ def report(study: SpeedStudy, rows: list[Row]) -> Report:
 
 def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
     """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
-    criterion, by_speed = study.criterion, {speed_of(row): row for row in rows}
+    criterion = study.criterion
+    by_speed = {speed_of(row): row for row in rows}
     found = answer(study.tried(rows))
     columns: list[str | Column] = [
         "run",
@@ -105,10 +107,12 @@ def _saturation(good: list[Row]) -> list[str]:
 
 
 def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
-    criterion, found = study.criterion, answer(study.tried(rows))
+    criterion = study.criterion
+    found = answer(study.tried(rows))
     with sheet(9.0, 4.8) as figure:
         axes = figure.add_subplot()
-        speeds, values = [speed_of(row) for row in good], [criterion.value(row) for row in good]
+        speeds = [speed_of(row) for row in good]
+        values = [criterion.value(row) for row in good]
         axes.plot(speeds, values, color=INK, lw=1.0, alpha=0.5)
         kinds = (("within the tolerance", True, COLOURS["structure"]), ("out of tolerance", False, COLOURS["fault"]))
         for label, within, colour in kinds:

@@ -121,7 +121,8 @@ def next_speeds(tried: dict[float, bool], own: float, resolution: float) -> list
     """
     if not tried:
         return _rounded(own * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
-    found, speeds = answer(tried), sorted(tried)
+    found = answer(tried)
+    speeds = sorted(tried)
     furthest = 2.0 ** (_OCTAVES + _FURTHER) * (1 - 1e-3)
     if found.fastest is None:
         if speeds[0] * furthest <= own:

@@ -40,8 +40,10 @@ def dim(tree: Node) -> Statement:
     type_ = next(one for one in trees(tree) if one.data == "type")
     last = tree.children[-1]
     given = expression(last) if isinstance(last, Tree) and last is not type_ else None
-    kind, of = _kind(type_), [str(one) for one in type_.children if one is not None]
-    shared, fixed = bool(words & {"shared", "common"}), "const" in words
+    kind = _kind(type_)
+    of = [str(one) for one in type_.children if one is not None]
+    shared = bool(words & {"shared", "common"})
+    fixed = "const" in words
     is_group = of[0].lower() == "group"
     if is_group and any(name.lower() != "axnm" for name in of[1::2]):
         raise SoftMCError("group: must be followed by Axnm = axis")

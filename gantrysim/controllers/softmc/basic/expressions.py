@@ -120,7 +120,8 @@ def _string(tree: Node) -> Expression:
 
 
 def _name(tree: Node) -> Expression:
-    name, key = word(tree), word(tree).lower()
+    name = word(tree)
+    key = word(tree).lower()
 
     def value(frame: Frame) -> Value:
         variable = frame.find(key)
@@ -145,7 +146,8 @@ def _name(tree: Node) -> Expression:
 
 
 def _call(tree: Node) -> Expression:
-    name, key = word(tree), word(tree).lower()
+    name = word(tree)
+    key = word(tree).lower()
     given = tree.children[1]
     listed = trees(given) if isinstance(given, Tree) else []
     arguments = [expression(one) for one in listed]
@@ -190,10 +192,12 @@ def _item(tree: Node) -> Expression:
 
 
 def _component(tree: Node) -> Expression:
-    of, which = expression(child(tree, 0)), expression(_only(child(tree, 1)))
+    of = expression(child(tree, 0))
+    which = expression(_only(child(tree, 1)))
 
     def value(frame: Frame) -> Value:
-        point, k = of(frame), number("coordinate's number", which(frame))
+        point = of(frame)
+        k = number("coordinate's number", which(frame))
         if not isinstance(point, Point) or not 1 <= k <= len(point.values):
             raise SoftMCError(f"{text_of(point)}{{{k:g}}}: must be a coordinate of a point")
         return point.values[int(k) - 1]
@@ -211,7 +215,8 @@ def _only(tree: Node) -> Node:
 
 
 def _member(tree: Node) -> Expression:
-    of, name = element(child(tree, 0)), word(tree, 1)
+    of = element(child(tree, 0))
+    name = word(tree, 1)
 
     def value(frame: Frame) -> Value:
         found = of(frame)
@@ -227,7 +232,8 @@ def port(tree: Node) -> int:
     Raises:
         SoftMCError: something else before the number.
     """
-    of, digits = child(tree, 0), word(tree, 1)[1:]
+    of = child(tree, 0)
+    digits = word(tree, 1)[1:]
     is_output = of.data == "member" and word(of, 1).lower() == "dout"
     if not is_output or (name_of(child(of, 0)) or "").lower() not in ("sys", "system"):
         raise SoftMCError(f".{digits}: must follow sys.dout")
@@ -240,7 +246,9 @@ def _port(tree: Node) -> Expression:
 
 
 def _binary(tree: Node) -> Expression:
-    a, symbol, b = expression(child(tree, 0)), word(tree, 1), expression(child(tree, 2))
+    a = expression(child(tree, 0))
+    symbol = word(tree, 1)
+    b = expression(child(tree, 2))
     return lambda frame: operate(symbol, a(frame), b(frame))
 
 
@@ -250,12 +258,15 @@ def _negative(tree: Node) -> Expression:
 
 
 def _compare(tree: Node) -> Expression:
-    a, symbol, b = expression(child(tree, 0)), word(tree, 1), expression(child(tree, 2))
+    a = expression(child(tree, 0))
+    symbol = word(tree, 1)
+    b = expression(child(tree, 2))
     return lambda frame: compare(symbol, a(frame), b(frame))
 
 
 def _equal(tree: Node) -> Expression:
-    a, b = expression(child(tree, 0)), expression(child(tree, 1))
+    a = expression(child(tree, 0))
+    b = expression(child(tree, 1))
     return lambda frame: compare("=", a(frame), b(frame))
 
 
@@ -265,7 +276,9 @@ def _not(tree: Node) -> Expression:
 
 
 def _logic(tree: Node) -> Expression:
-    a, symbol, b = expression(child(tree, 0)), word(tree, 1).lower(), expression(child(tree, 2))
+    a = expression(child(tree, 0))
+    symbol = word(tree, 1).lower()
+    b = expression(child(tree, 2))
     if symbol == "and":
         return lambda frame: float(truth(a(frame)) and truth(b(frame)))
     if symbol == "or":

@@ -74,7 +74,8 @@ def _aim(first: Node, second: Node | None) -> Aim:
     `Move G1 {1, 2}` reads as a coordinate of G1, and `Move G1 (p)` as a call.
     """
     if second is not None:
-        of, target = element(first), expression(second)
+        of = element(first)
+        target = expression(second)
         return lambda frame: (of(frame), target(frame))
     name = name_of(child(first, 0)) if first.data == "component" else word(first) if first.data == "call" else None
     rest = first.children[1] if name is not None else None
@@ -86,7 +87,8 @@ def _aim(first: Node, second: Node | None) -> Aim:
     entire = None if first.data == "component" and len(rest.children) > 1 else expression(first)
 
     def either(frame: Frame) -> tuple[Value | None, Value]:
-        variable, routine = frame.find(name.lower()), frame.task.routines.get(name.lower())
+        variable = frame.find(name.lower())
+        routine = frame.task.routines.get(name.lower())
         if (variable is None and routine is None) or (variable is not None and isinstance(variable.value, Element)):
             return group(frame), point(frame)
         if entire is None:
@@ -141,7 +143,8 @@ def circle(tree: Node) -> Statement:
 
 def delay(tree: Node) -> Statement:
     """DELAY [group] milliseconds: the program goes on when the group has rested that long."""
-    first, second = child(tree, 0), tree.children[1]
+    first = child(tree, 0)
+    second = tree.children[1]
     of = element(first) if isinstance(second, Tree) else None
     time = expression(second if isinstance(second, Tree) else first)
 

@@ -143,7 +143,8 @@ class Basic(Controller):
         return steps[k].line if k < len(steps) else None
 
     def setpoints(self, period: float) -> Setpoints:
-        task, made = self.task, self._stream(period)
+        task = self.task
+        made = self._stream(period)
         supervised = task.time.supervised
         assert supervised is not None
         gates = made.ends[[k - 1 for k in task.time.settled if k > 0]]
@@ -172,7 +173,8 @@ class Basic(Controller):
         records = [record for record in self.task.records if record.spans]
         if not records:
             return False
-        setpoints, ends = self.setpoints(run.period), self._stream(run.period).ends
+        setpoints = self.setpoints(run.period)
+        ends = self._stream(run.period).ends
         first = Path(file)
         for k, record in enumerate(records, 1):
             target = first if k == 1 else first.with_name(f"{first.stem}-{k}{first.suffix}")

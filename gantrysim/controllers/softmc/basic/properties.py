@@ -183,7 +183,9 @@ def group_of(properties: dict[str, Any], group: Group, path: bool, override: flo
         InputError: a value out of its bounds.
     """
     p = properties
-    v, a, j = p["vfac"] / 1e-3, p["afac"] / 1e-6, p["jfac"] / 1e-9
+    v = p["vfac"] / 1e-3
+    a = p["afac"] / 1e-6
+    j = p["jfac"] / 1e-9
     speed = p["vtran"] if path and "vtran" in p else p["vcruise"]
     profile = PROFILE_TYPES[int(p["prftype"])]
     return replace(

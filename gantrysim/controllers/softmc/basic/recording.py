@@ -108,7 +108,8 @@ def rows_of(run: Recorded, setpoints: Setpoints) -> NDArray[np.int64]:
         return rows
     changes = _changes(setpoints.position)
     seen = _changes(run.commanded)
-    shift, extra = 0, np.zeros(len(rows), np.int64)
+    shift = 0
+    extra = np.zeros(len(rows), np.int64)
     for gate in setpoints.gates.tolist():
         following = int(np.searchsorted(changes, gate, side="right"))
         if following < len(changes):

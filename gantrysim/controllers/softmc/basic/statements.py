@@ -65,9 +65,11 @@ def line_of(tree: Node) -> int:
 
 
 def _assign(tree: Node) -> Statement:
-    target, value = child(tree, 0), expression(child(tree, 1))
+    target = child(tree, 0)
+    value = expression(child(tree, 1))
     if target.data == "target":
-        name, key = word(target), word(target).lower()
+        name = word(target)
+        key = word(target).lower()
 
         def to_name(frame: Frame) -> None:
             variable = frame.find(key)
@@ -90,7 +92,8 @@ def _assign(tree: Node) -> Statement:
 
         return to_item
     if target.data == "member":
-        of, name = element(child(target, 0)), word(target, 1)
+        of = element(child(target, 0))
+        name = word(target, 1)
 
         def to_member(frame: Frame) -> None:
             found = of(frame)
@@ -105,9 +108,11 @@ def _assign(tree: Node) -> Statement:
 
 
 def _call_sub(tree: Node) -> Statement:
-    name, given = word(tree), tree.children[1]
+    name = word(tree)
+    given = tree.children[1]
     listed = trees(given) if isinstance(given, Tree) else []
-    arguments, names = [expression(one) for one in listed], [name_of(one) for one in listed]
+    arguments = [expression(one) for one in listed]
+    names = [name_of(one) for one in listed]
 
     def do(frame: Frame) -> None:
         found = frame.task.routines.get(name.lower())
@@ -138,7 +143,8 @@ def _if_block(tree: Node) -> Statement:
 
 
 def _if_line(tree: Node) -> Statement:
-    condition, then = expression(child(tree, 0)), statement(child(tree, 1))
+    condition = expression(child(tree, 0))
+    then = statement(child(tree, 1))
     last = tree.children[2]
     otherwise = statement(last) if isinstance(last, Tree) else None
 
@@ -152,7 +158,9 @@ def _if_line(tree: Node) -> Statement:
 
 
 def _while_loop(tree: Node) -> Statement:
-    condition, inner, line = expression(child(tree, 0)), block(child(tree, 1)), line_of(tree)
+    condition = expression(child(tree, 0))
+    inner = block(child(tree, 1))
+    line = line_of(tree)
 
     def do(frame: Frame) -> None:
         while truth(condition(frame)):
@@ -163,7 +171,9 @@ def _while_loop(tree: Node) -> Statement:
 
 
 def _do_loop(tree: Node) -> Statement:
-    inner, condition, line = block(child(tree, 0)), expression(child(tree, 1)), line_of(tree)
+    inner = block(child(tree, 0))
+    condition = expression(child(tree, 1))
+    line = line_of(tree)
     goes_on = tree.data == "do_while"
 
     def do(frame: Frame) -> None:
@@ -177,8 +187,11 @@ def _do_loop(tree: Node) -> Statement:
 
 
 def _for_loop(tree: Node) -> Statement:
-    name, key, line = word(tree), word(tree).lower(), line_of(tree)
-    first, last = expression(child(tree, 1)), expression(child(tree, 2))
+    name = word(tree)
+    key = word(tree).lower()
+    line = line_of(tree)
+    first = expression(child(tree, 1))
+    last = expression(child(tree, 2))
     step = tree.children[3]
     by = expression(step) if isinstance(step, Tree) else None
     inner = block(child(tree, 4))
@@ -223,10 +236,12 @@ def _select(tree: Node) -> Statement:
 
 def _choice(tree: Node) -> Callable[[Value, Frame], bool]:
     if tree.data == "span":
-        low, high = expression(child(tree, 0)), expression(child(tree, 1))
+        low = expression(child(tree, 0))
+        high = expression(child(tree, 1))
         return lambda held, frame: bool(compare(">=", held, low(frame)) and compare("<=", held, high(frame)))
     if tree.data == "test":
-        symbol, bound = word(tree), expression(child(tree, 1))
+        symbol = word(tree)
+        bound = expression(child(tree, 1))
         return lambda held, frame: bool(compare(symbol, held, bound(frame)))
     same = expression(child(tree, 0))
     return lambda held, frame: bool(compare("=", held, same(frame)))

@@ -89,7 +89,8 @@ class Variable:
         return holder[last]
 
     def _holder(self, indices: Sequence[Value]) -> tuple[list[Any], int]:
-        holder, last = self.value, -1
+        holder = self.value
+        last = -1
         for depth, index in enumerate(indices):
             holder = holder[last] if depth else holder
             if not isinstance(holder, list):

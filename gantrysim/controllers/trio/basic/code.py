@@ -154,9 +154,12 @@ class _Assembler:
 
     def _for(self, raw: Raw) -> None:
         name, first, last, step = raw.data
-        name, key = variable(name), self._here
+        name = variable(name)
+        key = self._here
         self._assigned.add(name)
-        begin, end, by = first.value, last.value, None if step is None else step.value
+        begin = first.value
+        end = last.value
+        by = None if step is None else step.value
 
         def act(p: Process) -> int | None:
             p.variables[name] = begin(p)
@@ -168,7 +171,8 @@ class _Assembler:
 
     def _next(self, raw: Raw) -> None:
         block = self._close(raw, "FOR")
-        name, key = block.variable, block.first
+        name = block.variable
+        key = block.first
         if raw.data[0] is not None and raw.data[0].upper() != name:
             raise InputError(f"NEXT {raw.data[0]}: must be NEXT {name.lower()}, of the FOR of line {block.line}")
 
@@ -207,7 +211,9 @@ class _Assembler:
         self._choice(raw, _call)
 
     def _choice(self, raw: Raw, jump: Callable[[Process, int, int], int]) -> None:
-        value, names, after = raw.data[0].value, raw.data[1:], self._here + 1
+        value = raw.data[0].value
+        names = raw.data[1:]
+        after = self._here + 1
         targets: dict[int, int] = {}
 
         def act(p: Process) -> int | None:

@@ -29,7 +29,10 @@ from gantrysim.controllers.trio.basic.moves import (
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, Process, index
 
 MOST_POINTS = 32_000  # of a cam
-REPEATS, ABSOLUTE, FORWARD_ONLY = 4, 2, 32  # bits of the link options
+# bits of the link options
+REPEATS = 4
+ABSOLUTE = 2
+FORWARD_ONLY = 32
 MAX_AXES = 16  # of one move
 
 Values = list[float]
@@ -134,10 +137,12 @@ def _linked(p: Process, kind: int, line: int, shape: Shape, link: float, options
 
 def _profile(p: Process, first: float, last: float, scale: float, length: float) -> Table:
     """The part of TABLE that is a cam, in units from its first value."""
-    begin, end = index("TABLE", first, TABLE_SIZE), index("TABLE", last, TABLE_SIZE)
+    begin = index("TABLE", first, TABLE_SIZE)
+    end = index("TABLE", last, TABLE_SIZE)
     if not 1 <= end - begin < MOST_POINTS:
         raise InputError(f"cam from TABLE({begin}) to TABLE({end}): must have 2 to {MOST_POINTS} points")
-    table, units = p.state.table, p.state.motion.axis(p.base[0]).units
+    table = p.state.table
+    units = p.state.motion.axis(p.base[0]).units
     missing = [k for k in range(begin, end + 1) if k not in table]
     if missing:
         raise InputError(f"cam: TABLE({missing[0]}) must be set before")
@@ -180,7 +185,8 @@ def _base(p: Process, values: Values, line: int) -> None:
 
 
 def _op(p: Process, values: Values, line: int) -> None:
-    output, outputs = index("OP", values[0], MOST_OUTPUTS), p.state.outputs
+    output = index("OP", values[0], MOST_OUTPUTS)
+    outputs = p.state.outputs
     p.state.switched.add(output)
     if values[1]:
         outputs.add(output)

@@ -177,7 +177,8 @@ def value_of(ref: Reference, read: dict[str, int]) -> Expression:
         ref.plain(0)
         return Expression(words.SYSTEM_VALUES[name])
     if name in _MEMORY:
-        at, cells = ref.plain(1)[0], _MEMORY[name]
+        at = ref.plain(1)[0]
+        cells = _MEMORY[name]
         where = at.value
         return _nested(lambda p: cells(p, where(p)), at)
     if name in COMMANDS or name in words.KEYWORDS:

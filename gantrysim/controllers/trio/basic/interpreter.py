@@ -70,13 +70,20 @@ class _Run:
     def __init__(
         self, state: State, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
     ) -> None:
-        self._state, self._times, self._limits = state, {**times, "none": 0.0}, limits
-        self._recorded, self._valve = recorded, valve
-        self._count, self._line = 0, 0
+        self._state = state
+        self._times = {**times, "none": 0.0}
+        self._limits = limits
+        self._recorded = recorded
+        self._valve = valve
+        self._count = 0
+        self._line = 0
 
     def run(self, name: str) -> Trace:
-        state, motion = self._state, self._state.motion
-        positions, outputs, lines = array("d"), bytearray(), array("q")
+        state = self._state
+        motion = self._state.motion
+        positions = array("d")
+        outputs = bytearray()
+        lines = array("q")
         axes = [motion.axis(number) for number in self._recorded]
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
@@ -125,13 +132,18 @@ class _Run:
 
     def _execute(self, process: Process) -> None:
         """Execute the statements of a process that are due at the current tick."""
-        now, period = self._state.time, self._state.motion.period
-        due, done, statements = now + _EARLY * (now + period), 0, process.code.statements
+        now = self._state.time
+        period = self._state.motion.period
+        due = now + _EARLY * (now + period)
+        done = 0
+        statements = process.code.statements
         try:
             if process.blocked is not None and not process.ended:
                 if not process.blocked():
                     return
-                process.blocked, process.polls, process.ready = None, False, max(process.ready, now)
+                process.blocked = None
+                process.polls = False
+                process.ready = max(process.ready, now)
             while process.ready <= due and not process.ended and process.blocked is None:
                 if process.at >= len(statements):
                     process.ended = True
@@ -158,7 +170,8 @@ class _Run:
         goal = statement.act(process)
         process.ready += self._times[statement.cost]
         process.changed |= not statement.pure
-        here, process.at = process.at, process.at + 1 if goal is None else goal
+        here = process.at
+        process.at = process.at + 1 if goal is None else goal
         if goal is not None and goal <= here:
             self._skip_idle_passes(process, due)
 
@@ -172,4 +185,5 @@ class _Run:
                 process.ready += max(math.floor((due - process.ready) / lasting), 0) * lasting
             else:
                 process.ready = (tick + 1) * self._state.motion.period
-        process.last, process.changed = (process.at, tick, process.ready), False
+        process.last = (process.at, tick, process.ready)
+        process.changed = False

@@ -42,7 +42,8 @@ def _linked(axis: Axis, move: Move, driven: float, edges: float, end: End) -> fl
     """Motion of a linked axis, given that of its link axis, and the ratio of their UNITS."""
     if move.kind == CONNECT:
         return move.ratio * driven * edges
-    s, step = move.s + (max(driven, 0.0) if move.forward_only else driven), 0.0
+    s = move.s + (max(driven, 0.0) if move.forward_only else driven)
+    step = 0.0
     while move.link_start is None or s >= 0:
         move.link_start = None
         full = move.shape.length
@@ -53,14 +54,18 @@ def _linked(axis: Axis, move: Move, driven: float, edges: float, end: End) -> fl
         if s < full:
             break
         step += move.shape.displacement(full)[0] - move.at[0]
-        move.finished, move.s = True, full
+        move.finished = True
+        move.s = full
         follows = axis.queue[0] if axis.queue else None
         end(axis)
         if axis.move is None or axis.move is not follows or follows.driver != move.driver or follows.kind == CONNECT:
             return step
-        s, move = s - full, follows  # nothing of the link axis' motion is lost
+        # nothing of the link axis' motion is lost
+        s = s - full
+        move = follows
         move.start = (axis.position + step,)
     at = move.shape.displacement(s)
     step += at[0] - move.at[0]
-    move.s, move.at = s, at
+    move.s = s
+    move.at = at
     return step

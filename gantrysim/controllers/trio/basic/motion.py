@@ -45,8 +45,12 @@ class Motion:
         real: tuple[int, ...],
         ratio_bits: int | None,
     ) -> None:
-        self.period, self.buffers, self.real, self._bits = period, buffers, real, ratio_bits
-        self._starts, self._defaults = starts, (float(speed), float(acceleration), float(deceleration))
+        self.period = period
+        self.buffers = buffers
+        self.real = real
+        self._bits = ratio_bits
+        self._starts = starts
+        self._defaults = (float(speed), float(acceleration), float(deceleration))
         self.axes: dict[int, Axis] = {}
         self.loaded: list[Move] = []  # those of STATED
         self.drivers: set[int] = set()  # axes that others were linked to
@@ -105,7 +109,8 @@ class Motion:
         self.axis(number).superimposed = added
 
     def _check_link(self, number: int, driver: int) -> None:
-        waiting, seen = [driver], set()
+        waiting = [driver]
+        seen = set()
         while waiting:
             n = waiting.pop()
             if n == number:
@@ -180,7 +185,8 @@ class Motion:
         if base.move is not None:
             for n in base.move.axes:
                 self.axes[n].member = None
-        base.move, base.along = None, Speed()
+        base.move = None
+        base.along = Speed()
         self._load_next(base)
 
     def _load_next(self, base: Axis) -> None:
@@ -231,9 +237,11 @@ class Motion:
             sums[0], sums[1:] = [axis.position for axis in moved], steps
             places = sums.cumsum(axis=0)[1:]
             base.along = Speed(float(glide.speed[count - 1]), bool(glide.braking[count - 1]))
-            move.s, move.at = float(glide.s[count - 1]), tuple(at[-1].tolist())
+            move.s = float(glide.s[count - 1])
+            move.at = tuple(at[-1].tolist())
             for k, axis in enumerate(moved):
-                axis.step, axis.position = float(steps[-1, k]), float(places[-1, k])
+                axis.step = float(steps[-1, k])
+                axis.position = float(places[-1, k])
                 axis.moved = axis.moved or bool(steps[:, k].any())
                 self._check(axis)
                 if axis.number in recorded:
@@ -284,13 +292,15 @@ class Motion:
 
     def _advance(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
         """Advance the move with a profile that an axis holds, and those merged with it."""
-        left, speed = move.shape.length - move.s, base.along
+        left = move.shape.length - move.s
+        speed = base.along
         for length in self._merged_lengths(base, move):
             left += length
         braked = move.shape.brakes or move.stopping
         down = base.deceleration if braked else math.inf
         gone = speed.advance(left, 0.0 if move.stopping else base.speed, base.acceleration, down, self.period)
-        s, stopped = move.s + gone, gone >= left
+        s = move.s + gone
+        stopped = gone >= left
         while True:
             follows = self._merged(base, move)
             if follows is None and stopped:
@@ -301,7 +311,8 @@ class Motion:
             if follows is None or s < move.shape.length:
                 break
             self._place(move, move.shape.length, steps)
-            move.finished, follows.stopping = True, move.stopping
+            move.finished = True
+            follows.stopping = move.stopping
             s -= move.shape.length
             base.queue.pop(0)
             self._load(base, follows, tuple(self.axes[n].position + steps[n] for n in follows.axes))
@@ -314,7 +325,8 @@ class Motion:
         at = move.shape.displacement(s) if move.shape.length > 0 else move.at
         for n, now, before in zip(move.axes, at, move.at, strict=True):
             steps[n] += now - before
-        move.s, move.at = s, at
+        move.s = s
+        move.at = at
 
 
 def _merge(move: Move, follows: Move) -> bool:

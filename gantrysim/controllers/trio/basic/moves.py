@@ -12,8 +12,17 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
-IDLE, MOVE, MOVEABS, MHELICAL, MOVECIRC = 0, 1, 2, 3, 4
-FORWARD, REVERSE, CAM, CAMBOX, CONNECT, MOVELINK = 10, 11, 13, 20, 21, 22
+IDLE = 0
+MOVE = 1
+MOVEABS = 2
+MHELICAL = 3
+MOVECIRC = 4
+FORWARD = 10
+REVERSE = 11
+CAM = 13
+CAMBOX = 20
+CONNECT = 21
+MOVELINK = 22
 
 STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC})  # moves that state their path
 
@@ -166,7 +175,8 @@ class Ramps(Shape):
 
     def __init__(self, distance: float, length: float, up: float, down: float) -> None:
         shrink = min(1.0, length / (up + down)) if up + down > 0 else 1.0
-        up, down = up * shrink, down * shrink
+        up = up * shrink
+        down = down * shrink
         self.length = length
         rate = distance / (length - 0.5 * (up + down))
         if not math.isfinite(rate):

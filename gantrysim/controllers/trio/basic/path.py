@@ -132,7 +132,8 @@ def polyline(points: Floats) -> Chain:
         first, last = open_.pop()
         if last - first < 2:
             continue
-        chord, between = corners[last] - corners[first], corners[first + 1 : last] - corners[first]
+        chord = corners[last] - corners[first]
+        between = corners[first + 1 : last] - corners[first]
         share = np.clip(between @ chord / max(float(chord @ chord), SHORTEST**2), 0.0, 1.0)
         off = np.linalg.norm(between - share[:, None] * chord, axis=1)
         worst = int(off.argmax())

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.motion import Motion
 
-VR_SIZE, TABLE_SIZE = 65_536, 512_000
+VR_SIZE = 65_536
+TABLE_SIZE = 512_000
 MOST_OUTPUTS = 1024
 MOST_PROCESSES = 32
 MOST_PRINTED = 10_000  # lines of the log; later ones are counted

@@ -88,7 +88,8 @@ def _until_braking(value: float, rate: float, down: float, left: float) -> float
     if math.isinf(left):
         return math.inf
     share = rate / down + 1
-    a, b = 0.5 * rate * share, value * share
+    a = 0.5 * rate * share
+    b = value * share
     c = max(left - 0.5 * value**2 / down, 0.0)
     root = b + math.sqrt(max(b * b + 4 * a * c, 0.0))
     return 2 * c / root if root > 0 else math.inf
@@ -101,10 +102,14 @@ def _advance(
     """Return the distance covered in a period, and speed and braking after it."""
     if braking and left > 0.5 * value**2 / down * (1 + 1e-6) + 1e-9:
         braking = False  # a move was merged behind, or DECEL was raised
-    gone, rest, tiny = 0.0, period, _TINY * (1 + left if math.isfinite(left) else 1.0)
+    gone = 0.0
+    rest = period
+    tiny = _TINY * (1 + left if math.isfinite(left) else 1.0)
     while rest > _TINY and left - gone > tiny:
         if braking:
-            rate, to_target, to_end = -down, math.inf, value / down
+            rate = -down
+            to_target = math.inf
+            to_end = value / down
         else:
             value, rate, to_target = _towards(value, target, up, down, left - gone)
             to_end = _until_braking(value, rate, down, left - gone)
@@ -119,7 +124,9 @@ def _advance(
         elif duration == to_target:
             value = target
     if left - gone <= tiny:
-        gone, value, braking = left, 0.0, False
+        gone = left
+        value = 0.0
+        braking = False
     return gone, value, braking
 
 
@@ -136,7 +143,9 @@ def _glide(
     most: int,
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return distance covered, speed and braking after each period."""
-    covered, speed, brakes = np.empty(most), np.empty(most), np.empty(most, np.bool_)
+    covered = np.empty(most)
+    speed = np.empty(most)
+    brakes = np.empty(most, np.bool_)
     for k in range(most):
         left = lengths[0] - s
         for more in lengths[1:]:

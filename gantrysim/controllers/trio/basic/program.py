@@ -230,7 +230,8 @@ class Basic(Controller):
         return polyline(points)
 
     def _stated(self, trace: Trace) -> Path | None:
-        motion, numbers = trace.state.motion, self._numbers(trace)
+        motion = trace.state.motion
+        numbers = self._numbers(trace)
         start = np.zeros(3)
         start[: min(len(numbers), 3)] = trace.position[0, : min(len(numbers), 3)]
         return exact(motion.loaded, motion.unstated, numbers, start, self.placement)
@@ -253,7 +254,8 @@ class Basic(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the program prints, and what is ignored or assumed."""
-        state, notes = self._trace.state, []
+        state = self._trace.state
+        notes = []
         for reason in dict.fromkeys(IGNORED[name] for name in sorted(state.ignored)):
             names = [name for name in sorted(state.ignored) if IGNORED[name] == reason]
             notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
@@ -272,7 +274,8 @@ class Basic(Controller):
 
     def setpoints(self, period: float) -> Setpoints:
         trace = self.trace(period)
-        numbers, points = self._numbers(trace), self._points(trace)
+        numbers = self._numbers(trace)
+        points = self._points(trace)
         position = np.stack([*points.T[: len(numbers)], *trace.position.T[3 : len(numbers)]], axis=1)
         if len(position) < 2:
             position = np.repeat(position, 2, axis=0)

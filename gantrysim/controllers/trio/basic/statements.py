@@ -24,7 +24,8 @@ def _wait_until(raw: Raw) -> Leaf:
 
     def act(p: Process) -> None:
         if not value(p):
-            p.blocked, p.polls = lambda: bool(value(p)), True
+            p.blocked = lambda: bool(value(p))
+            p.polls = True
 
     return act, "wait"
 
@@ -49,7 +50,8 @@ def _waiting(raw: Raw, over: Callable[[Axis], bool]) -> Leaf:
 
 
 def _run(raw: Raw) -> Leaf:
-    name, number = str(raw.data[0])[1:-1], raw.data[1]
+    name = str(raw.data[0])[1:-1]
+    number = raw.data[1]
 
     def act(p: Process) -> None:
         p.state.run(name, p.ready, None if number is None else number.value(p))
@@ -92,7 +94,8 @@ def _command(raw: Raw) -> Leaf:
             raise InputError(f"{ref.name}: is a value, not a command")
         raise unknown_word(ref)
     given = [each.value for each in ref.count(command.least, command.most)]
-    run, line = command.act, raw.line
+    run = command.act
+    line = raw.line
 
     def act(p: Process) -> None:
         values = [each(p) for each in given]
@@ -106,7 +109,8 @@ def _command(raw: Raw) -> Leaf:
     number = ref.axis.value
 
     def on_axis(p: Process) -> None:
-        base, p.base = p.base, (p.state.motion.axis(number(p)).number,)
+        base = p.base
+        p.base = (p.state.motion.axis(number(p)).number,)
         try:
             act(p)
         finally:
@@ -118,7 +122,8 @@ def _command(raw: Raw) -> Leaf:
 def _assign(raw: Raw) -> Leaf:
     ref: Reference = raw.data[0]
     expression: Expression = raw.data[1]
-    value, store = expression.value, _store(ref)
+    value = expression.value
+    store = _store(ref)
 
     def act(p: Process) -> None:
         result = value(p)

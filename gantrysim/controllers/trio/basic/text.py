@@ -26,7 +26,10 @@ from gantrysim.controllers.trio.basic.expressions import (
     value_of,
 )
 
-LONGEST, LONGEST_LINE, LONGEST_WORD = 1_000_000, 4096, 64  # characters of a text, a line, a word
+# characters of a text, a line, a word
+LONGEST = 1_000_000
+LONGEST_LINE = 4096
+LONGEST_WORD = 64
 _SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
 _VERB = re.compile(r"\s*([A-Z_]\w{0,63})[^\S\n]+(?!AXIS\b)[\w\"#(]", re.IGNORECASE)
 MAIN = "MAIN"  # name of a program without one
@@ -210,12 +213,24 @@ class _Builder(Transformer):  # type: ignore[type-arg]
     def assign(self, children: list[Any]) -> Raw:
         return Raw("ASSIGN", children[0].line, tuple(children))
 
-    endif, while_, wend = _statement("ENDIF"), _statement("WHILE"), _statement("WEND")
-    repeat, until, for_, next_ = _statement("REPEAT"), _statement("UNTIL"), _statement("FOR"), _statement("NEXT")
-    goto, gosub, return_ = _statement("GOTO"), _statement("GOSUB"), _statement("RETURN")
-    on_goto, on_gosub = _statement("ON GOTO"), _statement("ON GOSUB")
-    wait_until, wait_idle = _statement("WAIT UNTIL"), _statement("WAIT IDLE")
-    wait_loaded, run, stop, halt = _statement("WAIT LOADED"), _statement("RUN"), _statement("STOP"), _statement("HALT")
+    endif = _statement("ENDIF")
+    while_ = _statement("WHILE")
+    wend = _statement("WEND")
+    repeat = _statement("REPEAT")
+    until = _statement("UNTIL")
+    for_ = _statement("FOR")
+    next_ = _statement("NEXT")
+    goto = _statement("GOTO")
+    gosub = _statement("GOSUB")
+    return_ = _statement("RETURN")
+    on_goto = _statement("ON GOTO")
+    on_gosub = _statement("ON GOSUB")
+    wait_until = _statement("WAIT UNTIL")
+    wait_idle = _statement("WAIT IDLE")
+    wait_loaded = _statement("WAIT LOADED")
+    run = _statement("RUN")
+    stop = _statement("STOP")
+    halt = _statement("HALT")
     print_ = _statement("PRINT")
 
     def text(self, children: list[Any]) -> str:
