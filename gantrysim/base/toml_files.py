@@ -17,7 +17,8 @@ from gantrysim.base.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
 _SHOWN = 80  # characters of a wrong value
-_FEW = 5  # problems of one file that are named
+_FEW = 8  # problems of one file that are named,
+_LONGEST = 400  # and characters of these
 _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -133,7 +134,8 @@ def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
             text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             hint = _meant(where, names)
-            text = f"unknown key {shorten(where, _SHOWN)}{'' if hint in hints else hint}"  # a list of keys once
+            key = where if len(where) <= _SHOWN else f"{where[:_SHOWN]}..."
+            text = f"unknown key {key}{'' if hint in hints else hint}"  # a list of keys once
             hints.add(hint)
         elif item["type"] in ("missing", "missing_argument"):
             text = f"{where} is missing"
@@ -141,8 +143,11 @@ def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
             text = f"{where} = {shorten(repr(item['input']), _SHOWN)}: {item['msg'][:1].lower()}{item['msg'][1:]}"
         problems.setdefault(where or text, text)
     texts = list(dict.fromkeys(problems.values()))
-    more = [f"and {len(texts) - _FEW} more"] if len(texts) > _FEW else []
-    return "; ".join([*texts[:_FEW], *more])
+    named = 1
+    while named < min(len(texts), _FEW) and len("; ".join(texts[: named + 1])) <= _LONGEST:
+        named += 1
+    more = [f"and {len(texts) - named} more"] if len(texts) > named else []
+    return "; ".join([*texts[:named], *more])
 
 
 def _meant(where: str, known: Sequence[str]) -> str:

@@ -78,14 +78,14 @@ def test_a_machine_file_whose_name_is_no_text(gantrysim_command, tmp_path):
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is none")
 def test_a_job_without_an_end(gantrysim_command):
     status, _, errors = gantrysim_command("check", "/dev/zero")
-    assert (status, errors) == (2, "error: /dev/zero: is a device: must be a regular file\n")
+    assert (status, errors) == (2, "error: job /dev/zero: is a device: must be a regular file\n")
 
 
 def test_a_job_that_is_too_long(gantrysim_command, monkeypatch, tmp_path):
     monkeypatch.setattr("gantrysim.base.toml_files._MOST", 1 << 16)
     (tmp_path / "long.toml").write_bytes(b"#" * 70_000)
     status, _, errors = gantrysim_command("check", tmp_path / "long.toml")
-    assert (status, errors) == (2, f"error: {tmp_path}/long.toml: is longer than 6.55e+04 bytes\n")
+    assert (status, errors) == (2, f"error: job {tmp_path}/long.toml: is longer than 6.55e+04 bytes\n")
 
 
 def test_a_file_does_not_command_the_terminal(gantrysim_command, tmp_path):
