@@ -21,7 +21,7 @@ from gantrysim import InputError, Job, Servo, simulate
 from gantrysim.base.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.plots.style import UM, sheet, thinned, turn_colours
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo_values import DERIVED
 from gantrysim.stability.margins import Plant
 

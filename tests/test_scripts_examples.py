@@ -12,7 +12,7 @@ import pytest
 
 from gantrysim import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 

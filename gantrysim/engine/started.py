@@ -29,7 +29,6 @@ from gantrysim.native.user import CalledLaw
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import periods
-from gantrysim.servo.law import GAIN_NAMES
 from gantrysim.servo.laws.user import STATE, resolved
 
 
@@ -190,8 +189,7 @@ def _fill(simulation: Simulation, row: np.void) -> None:
     row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
     row["resolution"][: servo.axes] = servo.resolution
     row["following_error_limit"][: servo.axes] = servo.following_error_limit
-    for k, name in enumerate(GAIN_NAMES):
-        row["gains"][: servo.axes, k] = getattr(servo, name)
+    row["gains"][: servo.axes] = servo.gains
     row["notch"][: servo.axes] = servo.filters
     # a demand beyond what the drive can give is clamped by the drive itself
     peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain

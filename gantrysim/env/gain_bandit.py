@@ -16,7 +16,7 @@ from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Settings
 from gantrysim.env.vector import PathVectorEnv
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 
 # Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
 _CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0

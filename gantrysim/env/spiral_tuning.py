@@ -23,7 +23,7 @@ from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 
 _SOFTMC = ("KPP", "KPI", "KVP", "KPVFR", "KPAFR")
 

@@ -11,7 +11,6 @@ from typing import ClassVar, NamedTuple
 
 from gantrysim.base.errors import InputError
 from gantrysim.machine.axis import Axis
-from gantrysim.servo.law import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 
 # letters of the formulas
@@ -45,7 +44,7 @@ class AxisServo:
     Attributes:
         name, unit: of the axis.
         period: servo period [s].
-        gains: by the names of `GAINS`.
+        gains: by the names of the fields of `Gains`.
         torque_limit: [N·m].
         resolution: axis travel per encoder edge [u].
         following_error_limit: [u].
@@ -76,7 +75,7 @@ class AxisServo:
                 axis.name,
                 axis.unit,
                 servo.period,
-                {name: getattr(servo, name)[a] for name in GAIN_NAMES},
+                servo.gains[a]._asdict(),
                 servo.torque_limit[a],
                 servo.resolution[a],
                 servo.following_error_limit[a],

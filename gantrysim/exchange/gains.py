@@ -13,7 +13,7 @@ from gantrysim.exchange.linuxcnc import LinuxCNC, LinuxCNCIni
 from gantrysim.exchange.trio import Trio
 from gantrysim.exchange.unsaid import beside, remedy, unsaid
 from gantrysim.machine.axis import Axis
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 
 DIALECTS: dict[str, Dialect] = {one.name: one for one in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
@@ -75,5 +75,5 @@ def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: st
         names = ", ".join(word.name for word in chosen.words(own[0]))
         raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
     gains = [chosen.gains(words, axis) for words, axis in zip(found, own, strict=True)]
-    own_gains: dict[str, Any] = {gain: tuple(one[gain] for one in gains) for gain in GAIN_NAMES}
+    own_gains: dict[str, Any] = {gain: tuple(one.get(gain, 0.0) for one in gains) for gain in GAIN_NAMES}
     return replace(servo, **own_gains)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import fields
 
 from gantrysim.exchange.dialect import AxisServo, Dialect
-from gantrysim.servo.law import GAIN_NAMES
 from gantrysim.servo.laws.parameters import LAW_PARAMETERS, PD, PID, words
 from gantrysim.servo.servo import Servo
 
@@ -57,8 +56,7 @@ def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[st
             if servo.law not in _PLAIN:
                 lost[name] = f"law = {words(servo.law)}"
             continue
-        values = [axis.gains[name] for axis in axes] if name in GAIN_NAMES else getattr(servo, name)
-        acting = [f"{axis.name} {value:g}" for axis, value in zip(axes, values, strict=True) if value]
+        acting = [f"{axis.name} {value:g}" for axis, value in zip(axes, getattr(servo, name), strict=True) if value]
         if acting:
             lost[name] = f"{name} ({', '.join(acting)})"
     return lost

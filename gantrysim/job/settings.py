@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from gantrysim.servo.law import Parameter
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.parameters import ADDITIONS, BASES, LawParameters
 from gantrysim.servo.servo_values import DERIVED, DRIVE_PERIOD, FOLLOWING_ERROR_LIMIT
 

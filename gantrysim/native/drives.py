@@ -9,13 +9,13 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
 from gantrysim.native.injection import reported, turned
-from gantrysim.native.pointers import axis_log, drives_of, vector
+from gantrysim.native.pointers import axis_log, drives_of, gains_of, vector
 from gantrysim.native.row import POSITION, STEPPER, TORQUE, VELOCITY
 from gantrysim.native.supervision import watch_oscillation
 from gantrysim.servo import law, notch
 
 _law, _filtered = inner_jit(law.law), inner_jit(notch.filtered)
-_GAINS, _COEFFICIENTS = len(law.GAINS), len(notch.Coefficients._fields)
+_COEFFICIENTS = len(notch.Coefficients._fields)
 _DRIVE = 2**40  # added to the number of a sample that the drive takes itself, for its noise
 
 _STEP, _FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -248,7 +248,7 @@ def _closed_loop(data, row, axis, drive):
                 (drive.target - drive.start) / row.period,
                 row.demand_acceleration[axis],
                 (seen - drive.position) / drive.period,
-                to_fixed_tuple(row.gains[axis], _GAINS),
+                gains_of(row, axis),
             )
             torque, drive.first, drive.second = _filtered(
                 torque, to_fixed_tuple(row.notch[axis], _COEFFICIENTS), drive.first, drive.second

@@ -9,7 +9,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
-from gantrysim.native.pointers import call, floats, laws_of, tick_log
+from gantrysim.native.pointers import call, floats, gains_of, laws_of, tick_log
 from gantrysim.native.row import TOLD
 from gantrysim.servo import law, notch
 from gantrysim.servo.laws import cascade, contour, friction, observer
@@ -21,7 +21,7 @@ _filtered = inner_jit(notch.filtered)
 _friction_torque = inner_jit(friction.friction_torque)
 _observed = inner_jit(observer.observed)
 _tangents, _error_across = inner_jit(contour.tangents), inner_jit(contour.error_across)
-_GAINS, _COEFFICIENTS = len(law.GAINS), len(notch.Coefficients._fields)
+_COEFFICIENTS = len(notch.Coefficients._fields)
 _FRICTION, _TAPS = len(friction.Friction._fields), observer.TAPS
 
 
@@ -57,7 +57,7 @@ def apply_laws(row, userdata):
 @inner_jit
 def _base(row, laws, a):
     """Return the torque of PID or P-PI through the notch, the error it answers to, and the sums after it."""
-    own, gains = laws[a], to_fixed_tuple(row.gains[a], _GAINS)
+    own, gains = laws[a], gains_of(row, a)
     error, change = row.error[a], row.error_change[a]
     if own.contour > 0.0 and row.linear[a] > 0.0:
         across = own.contour * _error_across(row.error, laws.tangent, row.linear, a, row.axes)

@@ -14,11 +14,14 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
 from gantrysim.native.row import DRIVE, INJECTED, LAW, LOG_AXIS, LOG_TICK, ROW
+from gantrysim.servo.gains import GAIN_NAMES, Gains
 
 _MANY = 2**31  # nothing is checked against it
+_GAINS = len(GAIN_NAMES)
 _TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
 
 
@@ -151,3 +154,9 @@ def drives_of(row):
 def laws_of(row):
     """Return the laws, a view, (axes,)."""
     return numba.carray(_law_entries(row.laws), (row.axes,))
+
+
+@inner_jit
+def gains_of(row, axis):
+    """Return the gains of an axis, a copy."""
+    return Gains(*to_fixed_tuple(row.gains[axis], _GAINS))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.native.layout import POINTERS
-from gantrysim.servo.law import GAINS
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws.friction import Friction
 from gantrysim.servo.laws.observer import MOST_SHIFT, TAPS
 from gantrysim.servo.notch import Coefficients
@@ -117,7 +117,7 @@ ROW = np.dtype(
     [(name, np.int64) for name in _WHOLE]
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
-    + [("gains", np.float64, (MAX_AXES, len(GAINS)))]
+    + [("gains", np.float64, (MAX_AXES, len(GAIN_NAMES)))]
     + [("notch", np.float64, (MAX_AXES, len(Coefficients._fields)))]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
 )

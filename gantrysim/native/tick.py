@@ -23,7 +23,7 @@ from gantrysim.native.drives import delayed, follow_demands, read
 from gantrysim.native.injection import interrupt, limit_voltage, received, reported, turned
 from gantrysim.native.laws import LAWS, apply_laws
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
-from gantrysim.native.pointers import axis_log, field, floats, row_at, tick_log, vector, whole
+from gantrysim.native.pointers import axis_log, field, floats, gains_of, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -36,7 +36,7 @@ from gantrysim.native.row import (
     WARNINGS,
 )
 from gantrysim.native.supervision import trip, waits, watch_oscillation, watch_position_error
-from gantrysim.servo import law, notch
+from gantrysim.servo import gains, law, notch
 
 
 @cache
@@ -52,6 +52,7 @@ def magic() -> int:
             injection,
             laws,
             row_layout,
+            gains,
             law,
             notch,
             *LAWS,
@@ -62,7 +63,6 @@ def magic() -> int:
 
 _law = inner_jit(law.law)
 _filtered = inner_jit(notch.filtered)
-_GAINS = len(law.GAINS)
 _COEFFICIENTS = len(notch.Coefficients._fields)
 
 
@@ -167,7 +167,7 @@ def _apply_law(row, userdata):
             row.demand_velocity[a],
             row.demand_acceleration[a],
             row.measured_velocity[a],
-            to_fixed_tuple(row.gains[a], _GAINS),
+            gains_of(row, a),
         )
         torque, row.notch_first[a], row.notch_second[a] = _filtered(
             torque, to_fixed_tuple(row.notch[a], _COEFFICIENTS), row.notch_first[a], row.notch_second[a]

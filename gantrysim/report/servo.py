@@ -10,7 +10,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
-from gantrysim.servo.law import GAINS
+from gantrysim.servo.gains import GAINS
 from gantrysim.servo.laws.parameters import LAW_PARAMETERS, LawParameters, words
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import NOTCH

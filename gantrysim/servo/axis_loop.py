@@ -12,7 +12,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import Gains
 from gantrysim.servo.laws.defaults import law_values
 from gantrysim.servo.laws.linear import linear_law
 from gantrysim.servo.laws.parameters import PID
@@ -74,10 +74,9 @@ class AxisLoop:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
         task = self._task
         gains = pd_gains(self.axis, frequency, task.damping, task.integral_time)
-        in_order = tuple(gains.get(name, 0.0) for name in GAIN_NAMES)
         filter = notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, task.period)
         values = self.law_values(frequency)
-        return linear_law(task.law, in_order, filter, values, task.period, self.lags.delay, self.lags.feedback)
+        return linear_law(task.law, Gains(**gains), filter, values, task.period, self.lags.delay, self.lags.feedback)
 
     def law_values(self, frequency: float) -> dict[str, float]:
         """Return the parameters of the laws at a natural frequency."""

@@ -12,7 +12,8 @@ from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
 from gantrysim.servo.axis_loop import LoopTask, keeps_margins, kept, margin_in_words, pd_gains
 from gantrysim.servo.derivation import Loop, NoLoopError, loop
-from gantrysim.servo.law import GAIN_NAMES, compensator
+from gantrysim.servo.gains import Gains
+from gantrysim.servo.law import compensator
 from gantrysim.servo.laws.parameters import PID
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Plant
@@ -204,8 +205,7 @@ class _Outer:
 
     def _laws(self, kp: float) -> Laws:
         task = self._task
-        gain = dict.fromkeys(GAIN_NAMES, 0.0) | {"kp": kp, "ki": kp / task.integral_time}
-        law: Compensator = compensator(tuple(gain[name] for name in GAIN_NAMES), task.period)
+        law: Compensator = compensator(Gains(kp=kp, ki=kp / task.integral_time), task.period)
         late = law.delayed(task.lags.feedback)
         return Laws(task.period, task.lags.delay, (late,) * len(self._names), self._drives)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.law import terms
 from gantrysim.servo.laws.linear import linear_law
 from gantrysim.servo.servo import Servo
 from gantrysim.stability.compensator import Compensator
@@ -72,8 +72,9 @@ class Inverse:
             Q = zero_phase(self._theta, bandwidth, servo.period)
             b0, b1, b2, a1, a2 = servo.filters[a]
             notch = (b0 + b1 / self._z + b2 / self._z**2) / (1 + a1 / self._z + a2 / self._z**2)
-            speed = (servo.velocity_ff[a] + servo.output_velocity[a]) / servo.period
-            own = notch * (speed + servo.acceleration_ff[a] * step / servo.period**2)
+            per_unit = terms(servo.gains[a])
+            speed = (per_unit.demand_velocity + per_unit.measured_velocity) / servo.period
+            own = notch * (speed + per_unit.demand_acceleration * step / servo.period**2)
             H[:, :, a] = self._inverse[:, :, a] * (Q / step)[:, None]
             H[:, a, a] -= own + self._law(a).response(self._z) * (1 - Q) / step
         return _filtered(moved, H, "constant")
@@ -100,8 +101,7 @@ class Inverse:
     def _law(self, axis: int) -> Compensator:
         """Return the law's answer to an error, without feedback delay and observer."""
         servo = self._servo
-        gains = tuple(getattr(servo, name)[axis] for name in GAIN_NAMES)
-        return linear_law(servo.law, gains, servo.filters[axis], {}, servo.period, servo.delay, 0)
+        return linear_law(servo.law, servo.gains[axis], servo.filters[axis], {}, servo.period, servo.delay, 0)
 
 
 def _filtered(values: Floats, H: Complexes, mode: str) -> Floats:

@@ -8,33 +8,8 @@ from typing import NamedTuple, Protocol
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
+from gantrysim.servo.gains import Gains
 from gantrysim.stability.compensator import Compensator
-
-
-class Parameter(NamedTuple):
-    """A parameter of the servo that has one value per axis.
-
-    Attributes:
-        name: field of `Servo`, key of a job file's [servo].
-        unit: in which u is the axis' own, mm or deg.
-        meaning: in a few words.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-
-
-# The gains, in the order in which `law` takes them. All other lists of gains follow from this one.
-GAINS = (
-    Parameter("kp", "N·m/u", "torque per following error"),
-    Parameter("ki", "N·m/(u·s)", "torque per integral of the following error"),
-    Parameter("kd", "N·m·s/u", "torque per rate of change of the following error"),
-    Parameter("velocity_ff", "N·m·s/u", "torque per demand velocity"),
-    Parameter("acceleration_ff", "N·m·s²/u", "torque per demand acceleration"),
-    Parameter("output_velocity", "N·m·s/u", "torque per measured velocity, 0; damps where negative"),
-)
-GAIN_NAMES = tuple(gain.name for gain in GAINS)
 
 
 def law(
@@ -44,7 +19,7 @@ def law(
     demand_velocity: float,
     demand_acceleration: float,
     measured_velocity: float,
-    gains: tuple[float, ...],
+    gains: Gains,
 ) -> float:
     """Return the torque demand of one axis at one servo tick [N·m].
 
@@ -62,30 +37,54 @@ def law(
         demand_velocity: dDPOS/T [mm/s].
         demand_acceleration: ddDPOS/T^2 [mm/s²].
         measured_velocity: dMPOS/T [mm/s].
-        gains: in the order of `GAINS`.
+        gains: of the axis.
     """
-    kp, ki, kd, velocity_ff, acceleration_ff, output_velocity = gains
     return (
-        kp * error
-        + ki * error_sum
-        + kd * error_change
-        + velocity_ff * demand_velocity
-        + acceleration_ff * demand_acceleration
-        + output_velocity * measured_velocity
+        gains.kp * error
+        + gains.ki * error_sum
+        + gains.kd * error_change
+        + gains.velocity_ff * demand_velocity
+        + gains.acceleration_ff * demand_acceleration
+        + gains.output_velocity * measured_velocity
     )
 
 
-def compensator(gains: tuple[float, ...], period: float) -> Compensator:
+class Terms(NamedTuple):
+    """Torque demand of `law` per unit of each of its inputs; margins, preview and sampling follow from these."""
+
+    error: float
+    error_sum: float
+    error_change: float
+    demand_velocity: float
+    demand_acceleration: float
+    measured_velocity: float
+
+
+def terms(gains: Gains) -> Terms:
+    """Return what the law makes of one unit of each input alone, which is all of it, as it is linear."""
+    return Terms(
+        error=law(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, gains),
+        error_sum=law(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, gains),
+        error_change=law(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, gains),
+        demand_velocity=law(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, gains),
+        demand_acceleration=law(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, gains),
+        measured_velocity=law(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, gains),
+    )
+
+
+def compensator(gains: Gains, period: float, contour_gain: float = 0.0) -> Compensator:
     """Return the law as it answers to a position alone, with all demands at zero.
 
     Args:
-        gains: in the order of `GAINS`.
+        gains: of the axis.
         period: servo period [s].
+        contour_gain: of cross-coupling where the path runs across the axis: by so much the error counts more.
     """
-    kp = law(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, gains)
-    ki = law(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, gains)
-    kd = law(0.0, 0.0, 1.0, 0.0, 0.0, -1.0, gains)
-    return Compensator.pid(kp, ki, kd, period)
+    more = 1.0 + contour_gain
+    per_unit = terms(gains)
+    # with all demands at zero, the measured velocity is -dE/T
+    kd = more * per_unit.error_change - per_unit.measured_velocity
+    return Compensator.pid(more * per_unit.error, more * per_unit.error_sum, kd, period)
 
 
 @dataclass(frozen=True)

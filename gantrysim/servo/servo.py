@@ -16,9 +16,11 @@ from gantrysim.base.errors import InputError, at_least, unknown_text
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags
 from gantrysim.servo.derivation import NoLoopError
-from gantrysim.servo.law import GAIN_NAMES, compensator
+from gantrysim.servo.gains import GAIN_NAMES, Gains, PerAxisGains
+from gantrysim.servo.law import compensator
+from gantrysim.servo.laws.cascade import without_term
 from gantrysim.servo.laws.linear import closed, linear_law
-from gantrysim.servo.laws.parameters import PID, LawParameters, law_names, words
+from gantrysim.servo.laws.parameters import CASCADE, PID, LawParameters, law_names, words
 from gantrysim.servo.laws.user import LawName, linearised, resolved
 from gantrysim.servo.remedies import refusal
 from gantrysim.servo.servo_design import ServoRequest, check_margins, designed
@@ -44,7 +46,7 @@ from gantrysim.stability.motion import MODES, Drives
 
 
 @dataclass(frozen=True, repr=False)
-class Servo(LawParameters, Shown):
+class Servo(PerAxisGains, LawParameters, Shown):  # type: ignore[misc]
     """Period, gains and limits of a sampled servo; every gain has one value per axis.
 
     The output is computed once per period from the quantised position, takes effect `delay` later and is
@@ -53,7 +55,7 @@ class Servo(LawParameters, Shown):
 
     Attributes:
         period: servo period T [s].
-        kp, ki, kd, velocity_ff, acceleration_ff, output_velocity: as in `GAINS`.
+        kp and the other gains: as in `Gains`.
         torque_limit, resolution: as in `DERIVED`.
         following_error_limit: error at which the drives are disabled [mm].
         delay: time from the sample to the output, at most one period [s].
@@ -73,12 +75,6 @@ class Servo(LawParameters, Shown):
     """
 
     period: float
-    kp: tuple[float, ...]
-    ki: tuple[float, ...]
-    kd: tuple[float, ...]
-    velocity_ff: tuple[float, ...]
-    acceleration_ff: tuple[float, ...]
-    output_velocity: tuple[float, ...]
     torque_limit: tuple[float, ...]
     resolution: tuple[float, ...]
     following_error_limit: tuple[float, ...]
@@ -136,6 +132,7 @@ class Servo(LawParameters, Shown):
         check_whole("feedback_delay", self.feedback_delay, MAX_FEEDBACK_DELAY)
         check_whole("encoder_seed", self.encoder_seed, LARGEST_SEED)
         self.check_laws(self.period)
+        self._check_cascade()
         if self.law != (PID,):
             self.check_torque(f"servo law = {words(self.law)}")
 
@@ -146,6 +143,14 @@ class Servo(LawParameters, Shown):
                 raise InputError(f"velocity_gain = {value:g} N·m·s/mm in mode {mode!r}: {need}")
         check_drive_period(self.drive_period, self.period, self.mode)
 
+    def _check_cascade(self) -> None:
+        """Raise InputError for a gain that has no effect as P-PI has no term for it."""
+        if CASCADE not in self.law:
+            return
+        for gains in self.gains:
+            for name in without_term(gains):
+                raise InputError(f"{name} = {getattr(gains, name):g}: has no effect in law 'p-pi'; use 'pid'")
+
     def facts(self) -> dict[str, str]:
         shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(getattr(self, p.name))]
         gains = {f"{p.name} [{p.unit}]": " ".join(f"{value:.4g}" for value in getattr(self, p.name)) for p in shown}
@@ -155,6 +160,11 @@ class Servo(LawParameters, Shown):
     def axes(self) -> int:
         """Number of axes."""
         return len(self.kp)
+
+    @cached_property
+    def gains(self) -> tuple[Gains, ...]:
+        """The gains of each axis."""
+        return tuple(Gains(*values) for values in zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True))
 
     @cached_property
     def filters(self) -> tuple[notch.Coefficients, ...]:
@@ -204,18 +214,17 @@ class Servo(LawParameters, Shown):
         """
         if self.own_law is not None:
             return self._own_compensators(self.own_law)
-        gains = zip(*(getattr(self, name) for name in GAIN_NAMES), strict=True)
         return tuple(
             linear_law(self.law, own, filter, self.law_values(a), self.period, self.delay, self.feedback_delay)
             if mode == MODES[0]
             else compensator(own, period).then(filter).delayed(0 if mode == "position" else self.feedback_delay)
             for a, (own, filter, period, mode) in enumerate(
-                zip(gains, self.filters, self._periods, self.mode, strict=True)
+                zip(self.gains, self.filters, self._periods, self.mode, strict=True)
             )
         )
 
     def _own_compensators(self, law: LawName) -> tuple[Compensator, ...]:
-        own, gains = resolved(law), np.array([getattr(self, name) for name in GAIN_NAMES]).T.copy()
+        own, gains = resolved(law), np.array(self.gains)
         return tuple(
             closed(
                 linearised(own, gains, a, self.period), self.law_values(a), self.period, self.delay, self.feedback_delay

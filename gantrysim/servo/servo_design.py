@@ -22,7 +22,7 @@ from gantrysim.servo.axis_loop import (
 )
 from gantrysim.servo.cascade import AxisGains, gains
 from gantrysim.servo.derivation import NoLoopError, derived_laws, loop, natural_frequency, nominal_motions
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws.parameters import (
     LAW_PARAMETERS,
     LEARNING,
@@ -225,12 +225,12 @@ def _from_axes(request: ServoRequest, gains_of_axes: tuple[AxisGains, ...]) -> d
     share = 0.0 if PD in request.laws else request.feedforward
     takes_speed = [mode == "velocity" for mode in request.modes]
     return {
+        **{name: [0.0 for _ in axes] for name in GAIN_NAMES},
         **{name: [getattr(own, name) for own in gains_of_axes] for name in ("kp", "ki", "kd")},
         "velocity_ff": [share * (1.0 if fast else axis.viscous) for axis, fast in zip(axes, takes_speed, strict=True)],
         "acceleration_ff": [
             share * (0.0 if fast else axis.inertia) for axis, fast in zip(axes, takes_speed, strict=True)
         ],
-        "output_velocity": [0.0 for _ in axes],
         "torque_limit": [axis.peak_torque for axis in axes],
         "resolution": [axis.resolution for axis in axes],
         "notch_frequency": [own.notch for own in gains_of_axes],

@@ -9,7 +9,7 @@ from typing import Any
 from gantrysim.base.errors import InputError, at_least, between, finite, positive, whole
 from gantrysim.servo import notch
 from gantrysim.servo.axis_loop import NOTCH_DEPTH, NOTCH_WIDTH
-from gantrysim.servo.law import GAINS, Parameter
+from gantrysim.servo.gains import FEED_FORWARD, GAIN_NAMES, GAINS, Parameter
 from gantrysim.servo.laws.parameters import LAW_PARAMETERS
 from gantrysim.stability.motion import MODES, Drives
 
@@ -56,10 +56,7 @@ DERIVED = (
 
 # gains, of which one that is given makes a loop that is no longer the derived one
 LOOP_GAINS = (
-    "kp",
-    "ki",
-    "kd",
-    "output_velocity",
+    *(name for name in GAIN_NAMES if name not in FEED_FORWARD),
     "notch_frequency",
     "notch_width",
     "notch_depth",

@@ -23,7 +23,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.candidates import TrialResult

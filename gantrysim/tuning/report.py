@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, UM
 from gantrysim.report import Column, Table
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot, Report
 from gantrysim.tuning import plots as drawing

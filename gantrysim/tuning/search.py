@@ -32,7 +32,7 @@ from typing import Literal
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 from gantrysim.tuning.candidates import Candidate, Trial, TrialResult
 from gantrysim.tuning.rounds import BATCH, rounds

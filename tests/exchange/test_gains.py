@@ -14,7 +14,7 @@ from gantrysim import InputError, Machine, Servo
 from gantrysim.exchange.gains import DIALECTS, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.exchange.unsaid import BESIDE, THROUGH
-from gantrysim.servo.law import GAIN_NAMES
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws.parameters import LAW_PARAMETERS
 from gantrysim.stability.motion import Motion
 
@@ -239,8 +239,6 @@ def test_the_groups_of_fields_hold_each_field_once():
 def test_a_gain_that_the_package_gets_is_refused_until_a_dialect_carries_it(monkeypatch, xy, servo):
     plain = Servo.derive(xy.axes, PERIOD, feedforward=0.0, notch_frequency=0.0)
 
-    monkeypatch.setattr("gantrysim.exchange.dialect.GAIN_NAMES", (*GAIN_NAMES, "notch_width"))
-    monkeypatch.setattr("gantrysim.exchange.unsaid.GAIN_NAMES", (*GAIN_NAMES, "notch_width"))
     monkeypatch.delitem(THROUGH, "notch_width")  # as if it were a gain
     for name in DIALECTS:
         with pytest.raises(InputError, match=rf"^{name} has no word for notch_width \(x 0\.\d+, y 0\.\d+\)"):

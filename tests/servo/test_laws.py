@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo
 from gantrysim.servo.feeding import zero_phase
+from gantrysim.servo.gains import Gains
 from gantrysim.servo.laws.cascade import as_pid, cascaded
 from gantrysim.servo.laws.friction import friction_torque
 from gantrysim.servo.laws.observer import low_pass, torque_taps
@@ -92,7 +93,7 @@ def test_an_axis_without_a_mode_needs_no_shaper_beside_one_that_has(axes):
 
 def test_without_a_position_gain_p_pi_is_a_velocity_loop():
     """kp = 0: no speed for an error, and no integral, whose rate is ki / kp; the demand's own torques remain."""
-    gains = (0.0, 0.0, 0.4, 0.01, 0.002, -0.03)
+    gains = Gains(kd=0.4, velocity_ff=0.01, acceleration_ff=0.002, output_velocity=-0.03)
     torque, total = cascaded(5.0, 0.7, 30.0, 200.0, 28.0, gains, 1e-3)
     assert torque == pytest.approx(0.4 * (30 - 28) + 0.01 * 30 + 0.002 * 200 - 0.03 * 28, rel=1e-12)
     assert total == pytest.approx(0.7 + 1e-3 * 0.4 * (30 - 28), rel=1e-12)

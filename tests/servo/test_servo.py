@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Servo
 from gantrysim.servo.derivation import natural_frequency
+from gantrysim.servo.gains import GAIN_NAMES, Gains
 from gantrysim.servo.law import law
 
 
@@ -94,9 +95,11 @@ def test_slower_servos_get_slower_loops():
 floats = st.floats(-1e3, 1e3)
 
 
-@given(st.lists(floats, min_size=12, max_size=12), st.lists(floats, min_size=6, max_size=6), floats)
-def test_law_is_linear_in_the_measured_quantities(arguments, other, factor):
-    measured, gains = arguments[:6], arguments[6:]
+six = st.lists(floats, min_size=6, max_size=6)
+
+
+@given(six, st.builds(Gains, *(floats for _ in GAIN_NAMES)), six, floats)
+def test_law_is_linear_in_the_measured_quantities(measured, gains, other, factor):
     total = law(*[a + factor * b for a, b in zip(measured, other, strict=True)], gains)
     parts = law(*measured, gains) + factor * law(*other, gains)
     assert total == pytest.approx(parts, rel=1e-9, abs=1e-3)
@@ -106,7 +109,7 @@ def test_each_term_of_the_law_has_its_own_gain():
     units = np.eye(6)
     for i in range(6):
         for j in range(6):
-            assert law(*units[i], units[j]) == (1.0 if i == j else 0.0)
+            assert law(*units[i], Gains(*units[j])) == (1.0 if i == j else 0.0)
 
 
 BAD = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from gantrysim.servo.gains import GAIN_NAMES, Gains
+
 
 def cascaded(
     error: float,
@@ -9,7 +11,7 @@ def cascaded(
     demand_velocity: float,
     demand_acceleration: float,
     measured_velocity: float,
-    gains: tuple[float, ...],
+    gains: Gains,
     period: float,
 ) -> tuple[float, float]:
     """Return the torque demand of one axis at one servo tick [N·m], and the sum after it.
@@ -26,27 +28,43 @@ def cascaded(
         demand_velocity: dDPOS/T [u/s].
         demand_acceleration: ddDPOS/T^2 [u/s²].
         measured_velocity: dMPOS/T [u/s].
-        gains: in the order of `GAINS`.
+        gains: of the axis.
         period: servo period T [s].
     """
-    kp, ki, kd, velocity_ff, acceleration_ff, output_velocity = gains
-    demand = kp * error + kd * (demand_velocity - measured_velocity)
-    rate = ki / kp if kp != 0.0 else 0.0
+    demand = gains.kp * error + gains.kd * (demand_velocity - measured_velocity)
+    rate = gains.ki / gains.kp if gains.kp != 0.0 else 0.0
     added = speed_sum + period * demand
     torque = (
         demand
         + rate * added
-        + velocity_ff * demand_velocity
-        + acceleration_ff * demand_acceleration
-        + output_velocity * measured_velocity
+        + gains.velocity_ff * demand_velocity
+        + gains.acceleration_ff * demand_acceleration
+        + gains.output_velocity * measured_velocity
     )
     return torque, added
 
 
-def as_pid(gains: tuple[float, ...]) -> tuple[float, ...]:
+def as_pid(gains: Gains) -> Gains:
     """Return the gains of the PID law that answers to a position as P-PI does.
 
     As T sum(dMPOS/T) is MPOS, the velocity loop's integral is one of E with ki, and a proportional part kd / Ti.
     """
-    kp, ki, kd, *rest = gains
-    return (kp + (kd * ki / kp if kp else 0.0), ki if kp else 0.0, kd, *rest)
+    if gains.kp == 0.0:
+        return gains._replace(ki=0.0)
+    return gains._replace(kp=gains.kp + gains.kd * gains.ki / gains.kp)
+
+
+def without_term(gains: Gains) -> tuple[str, ...]:
+    """Return the names of gains that are not 0 and for which P-PI has no term."""
+    torque = _torque(Gains(*(1.0 for _ in GAIN_NAMES)))
+    return tuple(
+        name
+        for name, value in zip(GAIN_NAMES, gains, strict=True)
+        if value and _torque(Gains(*(2.0 if other == name else 1.0 for other in GAIN_NAMES))) == torque
+    )
+
+
+def _torque(gains: Gains) -> float:
+    """Return the torque to inputs that are all different, so that no two terms cancel."""
+    torque, _ = cascaded(1.0, 0.5, 3.0, 0.125, 0.25, gains, 1.0)
+    return torque

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from gantrysim.servo.gains import Gains
 from gantrysim.servo.law import compensator
 from gantrysim.servo.laws.cascade import as_pid
 from gantrysim.servo.laws.observer import observing
@@ -14,7 +15,7 @@ from gantrysim.stability.compensator import Compensator
 
 def linear_law(
     law: Sequence[LawName],
-    gains: tuple[float, ...],
+    gains: Gains,
     filter: tuple[float, float, float, float, float],
     values: Mapping[str, float],
     period: float,
@@ -29,21 +30,22 @@ def linear_law(
 
     Args:
         law: names.
-        gains: in the order of `GAINS`.
+        gains: of the axis.
         filter: the notch.
         values: of the axis' other parameters, by name.
         period: servo period [s].
         delay: from sample to output [s].
         feedback_delay: from the encoder to the servo [servo periods].
     """
-    more = 1 + values.get("contour_gain", 0.0)
-    kp, ki, kd, *rest = gains
-    if CASCADE in law:  # its velocity loop knows no error of position
-        p, i, *_ = as_pid(gains)
-        own = (p + (more - 1) * kp, more * i, kd, *rest)
+    contour_gain = values.get("contour_gain", 0.0)
+    if CASCADE in law:  # its velocity loop knows no error of position, which cross-coupling could multiply
+        pid = as_pid(gains)
+        more = 1 + contour_gain
+        across = pid._replace(kp=pid.kp + (more - 1) * gains.kp, ki=more * pid.ki)
+        law_alone = compensator(across, period)
     else:
-        own = (more * kp, more * ki, more * kd, *rest)
-    return closed(compensator(own, period).then(filter), values, period, delay, feedback_delay)
+        law_alone = compensator(gains, period, contour_gain)
+    return closed(law_alone.then(filter), values, period, delay, feedback_delay)
 
 
 def closed(

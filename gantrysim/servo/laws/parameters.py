@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError, between, unknown, whole
-from gantrysim.servo.law import Parameter
+from gantrysim.servo.gains import FEED_FORWARD, Parameter
 from gantrysim.servo.laws.user import LawName
 from gantrysim.stability.motion import Motion
 
@@ -28,7 +28,7 @@ ADDITIONS = {
     ZV: "input shaping by two impulses",
     ZVD: "input shaping by three impulses",
 }
-NOT_PD = ("ki", "velocity_ff", "acceleration_ff")  # gains that PD has not
+NOT_PD = ("ki", *FEED_FORWARD)  # gains that PD has not
 MOST_REPEATS = 1000
 IN_THE_TICK = (CASCADE, FRICTION, OBSERVER, CONTOUR)  # the others change what is sent
 

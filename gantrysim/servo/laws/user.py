@@ -38,7 +38,7 @@ class UserTick(NamedTuple):
         demand_velocity: dDPOS/T, (axes,) [u/s].
         demand_acceleration: ddDPOS/T^2, (axes,) [u/s²].
         measured_velocity: dMPOS/T, (axes,) [u/s].
-        gains: of the servo, in the order of `GAINS`, (axes, gains).
+        gains: of the servo, in the order of the fields of `Gains`, (axes, gains).
     """
 
     axes: int

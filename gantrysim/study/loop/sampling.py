@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.servo.axis_dynamics import AxisDynamics
+from gantrysim.servo.law import terms
 from gantrysim.servo.servo import Servo
 
 
@@ -42,9 +43,10 @@ def circle_response(servo: Servo, index: int, axis: AxisDynamics, rate: float) -
     late = cmath.exp(-s * servo.feedback_delay * servo.period)
     back = (1 - cmath.exp(-s * servo.period)) / servo.period
     plant = axis.inertia * s**2 + axis.viscous * s
-    output = servo.output_velocity[index] * back
-    forward = servo.velocity_ff[index] * back + servo.acceleration_ff[index] * back**2
-    law = servo.kp[index] + servo.ki[index] / s + servo.kd[index] * back
+    per_unit = terms(servo.gains[index])
+    output = per_unit.measured_velocity * back
+    forward = per_unit.demand_velocity * back + per_unit.demand_acceleration * back**2
+    law = per_unit.error + per_unit.error_sum / s + per_unit.error_change * back
     closed = plant + hold * late * (law - output)
     return (closed - hold * (forward + law)) / closed
 
