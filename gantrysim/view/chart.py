@@ -62,7 +62,7 @@ class Chart:
     def __init__(self) -> None:
         figure = mujoco.MjvFigure()
         mujoco.mjv_defaultFigure(figure)
-        figure.title = "contour error [um]"
+        figure.title = "contour error [micron]"
         figure.xlabel = "time [s]"
         figure.flg_extend = 0
         figure.flg_legend = 0

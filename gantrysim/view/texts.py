@@ -71,7 +71,7 @@ def moment_texts(
         ("live" if source.live else "replay", plain(name)),
         ("time", f"{time:.2f} of {max(source.until, time):.2f} s"),
         ("path speed", f"{telemetry.speed(tick):.1f} mm/s"),
-        ("contour error", f"{error:.1f} um" if np.isfinite(error) else "dispenser off"),
+        ("contour error", f"{error:.1f} micron" if np.isfinite(error) else "dispenser off"),
         ("speed", f"{clock.speed:g} x" + (f", actual {pace:.2g} x" if behind else "")),
     ]
     if push > 0:
@@ -89,4 +89,4 @@ def moment_texts(
 
 def plain(text: str) -> str:
     """Return a text in ASCII, which the viewer's font is limited to."""
-    return text.translate(_ASCII).encode("ascii", "replace").decode()
+    return text.replace("µm", "micron").translate(_ASCII).encode("ascii", "replace").decode()

@@ -114,7 +114,7 @@ def test_texts_of_a_moment():
         ("replay", "an225"),
         ("time", "1.50 of 10.40 s"),
         ("path speed", "100.0 mm/s"),
-        ("contour error", "12.3 um"),
+        ("contour error", "12.3 micron"),
         ("speed", "2 x"),
     )
     assert texts.fault == ()
@@ -145,7 +145,7 @@ def test_texts_of_exceptional_states():
 @given(st.text())
 def test_texts_are_ascii(text):
     assert plain(text).isascii()
-    assert plain("3 µm, 2 N·m, 1 mm³") == "3 um, 2 N m, 1 mm3"
+    assert plain("3 µm, 2 N·m, 1 mm³") == "3 micron, 2 N m, 1 mm3"
 
 
 curves = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).normal(size=5000).cumsum())

@@ -139,7 +139,7 @@ def test_replay_shows_the_values_of_the_record(made):
     speed = np.linalg.norm(np.gradient(run.nozzle, PERIOD, axis=0), axis=1)
     for k in range(1, 20):
         tick = int(k * FRAME / PERIOD + 1e-6)
-        assert window.shown[k]["contour error"] == (f"{error[tick]:.1f} um" if tick in error else "dispenser off")
+        assert window.shown[k]["contour error"] == (f"{error[tick]:.1f} micron" if tick in error else "dispenser off")
         assert window.shown[k]["path speed"] == f"{speed[tick]:.1f} mm/s"
         assert window.shown[k]["peak"] == pytest.approx(max(error[j] for j in range(tick + 1)), rel=1e-5)
     assert len(set(window.column("contour error"))) > 10
