@@ -1,6 +1,8 @@
 """What the plots draw, line by line."""
 
 import copy
+import errno
+import os
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -359,3 +361,16 @@ def test_what_causes_are_worth_is_drawn_for_every_error():
         assert high > max(0, *sizes[:2])
     bottom, top = figure.axes[0].get_ylim()
     assert bottom > top  # the first cause is uppermost
+
+
+def test_a_full_disk_names_each_plot_once(analysis, tmp_path, monkeypatch):
+    def full(figure, file, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    with pytest.raises(plots.PlotError) as refused:
+        plots.save_plots(analysis, tmp_path)
+    for sentence in str(refused.value).split("; "):
+        assert sentence.count(".png") == 1
+        assert sentence.endswith(".png: cannot be written: No space left on device")
+    assert not list(tmp_path.iterdir())
