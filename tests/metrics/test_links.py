@@ -123,9 +123,10 @@ def test_tracking_by_axis_adds_up_across_corners_too(xy):
 UP_AND_OVER = {
     "up, over, down, then a rectangle": "G0 Z10\nG0 X6 Y11\nG0 Z1\nG1 X15 Y11 F655\nX15 Y40\nX6 Y40\nX6 Y11\nG1 Z10",
     "two rectangles": (
-        "G0 Z10\nG0 X17 Y22\nG1 Z2 F2619\nG1 X34 Y43 F1002\nX34 Y22\nX17 Y22\nX17 Y43\nG0 Z10\nG0 X-1 Y30\nG0 Z2\n"
+        "G0 Z10\nG0 X17 Y22\nG1 Z2 F2619\nG1 X34 Y43 F1002\nX34 Y22\nX17 Y22\nX17 Y43\nG0 Z10\nG0 Z2\n"
         "G1 X-1 Y21 F4788\nX8 Y21\nX8 Y31\nX-1 Y31\nX-1 Y21\nG1 Z10"
     ),
+    "over its own start again": "G0 X-2 Y0 Z10\nG0 Z0.5\nG1 X6 Y0 F5681\nX6 Y22\nX-2 Y22\nX-2 Y0\nX6 Y0\nG0 Z10",
     "the same place twice": "G0 Z5\nG0 X5 Y5\nG0 Z1\nG1 X20 F1200\nG0 Z9\nG0 X5\nG0 Z1\nG1 X20 F1200\nG0 Z9\nM2",
 }
 
