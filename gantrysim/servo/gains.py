@@ -24,7 +24,7 @@ class Gains(NamedTuple):
     """The gains of one axis, each with its unit, in which u is the axis' own, mm or deg, and its meaning.
 
     Laws take them by name. All other lists of gains, such as the fields of `Servo` and the keys of a job file's
-    [servo], follow from these fields. A new one is the last: saved rows and laws of users know the gains by number.
+    [servo], follow from these fields. A new one is the last: laws of users know the gains by number.
     """
 
     kp: Annotated[float, "N·m/u", "torque per following error"] = 0.0
