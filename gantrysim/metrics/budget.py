@@ -20,8 +20,10 @@ displacement of its link along the normal n, as for tracking
     e(encoder) - e(commanded) = (encoder - commanded).n + r
 
 with a remainder r of second order, kappa l^2 / 2 for a lag l and a path of curvature kappa. The offset is normal to the
-path, but where the foot is an end of the path or a corner: there it has a part along the tangent, too, so that the size
-of e(nozzle) is the distance from the path everywhere.
+path, at corners too, about which the path's frame turns with it (`gantrysim.paths.corners`); where the foot is an end
+of the path, or a corner at which the path nearly retraces itself, it has a part along the tangent. So the size of
+e(nozzle) is the distance from the path everywhere. What changing legs at such a corner adds is a part of its own and
+belongs to no link (`gantrysim.metrics.links`).
 """
 
 from __future__ import annotations

@@ -20,7 +20,8 @@ class Part:
     Attributes:
         lateral: along the path's left normal, (m,) [mm].
         vertical: along the path's binormal, tangent x left normal; up on a level path, (m,) [mm].
-        beyond: along the tangent, where the nearest point is an end of the path or a corner, (m,) [mm].
+        beyond: along the tangent, where the nearest point is an end of the path or a corner at which the path nearly
+            retraces itself, (m,) [mm].
     """
 
     lateral: Column[Floats] = Column()

@@ -53,7 +53,8 @@ class Projection:
         offset: point minus foot point, (n, 3) [mm].
         lateral: component along the left normal, (n,) [mm].
         vertical: component along the binormal, tangent x left normal, up on a level path, (n,) [mm].
-        beyond: distance along the tangent, ahead positive: 0 but at an end of the path, (n,) [mm].
+        beyond: distance along the tangent, ahead positive: 0 but at an end of the path, or at a corner at which
+            it nearly retraces itself, (n,) [mm].
         distance: distance to the path, (n,) [mm].
     """
 
