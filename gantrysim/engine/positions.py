@@ -78,8 +78,10 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     lowest, highest, fastest = _extremes(position)
 
     def where(k: int) -> str:
-        place = f" ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})" if kinematics.followers else ""
-        return f"at t = {k * setpoints.period:.4g} s{place}"
+        time = f"at t = {k * setpoints.period:.4g} s"
+        if kinematics.axes_are_coordinates:
+            return time
+        return f"{time} ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})"
 
     for a, axis in enumerate(machine.plain_axes):
         low, high = axis.travel

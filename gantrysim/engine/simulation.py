@@ -89,7 +89,7 @@ class Simulation:
         setpoints = shaped(servo, sent(setpoints, servo.period))
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
-        if machine.kinematics.followers:
+        if not machine.kinematics.axes_are_coordinates:
             check_supervision(machine, setpoints.supervision)
             if CONTOUR in servo.law:
                 raise InputError(

@@ -57,7 +57,7 @@ def strokes(machine: Machine) -> list[Stroke]:
         InputError: an axis without room to move, or coordinates that are not the axes.
     """
     names = machine.axis_names
-    if machine.kinematics.followers or not set(names) <= set(COORDINATES):
+    if not machine.kinematics.axes_are_coordinates or not set(names) <= set(COORDINATES):
         raise InputError(
             f"machine {machine.name}: its axes {', '.join(names)} are not those of a program, {', '.join(COORDINATES)}"
         )

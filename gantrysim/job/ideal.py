@@ -45,10 +45,11 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     slides = [
         k for k, along in enumerate(kinematics.coordinates) if along.unit == "mm" and along.name in setpoints.axes
     ]
-    if kinematics.followers:  # x, y and z are the nozzle's
-        moved = [np.tile(np.eye(3)["xyz".index(kinematics.names[k])], (len(tip), 1)) for k in slides]
-    else:  # at given angles of the rotary axes the nozzle's position in the work frame is linear in the slides
+    if kinematics.axes_are_coordinates:
+        # at given angles of the rotary axes the nozzle's position in the work frame is linear in the slides
         moved = [machine.tip(position + unit) - tip for unit in np.eye(position.shape[1])[slides]]
+    else:  # x, y and z are the nozzle's
+        moved = [np.tile(np.eye(3)["xyz".index(kinematics.names[k])], (len(tip), 1)) for k in slides]
     position[:, slides] += np.einsum("nai,ni->na", np.linalg.pinv(np.stack(moved, axis=2)), shift)
     return replace(setpoints, position=position[:, [kinematics.names.index(name) for name in setpoints.axes]])
 
@@ -83,7 +84,7 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     check_ticks(
         n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
     )
-    if machine.kinematics.followers:  # travel and speed are limits of the axes
+    if not machine.kinematics.axes_are_coordinates:  # travel and speed are limits of the axes
         setpoints = replace(setpoints, axes=machine.axis_names, position=axis_positions(machine, setpoints))
     period = servo.period / n
     knots = setpoints.position

@@ -39,7 +39,6 @@ from gantrysim.machine.height import height_above
 from gantrysim.machine.kinematic_errors import KinematicErrors, Levers
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
-from gantrysim.machine.kinematics.serial import Serial
 from gantrysim.machine.motors import damp_bristles, dcmotors
 from gantrysim.machine.perturbation import Perturbation, perturbed_model, spring_of, springs_have_axes
 from gantrysim.native.quiet import quiet
@@ -291,7 +290,8 @@ class Machine:
         for perturbation in self._perturbations:
             for name, factor in perturbation.geometry:
                 factors[name] = factors.get(name, 1.0) * factor
-        levers = self._levers if isinstance(self.kinematics, Serial) and not self.turns_work else None
+        placed_by_axes = self.kinematics.axes_are_coordinates and not self.turns_work
+        levers = self._levers if placed_by_axes else None
         return KinematicErrors(self, self.geometry, levers, factors)
 
     @property

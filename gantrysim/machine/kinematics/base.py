@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -68,8 +69,12 @@ class Kinematics(ABC):
     Attributes:
         coordinates: of programs, in the order of their columns.
         followers: joints that no motor drives but that follow the axes through a closed chain, by index.
+        axes_are_coordinates: whether every axis is a coordinate by itself. Limits of the linear coordinates are then
+            limits of axes, positions within the travel are within reach, and errors of a guide move the nozzle
+            straight. Elsewhere the coordinates x, y and z are those of the nozzle in the work frame.
     """
 
+    axes_are_coordinates: ClassVar[bool] = False
     coordinates: tuple[Coordinate, ...]
     followers: tuple[int, ...] = ()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -13,6 +14,8 @@ from gantrysim.machine.kinematics.base import Coordinate, Kinematics
 
 class Serial(Kinematics):
     """Every axis is a coordinate; the supervision of the axes checks their travel."""
+
+    axes_are_coordinates: ClassVar[bool] = True
 
     def __init__(self, coordinates: Sequence[Coordinate]) -> None:
         self.coordinates = tuple(coordinates)
