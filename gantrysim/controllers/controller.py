@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, ClassVar, Protocol
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
+from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.paths.path import Path
 from gantrysim.record.setpoints import Setpoints
 
@@ -84,6 +85,15 @@ class Controller(ABC):
 
     def line_at(self, time: float) -> int | None:
         """Return the line of the program's text that is active at a time [s], None if it is not known."""
+        return None
+
+    @classmethod
+    def loop_theory(cls, arguments: Mapping[str, Any]) -> LoopTheory | None:
+        """Return the closed forms of the errors that the program's loop makes, None for a program without a loop.
+
+        Args:
+            arguments: of the program, all of them; the controller may refuse them.
+        """
         return None
 
     @property

@@ -3,6 +3,7 @@
 import functools
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Job
-from gantrysim.study import Case, run_study
+from gantrysim.controllers.loop_theory import Deviation, LoopErrors
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.controllers.trio.theory import SpiralTheory
+from gantrysim.study import Case, loop, run_study
 from gantrysim.study.loop import (
     AS_IT_IS,
-    FREE,
     LOOP_ALONE,
     NO_FRICTION,
     NO_LOOP,
@@ -170,8 +173,43 @@ def test_a_program_without_a_loop_has_no_loop_sweeps():
     ]
 
 
+class OtherLoop(SpiralTheory):
+    """The loop of another make, with its own words and twice the error."""
+
+    ramps = "RAMP"
+    wait = "PAUSE"
+    first_order = "twice"
+
+    def errors(self):
+        known = super().errors()
+        return known and LoopErrors(Deviation(2 * known.generation.rms, 2 * known.generation.max), known.spacing)
+
+
+def test_any_controller_with_a_theory_of_its_loop_is_studied(study, monkeypatch):
+    """The study reports the errors and uses the words of the theory that the controller gives."""
+    known = results(study, known_rows())
+    monkeypatch.setattr(MoveSpiral, "loop_theory", classmethod(lambda cls, arguments: OtherLoop(arguments)))
+    other = LoopStudy(Job.load("an225"))
+    found = results(other, known_rows())
+    assert found["loop period", AS_IT_IS, "loop period with the same error as RAMP"] == "100 ms"
+    rounding = "generation error without {}'s rounding to 1 ms, at "
+    mine, theirs = (
+        next(number(value) for key, value in table.items() if key[2].startswith(rounding.format(word)))
+        for table, word in ((known, "WA"), (found, "PAUSE"))
+    )
+    assert theirs == pytest.approx(2 * mine, rel=0.01)
+
+
+def test_the_study_has_no_word_of_a_vendor():
+    folder = Path(loop.__file__).parent
+    words = re.compile(r"\b(?:trio|AN-?225|Move Spiral|ACCEL|DECEL|WA|CONNECT|MHELICAL|SERVO_PERIOD)\b")
+    assert [file.name for file in folder.glob("*.py") if words.search(file.read_text(encoding="utf-8"))] == []
+
+
 def test_the_continuous_limit_has_no_interpreter(study):
-    continuous = study.job.changed({**FREE, "program.loop_period": 0.0})
+    continuous = study.job.changed(
+        {f"program.{key}": value for key, value in study.theory.alone.items()} | {"program.loop_period": 0.0}
+    )
     sweeps = {dict(case.tags)["sweep"] for case in LoopStudy(continuous).cases}
     assert sweeps == set(SWEEPS) - {"interpreter_time"}
 

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.controllers.trio.arcs import SteppedArcs, involute_radius, local_pitch, loop_error
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.study.loop.arcs import SteppedArcs, involute_radius, local_pitch, loop_error
 from gantrysim.study.loop.sampling import circle_response, quantisation, sample_and_hold
 
 from support.runs import PERIOD

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,8 @@ from gantrysim.base.errors import InputError, at_least, finite, point, positive,
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
+from gantrysim.controllers.trio.remedies import fewer_turns, for_late_axes
+from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints
@@ -112,10 +114,11 @@ class MoveSpiral(Controller):
         if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be at most 52, or none for an exact ratio")
         if self.inner_diameter < -_ROUNDING * self.diameter:
+            remedy = fewer_turns(self.diameter, self.thickness)
             raise InputError(
                 f"inner_diameter = {self.inner_diameter:g} mm (diameter {self.diameter:g} - 2 x turns {self.turns} x "
                 f"thickness {self.thickness:g}): must be at least 0 mm; "
-                f"use {_fewer(self.diameter, self.thickness)}thickness below {self.diameter / (2 * self.turns):g} mm"
+                f"use {remedy}thickness below {self.diameter / (2 * self.turns):g} mm"
             )
         if self.loop_period == 0:
             self._check_continuous()
@@ -215,13 +218,11 @@ class MoveSpiral(Controller):
                 f"inner_diameter {self.inner_diameter:g} mm is too small for loop_period {self.loop_period:g} s, "
                 "use fewer turns, a smaller thickness or a shorter loop_period"
             )
-        remedies = {
-            "a greater acceleration, ": math.isfinite(self.acceleration),
-            "a loop_period longer against wait_resolution, ": self.wait_resolution > 0,
-            "mhelical_mode 1, ": self.height != 0 and self.mhelical_mode == 0,
-        }
-        helpful = "".join(remedy for remedy, helps in remedies.items() if helps)
-        return f"the virtual axes are late, use {helpful}fewer turns or a smaller thickness"
+        return for_late_axes(
+            has_ramps=math.isfinite(self.acceleration),
+            rounds_waits=self.wait_resolution > 0,
+            speed_in_space=self.height != 0 and self.mhelical_mode == 0,
+        )
 
     @property
     def ratios(self) -> Floats:
@@ -263,6 +264,10 @@ class MoveSpiral(Controller):
         """The published listing's differences, where it is run."""
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
+    @classmethod
+    def loop_theory(cls, arguments: Mapping[str, Any]) -> SpiralTheory:
+        return SpiralTheory(arguments)
+
     @property
     def free_running(self) -> bool:
         return self.servo_period == 0
@@ -292,8 +297,3 @@ class MoveSpiral(Controller):
         points = self._flat.position(s)
         points[:, 2] = self._climb * self._flat.phi(s)
         return points[:, : len(self.axes)]
-
-
-def _fewer(diameter: float, thickness: float) -> str:
-    turns = math.ceil(diameter / (2 * thickness)) - 1
-    return f"turns at most {turns} or " if turns >= 1 else ""

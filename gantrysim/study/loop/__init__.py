@@ -1,4 +1,3 @@
 """The loop study: the effect of the periods and resolutions of the chain on the bead."""
 
-from gantrysim.study.loop.arcs import SteppedArcs
-from gantrysim.study.loop.study import AS_IT_IS, FREE, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy
+from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy

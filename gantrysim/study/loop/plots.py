@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import Row
-from gantrysim.study.loop.arcs import involute_radius, local_pitch, loop_error
 from gantrysim.study.loop.panels import SHAPES, Panels
 from gantrysim.study.loop.sampling import quantisation, sample_and_hold
 from gantrysim.study.loop.study import (
     AS_IT_IS,
-    FREE,
     LOOP_ALONE,
     NO_FRICTION,
     NO_LOOP,
@@ -67,82 +66,86 @@ def _points(values: tuple[float, ...]) -> Floats:
     return np.geomspace(positive[0], positive[-1], _LINE)
 
 
-def _predicted(study: LoopStudy, key: str, values: Floats, base: dict[str, Any]) -> dict[str, Floats]:
-    """Return values of the stepped arcs over a swept value, nan where the spiral is refused, each (m,) [µm]."""
-    found = []
+def _predicted(study: LoopStudy, key: str, values: Floats, base: Mapping[str, Any]) -> dict[str, Floats]:
+    """Return the predicted errors over an argument of the program, nan where it is refused, each (m,) [µm]."""
+    predictions = []
     for value in values.tolist():
-        arcs = study.arcs({**base, key: value})
-        if arcs is None or arcs.spacings is None:
-            found.append([math.nan if arcs is None else UM * arcs.generation.rms, *[math.nan] * 4])
-            continue
-        s = arcs.spacings
-        found.append([UM * v for v in (arcs.generation.rms, s.mean, s.std, s.min, s.max)])
-    return dict(zip(("rms", "mean", "std", "min", "max"), np.array(found).T, strict=True))
+        theory = study.changed_theory({**base, key: value})
+        errors = None if theory is None else theory.errors()
+        rms = math.nan if errors is None else UM * errors.generation.rms
+        spacing = None if errors is None else errors.spacing
+        if spacing is None:
+            predictions.append([rms, *[math.nan] * 4])
+        else:
+            predictions.append([rms, *(UM * v for v in (spacing.mean, spacing.std, spacing.min, spacing.max))])
+    return dict(zip(("rms", "mean", "std", "min", "max"), np.array(predictions).T, strict=True))
 
 
 def _program_errors(
-    study: LoopStudy, on: Panels, values: tuple[float, ...]
+    study: LoopStudy, theory: LoopTheory, on: Panels, values: tuple[float, ...]
 ) -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:
     """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
     amber = COLOURS["generation"]
     swept = _points(values)
-    key = f"program.{on.sweep}"
-    alone = _predicted(study, key, swept, FREE)
-    limited = _predicted(study, key, swept, {})
+    alone = _predicted(study, on.sweep, swept, theory.alone)
+    limited = _predicted(study, on.sweep, swept, {})
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
     on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
     on.line(on.errors, swept, alone["rms"], amber, "stepped arcs against the involute")
-    on.line(on.errors, swept, limited["rms"], COLOURS["requested"], "stepped arcs with WA and ACCEL")
+    limits = f"{theory.wait} and {theory.ramps}"
+    on.line(on.errors, swept, limited["rms"], COLOURS["requested"], f"stepped arcs with {limits}")
     on.failures()
     on.ripples(AS_IT_IS, LOOP_ALONE)
     return swept, alone, limited
 
 
+def _theory(study: LoopStudy) -> LoopTheory:
+    """Return the closed forms of a program that has a loop: a sweep of its arguments has cases with them only."""
+    assert study.theory is not None
+    return study.theory
+
+
 def _loop_period(study: LoopStudy, on: Panels) -> str:
     amber = COLOURS["generation"]
-    program = study.job.program
-    period, alone, limited = _program_errors(study, on, study.loop_periods)
-    radius = 0.5 * program["diameter"]
-    first = [1e3 * loop_error(program["thickness"], radius, program["speed"], t, math.inf).rms for t in period.tolist()]
-    on.line(on.errors, period, np.array(first), INK, "√(3/2) a V T / 2R", ":")
-    found = loop_knee(on.rows)
-    if found is not None:
-        on.errors.axhline(found[1], color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
-        on.mark(found[0], "loop alone")
-    nominal = program["thickness"]
-    on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "error of the mean, as it is", UM, nominal)
-    on.line(on.spacing, period, np.abs(limited["mean"] - UM * nominal), COLOURS["requested"], "predicted")
+    theory = _theory(study)
+    period, alone, limited = _program_errors(study, theory, on, study.loop_periods)
+    first_order = [UM * theory.first_order_error(t) for t in period.tolist()]
+    on.line(on.errors, period, np.array(first_order), INK, theory.first_order, ":")
+    knee_and_floor = loop_knee(on.rows)
+    if knee_and_floor is not None:
+        period_of_knee, floor = knee_and_floor
+        on.errors.axhline(floor, color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
+        on.mark(period_of_knee, "loop alone")
+    on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "error of the mean, as it is", UM, theory.pitch)
+    on.line(on.spacing, period, np.abs(limited["mean"] - UM * theory.pitch), COLOURS["requested"], "predicted")
     on.points(on.spacing, "spacing_std_mm", PERFECT, amber, "std, loop alone, follower", UM)
     on.line(on.spacing, period, alone["std"], amber, "predicted")
     on.points(on.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
     on.spacing.set_ylim(bottom=_LEAST_SPACING)
     return (
         "Loop alone: without the controller's other limits, the generation error is that of tangent arcs, in closed "
-        "form; the dotted line is its first order. As it is: ACCEL adds an error that no loop period removes, and WA, "
-        "which rounds waits down to its resolution, makes short loops worse. The dashed line is the contour error of a "
-        "spiral without any loop."
+        f"form; the dotted line is its first order. As it is: {theory.ramps} adds an error that no loop period "
+        f"removes, and {theory.wait}, which rounds waits down to its resolution, makes short loops worse. The dashed "
+        "line is the contour error of a spiral without any loop."
     )
 
 
 def _interpreter_time(study: LoopStudy, on: Panels) -> str:
     amber = COLOURS["generation"]
-    program = study.job.program
-    time, alone, _ = _program_errors(study, on, study.interpreter_times)
+    theory = _theory(study)
+    time, alone, _ = _program_errors(study, theory, on, study.interpreter_times)
     on.spacing.set(yscale="linear", ylabel="[mm]")
     for column, colour in (("max", INK), ("mean", amber), ("min", INK)):
         on.points(on.spacing, f"spacing_{column}_mm", PERFECT, colour, f"{column}, loop alone, follower")
         on.line(on.spacing, time, alone[column] / UM, colour, "")
-    end = 1 - 2 * program["turns"] * program["thickness"] / program["diameter"]
-    for ratio, name in ((1.0, "start"), (end, "end")):
-        if ratio > 0:
-            pitch = local_pitch(program["thickness"], program["loop_period"], ratio, time)
-            on.line(on.spacing, time, pitch, COLOURS["structure"], f"local pitch, {name}", ":")
+    for place, pitch in theory.local_pitches(time).items():
+        on.line(on.spacing, time, pitch, COLOURS["structure"], f"local pitch, {place}", ":")
     return (
         "In every pass the interpreter takes its time besides the wait while the virtual circles turn on; this narrows "
         "the turns, most near the centre where the waits are short. Lines are the stepped arcs in closed form; dotted, "
-        "the local pitch at start and end. As it is, a short interpreter time offsets WA's rounding of the waits, half "
-        "of its resolution on average."
+        f"the local pitch at start and end. As it is, a short interpreter time offsets {theory.wait}'s rounding of the "
+        "waits, half of its resolution on average."
     )
 
 
@@ -158,16 +161,16 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
     on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
     machine = study.job.built_machine
     torques = set(study.job.built_servo.mode) == {"torque"}  # what the theory speaks of
-    if study.spiral and torques and {"x", "y"} <= set(machine.axis_names):
-        program = study.job.program
+    if study.theory is not None and torques and {"x", "y"} <= set(machine.axis_names):
         period = _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
         middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured
-        radius = involute_radius(program["diameter"], program["turns"], program["thickness"], middle)
+        radius = study.theory.radius_of_curvature(middle)
         smooth = {"integral_time": math.inf, "resolution": 0.0}
         settings: list[dict[str, Any]] = [{**dict(study.job.servo), **smooth, "period": p} for p in period.tolist()]
         servos = [Servo.derive(machine.axes, **setting) for setting in settings]
-        errors = [sample_and_hold(servo, machine.axes, plane, program["speed"], radius) for servo in servos]
+        speed = study.theory.speed
+        errors = [sample_and_hold(servo, machine.axes, plane, speed, radius) for servo in servos]
         on.line(on.errors, period, UM * np.array([e.normal for e in errors]), green, "sample, hold and winding lag")
         on.line(on.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along")
     x, y = series(on.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
@@ -188,13 +191,13 @@ def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
     pink = COLOURS["measurement"]
     count = _points(study.resolutions)
     on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
-    if study.spiral:
+    if study.theory is not None:
         on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
     on.points(on.errors, "tracking_rms_um", AS_IT_IS, COLOURS["tracking"], "tracking, as it is")
     on.points(on.errors, "measurement_rms_um", AS_IT_IS, pink, "measurement, as it is")
     if all(axis.unit == "mm" for axis in study.job.built_machine.axes):
         on.line(on.errors, count, UM * quantisation(count), pink, "q/√12")
-    variant = NO_LOOP if study.spiral else AS_IT_IS
+    variant = NO_LOOP if study.theory is not None else AS_IT_IS
     x, y = series(on.rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
     if x.size > 1:
         on.mark(knee(x, y, float(y[0])), variant)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.controllers.loop_theory import LoopErrors
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop.plots import plots
@@ -37,7 +39,7 @@ def report(study: LoopStudy, rows: list[Row]) -> Report:
     converging = convergence(rows, AS_IT_IS)
     if moved := [CONVERGING[column] for column, value in converging.items() if value.deviation > _SENSITIVE]:
         notes.append(f"More than {_PER_CENT * _SENSITIVE:.0f} % off due to the physics step: {', '.join(moved)}.")
-    if not study.spiral:
+    if study.theory is None:
         controller = study.job.program["controller"]
         notes.append(f"{controller} has no program loop: the sweeps of loop period and interpreter time are left out.")
     if failed := sum(row["status"] != OK for row in rows):
@@ -64,7 +66,7 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
     def add(variant: str, result: str, value: str) -> None:
         lines.append(("loop period", variant, result, value))
 
-    program = study.job.program
+    theory = study.theory
     period, contour = series(rows, "value", "contour_rms_um", sweep="loop_period", variant=AS_IT_IS)
     alone = series(rows, "value", "contour_rms_um", sweep="loop_period", variant=LOOP_ALONE)
     if period.size > 1:
@@ -74,14 +76,14 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
         if alone[0].size:
             by_itself = np.interp(float(period[best]), alone[0], alone[1])
             add(LOOP_ALONE, f"contour error at {_ms(period[best])}", _um(by_itself))
-        if math.isfinite(program["acceleration"]):
-            add(AS_IT_IS, "loop period with the same error as ACCEL", _ms(program["speed"] / program["acceleration"]))
+        if theory is not None and theory.ramp_period is not None:
+            add(AS_IT_IS, f"loop period with the same error as {theory.ramps}", _ms(theory.ramp_period))
         if contour[0] > _TURNED * contour[best]:
             times = f"{contour[0] / contour[best]:.1f} times the least"
             add(AS_IT_IS, f"contour error at {_ms(period[0])}", f"{_um(contour[0])}, {times}")
-            if uncut := _without_wa(study, float(period[0])):
-                cut = _ms(program["wait_resolution"])
-                add(AS_IT_IS, f"generation error without WA's rounding to {cut}, at {_ms(period[0])}", _um(uncut))
+            if unrounded := _with_exact_waits(study, float(period[0])):
+                rounding = f"{theory.wait}'s rounding to {_ms(theory.wait_resolution)}" if theory is not None else ""
+                add(AS_IT_IS, f"generation error without {rounding}, at {_ms(period[0])}", _um(unrounded))
         refused = [
             float(row["value"])  # type: ignore[arg-type]
             for row in rows
@@ -100,14 +102,20 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
     return lines
 
 
-def _without_wa(study: LoopStudy, period: float) -> float | None:
-    """Return the generation error at a loop period without WA's rounding [µm]; None where that makes no difference."""
-    shortest = {"program.loop_period": period}
-    cut = study.arcs(shortest)
-    uncut = study.arcs({**shortest, "program.wait_resolution": 0.0})
-    if uncut is None or (cut is not None and uncut.generation.rms >= cut.generation.rms / _TURNED):
+def _with_exact_waits(study: LoopStudy, period: float) -> float | None:
+    """Return the generation error at a loop period with exact waits [µm]; None where that makes no difference."""
+    if study.theory is None:
         return None
-    return 1e3 * uncut.generation.rms
+    rounded = _errors(study, {"loop_period": period})
+    exact = _errors(study, {"loop_period": period, **study.theory.exact_waits})
+    if exact is None or (rounded is not None and exact.generation.rms >= rounded.generation.rms / _TURNED):
+        return None
+    return 1e3 * exact.generation.rms
+
+
+def _errors(study: LoopStudy, changes: Mapping[str, Any]) -> LoopErrors | None:
+    theory = study.changed_theory(changes)
+    return None if theory is None else theory.errors()
 
 
 def _interpreter(study: LoopStudy, rows: list[Row]) -> Lines:
@@ -115,8 +123,8 @@ def _interpreter(study: LoopStudy, rows: list[Row]) -> Lines:
     if time.size < 2 or time[0] > 0:
         return []
     sweep = "interpreter time"
-    nominal = study.job.program["thickness"]
-    narrowing = f"{_um(1e3 * (pitch[0] - pitch[-1]))} of {nominal:g} mm"
+    nominal = "" if study.theory is None else f" of {study.theory.pitch:g} mm"
+    narrowing = f"{_um(1e3 * (pitch[0] - pitch[-1]))}{nominal}"
     lines = [(sweep, PERFECT, f"narrowing of the turns at {_ms(time[-1])} per pass", narrowing)]
     as_is, contour = series(rows, "value", "contour_rms_um", sweep="interpreter_time", variant=AS_IT_IS)
     if as_is.size > 1:

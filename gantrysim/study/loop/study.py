@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from gantrysim.base.errors import InputError
+from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import ticks
 from gantrysim.study.cases import Case, Mode
-from gantrysim.study.loop.arcs import SteppedArcs
 from gantrysim.study.study import Rounds, Study
 
 # variants of a job
@@ -31,18 +30,6 @@ SWEEPS = {
     "physics_step": "Physics step",
 }
 
-# removes all limits of a Move Spiral's controller but its loop
-FREE: dict[str, Any] = {
-    "program.acceleration": math.inf,
-    "program.deceleration": None,
-    "program.wait_resolution": 0.0,
-    "program.ratio_bits": None,
-    "program.interpreter_time": 0.0,
-    "program.servo_period": 0.0,
-    "program.as_published": False,
-    "program.mhelical_mode": 1,
-}
-
 _DECADE = (1.0, 2.0, 3.0, 5.0)
 _FINER = 4  # times: the physics step for comparison with a theory in continuous time
 _FRICTIONLESS = Perturbation(friction=1e-9)
@@ -52,10 +39,10 @@ _FRICTIONLESS = Perturbation(friction=1e-9)
 class LoopStudy(Study):
     """Sweeps of program loop period, interpreter time, servo period, encoder resolution and physics step.
 
-    A Move Spiral runs in up to five variants: as it is; with its loop alone, without the controller's other limits
-    (ACCEL, WA's whole milliseconds, CONNECT's bits, SERVO_PERIOD, the interpreter time, and mode 0 of MHELICAL); the
-    same on a perfect follower; without the loop, its continuous limit; and without loop, friction, encoder counts and
-    integral term at a finer physics step, as in the theory of the sampled servo. Other programs have no loop sweeps.
+    A program with a loop runs in up to five variants: as it is; with its loop alone, without the controller's other
+    limits such as ramps, the resolution of waits and the time of the interpreter; the same on a perfect follower;
+    without the loop, its continuous limit; and without loop, friction, encoder counts and integral term at a finer
+    physics step, as in the theory of the sampled servo. Programs without a loop have no loop sweeps.
 
     Args:
         job: to study.
@@ -75,30 +62,14 @@ class LoopStudy(Study):
     name = "loop"
     plots = tuple(SWEEPS)
 
-    @property
-    def spiral(self) -> bool:
-        """Whether the job's program has a loop."""
-        return "loop_period" in self.job.program
+    @cached_property
+    def theory(self) -> LoopTheory | None:
+        """The closed forms of the program's loop, None for a program without one."""
+        return self.changed_theory({})
 
-    def arcs(self, overrides: Mapping[str, Any]) -> SteppedArcs | None:
-        """Return the predicted arcs of the job's spiral with some values changed, by full dotted key.
-
-        None for another program, without a loop, or for a spiral that the controller refuses.
-        """
-        if not self.spiral:
-            return None
-        program = {f"program.{key}": value for key, value in self.job.program.items()} | dict(overrides)
-        names = ("diameter", "turns", "thickness", "speed", "loop_period", "interpreter_time", "wait_resolution")
-        if not program["program.loop_period"]:
-            return None
-        try:
-            return SteppedArcs(
-                **{name: program[f"program.{name}"] for name in names},
-                acceleration=program["program.acceleration"],
-                ratio_bits=program.get("program.ratio_bits"),
-            )
-        except InputError:
-            return None
+    def changed_theory(self, changes: Mapping[str, Any]) -> LoopTheory | None:
+        """Return the closed forms of the program's loop with some arguments changed."""
+        return type(self.job.controller).loop_theory({**self.job.program, **changes})
 
     def rounds(self) -> Rounds:
         yield self.cases
@@ -107,7 +78,7 @@ class LoopStudy(Study):
     def cases(self) -> list[Case]:
         """All cases, the longest first."""
         cases = [*self._physics_step()]
-        if self.spiral:
+        if self.theory is not None:
             cases += [*self._program("loop_period", self.loop_periods), self._case("loop_period", 0.0, NO_LOOP, {})]
             if self.job.program["loop_period"] > 0:
                 cases += self._program("interpreter_time", self.interpreter_times)
@@ -116,9 +87,10 @@ class LoopStudy(Study):
     def _case(self, sweep: str, value: float, variant: str, changes: dict[str, Any]) -> Case:
         mode: Mode = "perfect follower" if variant == PERFECT else "simulated"
         overrides = dict(changes)
-        if variant != AS_IT_IS and self.spiral:
-            overrides = {**FREE, **overrides}
-        if variant in (NO_LOOP, NO_FRICTION) and self.spiral:
+        if variant != AS_IT_IS and self.theory is not None:
+            alone = {f"program.{key}": setting for key, setting in self.theory.alone.items()}
+            overrides = {**alone, **overrides}
+        if variant in (NO_LOOP, NO_FRICTION) and self.theory is not None:
             overrides["program.loop_period"] = 0.0
         if variant == NO_FRICTION:
             overrides = {"servo.resolution": 0.0, "servo.integral_time": math.inf, **overrides}
@@ -131,8 +103,9 @@ class LoopStudy(Study):
                 yield self._case(sweep, value, variant, {f"program.{sweep}": value})
 
     def _servo_period(self) -> Iterable[Case]:
-        bound = self.spiral and self.job.program["servo_period"] > 0
-        for variant in (AS_IT_IS, NO_LOOP, NO_FRICTION) if self.spiral else (AS_IT_IS, NO_FRICTION):
+        has_loop = self.theory is not None
+        bound = has_loop and self.job.program["servo_period"] > 0
+        for variant in (AS_IT_IS, NO_LOOP, NO_FRICTION) if has_loop else (AS_IT_IS, NO_FRICTION):
             for value in self.servo_periods:
                 changes = {"servo.period": value}
                 if bound and variant == AS_IT_IS:
@@ -144,7 +117,7 @@ class LoopStudy(Study):
                 yield self._case("servo_period", value, variant, changes)
 
     def _encoder_resolution(self) -> Iterable[Case]:
-        for variant in (AS_IT_IS, NO_LOOP) if self.spiral else (AS_IT_IS,):
+        for variant in (AS_IT_IS, NO_LOOP) if self.theory is not None else (AS_IT_IS,):
             for value in self.resolutions:
                 counts = self._resolutions(value)
                 changes = {} if counts == list(self.job.built_servo.resolution) else {"servo.resolution": counts}

@@ -1,7 +1,8 @@
 """Closed forms of the arcs that the Move Spiral's loop commands instead of the involute.
 
-They share no code with controllers and analysis: `SteppedArcs` is exact, the functions below it are of first order in
-the loop period. Points are complex, x + i y; the spiral starts at 0 towards +i and turns clockwise, as in AN-225.
+They share no code with the loop itself and with the analysis: `SteppedArcs` is exact, the functions below it are of
+first order in the loop period. Points are complex, x + i y; the spiral starts at 0 towards +i and turns clockwise, as
+in AN-225.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.metrics.analysis import ErrorSize, Range
+from gantrysim.controllers.loop_theory import Deviation, Spread
 
 Points = NDArray[np.complex128]
 
@@ -133,18 +134,18 @@ class SteppedArcs:
 
     def position(self, phi: ArrayLike) -> Points:
         """Points of the arcs at the angles phi of the circle, (m,) [mm]."""
-        at = np.asarray(phi, float)
+        angle = np.asarray(phi, float)
         begin, radius, centre = self._arcs
-        k = np.clip(np.searchsorted(begin, at, side="right") - 1, 0, begin.size - 1)
-        return centre[k] - radius[k] * np.exp(-1j * at)
+        k = np.clip(np.searchsorted(begin, angle, side="right") - 1, 0, begin.size - 1)
+        return centre[k] - radius[k] * np.exp(-1j * angle)
 
     def error(self, phi: ArrayLike) -> Floats:
         """Distance of the arcs at the angles phi from the requested involute, outwards positive, (m,) [mm]."""
-        at = np.asarray(phi, float)
-        back = self.radius + 1j * self.a - self.position(at)  # C - p = (rho_p + i a) exp(-i phi_p)
+        angle = np.asarray(phi, float)
+        back = self.radius + 1j * self.a - self.position(angle)  # C - p = (rho_p + i a) exp(-i phi_p)
         rho = np.sqrt(np.maximum(np.abs(back) ** 2 - self.a**2, 0.0))
-        ahead = np.angle((rho + 1j * self.a) / back * np.exp(-1j * at))  # phi_p - phi
-        return rho - (self.radius - self.a * (at + ahead))
+        ahead = np.angle((rho + 1j * self.a) / back * np.exp(-1j * angle))  # phi_p - phi
+        return rho - (self.radius - self.a * (angle + ahead))
 
     def spacing(self, phi: ArrayLike) -> Floats:
         """Distance from the arcs at the angles phi to the next turn, along their own normal, (m,) [mm].
@@ -152,10 +153,10 @@ class SteppedArcs:
         From p the normal n = exp(-i phi) meets the arc about c of the radius r that turns through phi + 2 pi at
         D.n - sqrt(r^2 - (D x n)^2), with D = c - p; nan where there is no intersection.
         """
-        at = np.asarray(phi, float)
+        angle = np.asarray(phi, float)
         begin, radius, centre = self._arcs
-        k = np.clip(np.searchsorted(begin, at + 2 * math.pi, side="right") - 1, 0, begin.size - 1)
-        to_centre = (centre[k] - self.position(at)) * np.exp(1j * at)
+        k = np.clip(np.searchsorted(begin, angle + 2 * math.pi, side="right") - 1, 0, begin.size - 1)
+        to_centre = (centre[k] - self.position(angle)) * np.exp(1j * angle)
         square = radius[k] ** 2 - to_centre.imag**2
         return to_centre.real - np.sqrt(np.where(square < 0, np.nan, square))
 
@@ -168,19 +169,19 @@ class SteppedArcs:
         return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * s[-1], s, angle)
 
     @cached_property
-    def generation(self) -> ErrorSize:
+    def generation(self) -> Deviation:
         """Root mean square and largest distance from the involute [mm]."""
-        return ErrorSize.of(self.error(self._evenly))
+        return Deviation.of(self.error(self._evenly))
 
     @cached_property
-    def spacings(self) -> Range | None:
+    def spacings(self) -> Spread | None:
         """Spacing of neighbouring turns [mm], None for a single turn."""
         distance = self.spacing(self._evenly[self._evenly < self._end - 2 * math.pi])
         met = distance[np.isfinite(distance)]
-        return Range.of(met) if met.size else None
+        return Spread.of(met) if met.size else None
 
 
-def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> ErrorSize:
+def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> Deviation:
     """Return the generation error of the Move Spiral to first order in the loop period and in 1 / ACCEL [mm].
 
     The ratio is half a step ahead on average, and falls while the axes still start, V / (2 ACCEL) too early. Every arc
@@ -195,7 +196,7 @@ def loop_error(thickness: float, radius: float, speed: float, loop_period: float
         acceleration: ACCEL [mm/s²].
     """
     delta = thickness / (2 * math.pi) * speed / (2 * radius) * (loop_period + speed / acceleration)
-    return ErrorSize(math.sqrt(1.5) * delta, 2 * delta)
+    return Deviation(math.sqrt(1.5) * delta, 2 * delta)
 
 
 def local_pitch(
