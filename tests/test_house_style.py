@@ -64,8 +64,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "design": {"names": 15, "assignments": 2, "parameters": 2},
     # dispenser
     "dispenser": {"names": 6, "assignments": 2, "parameters": 1, "modules": 1},
-    # machine
-    "machine": {"names": 40, "assignments": 3, "functions": 1, "modules": 3},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

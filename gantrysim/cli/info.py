@@ -17,7 +17,8 @@ from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.programs import described
 from gantrysim.job.settings import ServoSettings
-from gantrysim.machine.machine import Machine, builtin_models
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.models import builtin_models
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
 from gantrysim.stability.margins import Plant

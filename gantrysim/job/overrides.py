@@ -16,7 +16,7 @@ from gantrysim.faults import KINDS
 from gantrysim.job.programs import dotted, keys
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
-from gantrysim.machine.machine import builtin_models
+from gantrysim.machine.models import builtin_models
 
 Content = dict[str, Any]  # of a job file
 _SHOWN = 200  # characters of an option

@@ -1,7 +1,8 @@
-"""Compiling an MJCF into the model that is seen and the one that is stepped."""
+"""Compiling an MJCF into the model that is rendered and the one that is stepped."""
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,14 +25,14 @@ def compile_mjcf(
 
     Args:
         source: file or MJCF.
-        names: given to elements before the compilation, see `rename`.
+        names: new names of elements, given before the compilation, see `rename`.
     """
     try:
         spec = _read(source) if isinstance(source, Path) else source
         rename(spec, names or {})
         spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # as MuJoCo's bindings warn of a singular inertia
+            warnings.simplefilter("error", UserWarning)  # MuJoCo's bindings warn of a singular inertia by it
             compiled = spec.compile()
     except InputError:
         raise
@@ -80,8 +81,10 @@ def without_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjM
     bare = spec.copy()
     bare.compiler.discardvisual = True
     bare.visual = mujoco.MjSpec().visual
-    # an array, as MuJoCo would drop an interrupt while it converts a list
-    bare.stat.center, bare.stat.extent, bare.stat.meansize = np.full(3, np.nan), np.nan, np.nan
+    # nan: to be computed. An array, as MuJoCo would drop an interrupt while it converts a list
+    bare.stat.center = np.full(3, np.nan)
+    bare.stat.extent = np.nan
+    bare.stat.meansize = np.nan
     for element in (*bare.cameras, *bare.lights):
         bare.delete(element)
     try:
@@ -91,3 +94,10 @@ def without_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjM
     physics.opt.disableflags = compiled.opt.disableflags
     _no_force_early(physics)
     return physics
+
+
+def digest_of(model: mujoco.MjModel) -> str:
+    """Return the SHA-256 of a compiled model."""
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return hashlib.sha256(buffer.tobytes()).hexdigest()

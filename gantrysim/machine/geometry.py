@@ -1,4 +1,4 @@
-"""The geometry of a real machine: what its accuracy class allows, and single errors that replace it."""
+"""The geometry of a real machine: errors typical of its accuracy class, and single errors that replace them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0}  # of a mag
 _BOUNDS |= dict.fromkeys(("sag", *BENDING), 5.0)
 _LEAST = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
 
-# assumption: what a gantry with screws of a grade is built to. Play and straightness [um], vertical straightness [um],
-# yaw, squareness and racking [um/m], sag and bending of the ram [um]
+# assumption: errors to which a gantry with screws of a grade is built. Play, straightness and vertical straightness
+# [um], yaw, squareness and racking [um/m], sag and bending of the ram [um]
 _MACHINES = {
     0: (0.0, 1.0, 1.0, 5.0, 5.0, 0.0, 0.5, 0.5),
     1: (0.0, 2.0, 2.0, 10.0, 10.0, 2.0, 1.0, 1.0),
@@ -35,10 +35,10 @@ _MACHINES = {
 
 @dataclass(frozen=True)
 class Geometry:
-    """Errors of a machine's geometry, in the table [geometry] of a job; what is not given is as the class has it.
+    """Errors of a machine's geometry, in the table [geometry] of a job; unspecified errors come from the class.
 
     They displace the nozzle; encoders on the motors do not see them. A servo with feedback = "load" has a linear scale
-    on the axis: its loop takes the errors of the screw out, and the scale's growth is what is left. An error per axis
+    on the axis: its loop corrects the errors of the screw, and only the scale's growth remains. An error per axis
     is one number for all axes in mm, or one per axis of the machine in their order. u is the unit of the axis, mm or
     deg. The formulas are in `gantrysim.machine.kinematic_errors`.
 
@@ -58,11 +58,11 @@ class Geometry:
         sag: drop of the nozzle at the middle of the bridge, against its ends [mm].
         bending_x: deflection of the ram along x, out to the lower end of z's travel, under a lateral load [mm].
         bending_y: the same along y [mm].
-        bending_load: what bends it: "weight" of a head that is carried beside it, or a lateral "force" at the nozzle.
+        bending_load: load on the ram: "weight" of a head carried beside it, or a lateral "force" at the nozzle.
         ram: free length of the ram below its guide, at the upper end of z's travel [mm].
         abbe: from the line of the screw to the nozzle, along the other horizontal axis, all axes at zero [mm].
         guide_arm: from the middle of an axis' guide blocks to the nozzle, along the axis, all axes at zero; by default
-            what the machine states, 125 mm behind the nozzle for the bridges of the built-in ones [mm].
+            as the machine states, 125 mm behind the nozzle for the bridges of the built-in ones [mm].
         warming: rise of the screws' temperature over that of the frame [K].
         expansion: thermal expansion of the screws; 11.5e-6 is that of steel [1/K].
         fixed_end: position of the axis at its screw's fixed bearing [mm].
@@ -120,16 +120,16 @@ class Geometry:
         if value is None:
             return
         if isinstance(value, list | tuple):
-            object.__setattr__(self, name, tuple(between(name, one, low, high) for one in value))
+            object.__setattr__(self, name, tuple(between(name, axis_value, low, high) for axis_value in value))
         else:
             object.__setattr__(self, name, between(name, value, low, high))
 
     def given(self, name: str) -> bool:
-        """Return whether an error is given by itself, not by the class."""
+        """Return whether an error is given explicitly rather than by the class."""
         return getattr(self, name) is not None
 
     def of(self, name: str) -> PerAxis:
-        """Return an error: as given, else that of the class, else 0."""
+        """Return an error: as given, otherwise typical of the class, 0 without one."""
         value: PerAxis | None = getattr(self, name)
         if value is not None:
             return value
@@ -137,9 +137,10 @@ class Geometry:
 
 
 def typical(accuracy: str) -> dict[str, float]:
-    """Return the errors that a class allows, by name, in the units of `Geometry`."""
+    """Return the errors typical of a class, by name, in the units of `Geometry`."""
     travel, turn = SCREWS[accuracy]
-    play, straight, vertical, yaw, square, racking, sag, bending = (_UM * one for one in _MACHINES[int(accuracy[1:])])
+    sizes = [_UM * size for size in _MACHINES[int(accuracy[1:])]]
+    play, straight, vertical, yaw, square, racking, sag, bending = sizes
     return {
         "travel_error": _UM * travel,
         "periodic_error": 0.5 * _UM * turn,
@@ -155,7 +156,7 @@ def typical(accuracy: str) -> dict[str, float]:
 
 
 def check_lengths(geometry: Geometry, axes: tuple[str, ...]) -> None:
-    """Raise InputError for a list that has not one value per axis."""
+    """Raise InputError for a list whose length is not the number of axes."""
     for field in fields(geometry):
         value = getattr(geometry, field.name)
         if isinstance(value, tuple) and len(value) != len(axes):

@@ -1,4 +1,4 @@
-"""Height of a nozzle above its work."""
+"""The nozzle as the model shows it: height above the work, size of the needle."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from gantrysim.native.quiet import quiet
 
 _MM = 1e3
+_ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
 
 
 def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
@@ -32,3 +33,18 @@ def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
     # a work that is a mere frame has the geoms of the body that it is part of
     on_work = hit == work or (model.body_geomnum[work] == 0 and weld[hit] == weld[work])
     return _MM * float(distance) if on_work else None
+
+
+def needle_size(model: mujoco.MjModel, nozzle: int, name: str) -> tuple[float, float] | None:
+    """Return outer diameter and length of the needle that the model draws, None without a round geom [mm].
+
+    Args:
+        model: the compiled model, with its visual elements.
+        nozzle: index of the site, on whose body the needle is.
+        name: of the geom.
+    """
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
+    if geom < 0 or model.geom_bodyid[geom] != model.site_bodyid[nozzle] or model.geom_type[geom] not in _ROUND:
+        return None
+    radius, half_length, _ = model.geom_size[geom]
+    return 2 * _MM * float(radius), 2 * _MM * float(half_length)

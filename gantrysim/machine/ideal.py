@@ -12,14 +12,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gantrysim.machine.axis import EFFICIENCY
+from gantrysim.machine.axis_reading import EFFICIENCY
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
+from gantrysim.machine.motors import (
+    BRISTLE_DAMPING,
+    BRISTLE_STIFFNESS,
+    COULOMB,
+    CURRENT_RATE,
+    STATIC,
+    TIME_CONSTANT,
+)
 
 _RIGID = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # solimp of a tendon of constant length
-# dynprm of a dcmotor
-_TIME_CONSTANT = 0
-_CURRENT_RATE = 1
 
 
 def without_friction(machine: Machine) -> Machine:
@@ -29,9 +33,10 @@ def without_friction(machine: Machine) -> Machine:
     """
 
     def rubbing(spec: mujoco.MjSpec) -> list[Any]:
-        losing = [element for element in (*spec.joints, *spec.tendons) if element.frictionloss]
-        wasting = [one for one in spec.numerics if one.name == EFFICIENCY and min(one.data, default=1.0) < 1]
-        return _motors_with(spec, BRISTLE_STIFFNESS) + losing + wasting
+        rubbing_elements = [element for element in (*spec.joints, *spec.tendons) if element.frictionloss]
+        transmissions = [numeric for numeric in spec.numerics if numeric.name == EFFICIENCY]
+        lossy = [numeric for numeric in transmissions if min(numeric.data, default=1.0) < 1]
+        return _motors_with(spec, BRISTLE_STIFFNESS) + rubbing_elements + lossy
 
     def smooth(_: mujoco.MjSpec, element: Any) -> None:
         if isinstance(element, mujoco.MjsNumeric):
@@ -56,11 +61,11 @@ def without_winding(machine: Machine) -> Machine:
     """
 
     def remove(_: mujoco.MjSpec, motor: mujoco.MjsActuator) -> None:
-        for parameter in (_TIME_CONSTANT, _CURRENT_RATE):
+        for parameter in (TIME_CONSTANT, CURRENT_RATE):
             motor.dynprm[parameter] = 0.0
         motor.actdim -= 1  # the current
 
-    return _without(machine, lambda spec: _motors_with(spec, _TIME_CONSTANT), remove)
+    return _without(machine, lambda spec: _motors_with(spec, TIME_CONSTANT), remove)
 
 
 def without_compliance(machine: Machine) -> Machine:
@@ -72,10 +77,11 @@ def without_compliance(machine: Machine) -> Machine:
     Raises:
         InputError: another element of the MJCF refers to such a joint.
     """
-    kept = {*machine.axis_names, *(machine.physics.joint(joint).name for joint in machine.kinematics.followers)}
+    followers = [machine.physics.joint(joint).name for joint in machine.kinematics.followers]
+    moving = {*machine.axis_names, *followers}
 
     def springs(spec: mujoco.MjSpec) -> list[Any]:
-        joints = [joint for joint in spec.joints if joint.name not in kept and joint.stiffness[0] > 0]
+        joints = [joint for joint in spec.joints if joint.name not in moving and joint.stiffness[0] > 0]
         return joints + [tendon for tendon in spec.tendons if tendon.stiffness[0] > 0]
 
     def stiffen(spec: mujoco.MjSpec, spring: Any) -> None:
@@ -84,30 +90,30 @@ def without_compliance(machine: Machine) -> Machine:
             return
         physics = machine.physics
         tendon = physics.tendon(spring.name).id
-        rest = float(physics.tendon_lengthspring[tendon].mean() - physics.tendon_length0[tendon])
+        elongation = float(physics.tendon_lengthspring[tendon].mean() - physics.tendon_length0[tendon])
         spring.stiffness = np.zeros(3)
         spring.damping = np.zeros(3)
-        held = spec.add_equality(type=mujoco.mjtEq.mjEQ_TENDON, name1=spring.name)
-        held.data[0] = rest
-        held.solref = [2 * spec.option.timestep, 1.0]
-        held.solimp = _RIGID
+        constraint = spec.add_equality(type=mujoco.mjtEq.mjEQ_TENDON, name1=spring.name)
+        constraint.data[0] = elongation
+        constraint.solref = [2 * spec.option.timestep, 1.0]  # the shortest time constant that MuJoCo advises
+        constraint.solimp = _RIGID
 
     return _without(machine, springs, stiffen)
 
 
 def _without(
     machine: Machine,
-    found: Callable[[mujoco.MjSpec], list[Any]],
+    imperfect: Callable[[mujoco.MjSpec], list[Any]],
     remove: Callable[[mujoco.MjSpec, Any], None],
 ) -> Machine:
-    """Return the machine with every element that is found changed or removed, or itself where there is none."""
-    if not found(machine.spec):
+    """Return the machine with every imperfect element changed or removed, or itself where there is none."""
+    if not imperfect(machine.spec):
         return machine
 
     def edit(spec: mujoco.MjSpec) -> None:
-        for element in found(spec):
+        for element in imperfect(spec):
             remove(spec, element)
-        for key in spec.keys:  # made for the states that are gone; a run has no use for them
+        for key in spec.keys:  # a keyframe has as many states as the machine had; a run uses none
             spec.delete(key)
 
     return machine.edited(edit)

@@ -40,8 +40,7 @@ through the play, no limit cycle of a loop closed on the load.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,54 +48,13 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.machine.axis import Axis
-from gantrysim.machine.geometry import (
-    BENDING,
-    ERRORS,
-    LOADS,
-    OF_FRAME,
-    OF_GUIDES,
-    SQUARENESS,
-    Geometry,
-    check_lengths,
-)
+from gantrysim.machine.error_values import RigidMachine, error_values, refusal
+from gantrysim.machine.geometry import BENDING, LOADS, OF_GUIDES, SQUARENESS, Geometry, check_lengths
+from gantrysim.machine.levers import Levers
 
 PRESLIDING = 0.02  # motion over which a bridge racks at a reversal; an assumption [mm]
 _INTERVAL = 300.0  # of the travel error [mm]
 _PER_MM = 1e-3  # of an angle in mm/m
-
-
-class RigidMachine(Protocol):
-    """A machine whose geometry is ideal."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def axes(self) -> tuple[Axis, ...]: ...
-    def tip(self, position: ArrayLike) -> Floats:
-        """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
-        ...
-
-
-class Levers(NamedTuple):
-    """The chain of a machine whose axes x, y and z place the nozzle, for the levers of yaws.
-
-    Attributes:
-        carried: names of the axes that each axis carries.
-        movers_of_work: names of the axes that move the work; the others move the nozzle.
-        guide_arm: along each axis, from the middle of its guide blocks to the nozzle with the axes at zero, (axes,)
-            [mm].
-    """
-
-    carried: Mapping[str, Sequence[str]]
-    movers_of_work: Collection[str]
-    guide_arm: Sequence[float]
-
-    def moves_nozzle_from(self, axis: str, body: str) -> bool:
-        """Whether an axis moves the nozzle against the body of another, or of itself."""
-        if body in self.movers_of_work:
-            return axis not in self.carried[body]
-        return axis in self.carried[body]
 
 
 class KinematicErrors:
@@ -120,17 +78,18 @@ class KinematicErrors:
         factors: Mapping[str, float],
     ) -> None:
         self._tip = machine.tip
-        self._names = names = tuple(axis.name for axis in machine.axes)
+        names = tuple(axis.name for axis in machine.axes)
+        self._names = names
         check_lengths(geometry, names)
         slides = np.array([axis.unit == "mm" for axis in machine.axes])
-        self._at = {name: names.index(name) for name in "xyz" if name in names and levers is not None}
-        above = {} if levers is None else levers.carried
-        self._has_ram = "z" in self._at and not {"x", "y"} & set(above.get("z", ()))
-        self.values: dict[str, float] = {}
-        for name in ERRORS:
-            self._take(machine, geometry, name, factors)
+        self._columns = {name: names.index(name) for name in "xyz" if name in names and levers is not None}
+        carried = {} if levers is None else levers.carried
+        # a ram carries the nozzle alone; a z that carries x or y is a column or a table
+        has_ram = "z" in self._columns and not {"x", "y"} & set(carried.get("z", ()))
+        values = error_values(machine, geometry, self._columns, has_ram)
+        self.values = {column: value * factors.get(column, 1.0) for column, value in values.items()}
         if (geometry.warming or geometry.scale_warming) and not slides.any():
-            raise InputError(_refusal(machine, "growth by warming"))
+            raise refusal(machine, "growth by warming")
         self._lead = np.array([2 * np.pi * axis.scale for axis in machine.axes])
         self._growth = geometry.expansion * geometry.warming * factors.get("warming", 1.0) * slides
         self._fixed = np.broadcast_to(np.asarray(geometry.fixed_end, float), len(names))
@@ -144,7 +103,7 @@ class KinematicErrors:
         self._middle = 0.5 * np.where(limited, low + np.where(limited, high, 0.0), 0.0)
         self._half = np.where(limited, high - self._middle, 1.0)
         # the axis that carries the bridge, and the one on it
-        self._bridge = "x" if "y" in above.get("x", ()) else "y"
+        self._bridge = "x" if "y" in carried.get("x", ()) else "y"
         self._beam = "y" if self._bridge == "x" else "x"
         self._check_travel(machine, limited)
         self._levers = levers
@@ -153,39 +112,15 @@ class KinematicErrors:
             arms = tuple(levers.guide_arm) if levers is not None else 0.0
         self._guide_arm = np.broadcast_to(np.asarray(arms, float), len(names))
 
-    def _take(self, machine: RigidMachine, geometry: Geometry, name: str, factors: Mapping[str, float]) -> None:
-        """Take over the values of an error by column."""
-        value = geometry.of(name)
-        own = geometry.given(name)
-        if name in OF_FRAME:
-            assert isinstance(value, float | int)
-            needs = {"sag": "x", "racking": "xy"}.get(name, name.removeprefix("squareness_").removeprefix("bending_"))
-            there = all(axis in self._at for axis in needs) and (name not in BENDING or self._has_ram)
-            if value and not there and (own or not self._at):
-                raise InputError(_refusal(machine, name))
-            if value and there:
-                self.values[name] = value * factors.get(name, 1.0)
-            return
-        for axis, one in zip(machine.axes, np.broadcast_to(np.asarray(value, float), len(machine.axes)), strict=True):
-            listed = isinstance(value, tuple)
-            if name == "play" and not own and axis.name == "z":
-                continue
-            fits = axis.unit == "mm" or (name == "play" and listed)
-            if name in OF_GUIDES:
-                fits = axis.name in self._at and (name != "yaw" or axis.name != "z")
-            if one and not fits and (listed or (name in OF_GUIDES and not self._at)):
-                raise InputError(_refusal(machine, name, axis.name))
-            if one and fits:
-                column = f"{name}_{axis.name}"
-                self.values[column] = float(one) * factors.get(column, 1.0)
-        if own and np.any(value) and not any(column.startswith(f"{name}_") for column in self.values):
-            raise InputError(_refusal(machine, name))
-
     def _check_travel(self, machine: RigidMachine, limited: NDArray[np.bool_]) -> None:
-        for name, a in self._at.items():
-            own = [f"{error}_{name}" for error in OF_GUIDES] + ["sag"] * (name == self._beam)
-            own += BENDING if name == "z" else ()
-            if not limited[a] and any(error in self.values for error in own):
+        """Refuse errors over the travel of an axis that has no limited one."""
+        for name, a in self._columns.items():
+            errors = [f"{error}_{name}" for error in OF_GUIDES]
+            if name == self._beam:
+                errors.append("sag")
+            if name == "z":
+                errors.extend(BENDING)
+            if not limited[a] and any(error in self.values for error in errors):
                 raise InputError(
                     f"geometry: axis {name} of machine {machine.name} has no limited travel, over which its "
                     "straightness, yaw, sag and bending could be: give its joint a range"
@@ -207,6 +142,7 @@ class KinematicErrors:
         play = np.zeros(len(self._names))
         last = None
         racked = 0.0
+        # a loop that is closed on the load takes the play out
         width = np.where(on_load, 0.0, self._per_axis("play"))
         for motor in motors:
             previous = motor[0] if last is None else last
@@ -215,8 +151,8 @@ class KinematicErrors:
                 _play(motor[:, a], previous[a], play[a], width[a], lost[:, a])
             racking = np.zeros(len(motor))
             if self.values.get("racking"):
-                b = self._at[self._bridge]
-                _play(motor[:, b], previous[b], racked, PRESLIDING, racking)
+                bridge = self._columns[self._bridge]
+                _play(motor[:, bridge], previous[bridge], racked, PRESLIDING, racking)
             play = lost[-1].copy()
             racked = float(racking[-1])
             last = motor[-1].copy()
@@ -224,84 +160,86 @@ class KinematicErrors:
             yield self._tip(moved) + self._of_frame(motor, racking / PRESLIDING)
 
     def _of_screws(self, x: Floats) -> Floats:
-        """Return the errors of the axes' own positions, (n, axes) [u]."""
+        """Return the errors that screws add to the positions of their axes, (n, axes) [u]."""
         travel = self._per_axis("travel_error")
         periodic = self._per_axis("periodic_error")
         error = travel * x / _INTERVAL + periodic * np.sin(2 * np.pi * x / self._lead)
         return error + self._growth * (x - self._fixed)
 
     def _of_scales(self, x: Floats) -> Floats:
-        """Return the same where a scale on the load takes their place, (n, axes) [u]."""
+        """Return the errors that scales on the load add instead, (n, axes) [u]."""
         return self._scale_growth * (x - self._scale_fixed)
 
     def _of_frame(self, motor: Floats, racked: Floats) -> Floats:
         """Return the displacement of the nozzle by guides and frame, (n, 3) [mm]."""
         shift = np.zeros((len(motor), 3))
-        own = self.values
-        if not self._at:
-            return shift
-        at = {name: motor[:, a] for name, a in self._at.items()}
+        position = {name: motor[:, a] for name, a in self._columns.items()}
         for name in SQUARENESS:
-            if square := own.get(name):
+            square = self.values.get(name)
+            if square:
                 towards, leaning = sorted(name[-2:])
-                shift[:, "xyz".index(towards)] += _PER_MM * square * at[leaning]
+                shift[:, "xyz".index(towards)] += _PER_MM * square * position[leaning]
         for name in BENDING:
-            if bend := own.get(name):
-                a = self._at["z"]
-                upper = self._middle[a] + self._half[a]
-                longest = self._ram + 2 * self._half[a]
-                out = (self._ram + upper - at["z"]) / longest
-                home = (self._ram + upper) / longest
-                shift[:, "xyz".index(name[-1])] += bend * (out**self._power - home**self._power)
-        for name, x in at.items():
-            a = self._at[name]
-            u = (x - self._middle[a]) / self._half[a]
-            u0 = -self._middle[a] / self._half[a]
-            for error, towards in (("straightness", "yxx"), ("straightness_vertical", "zzy")):
-                if bow := own.get(f"{error}_{name}"):
-                    shift[:, "xyz".index(towards["xyz".index(name)])] += bow * (u**2 - u0**2)
-            turned = own.get(f"yaw_{name}", 0.0) * (u - u0)
-            if name == self._bridge:
-                turned = turned + own.get("racking", 0.0) * racked
-            if name in "xy":
-                across, along = self._lever(name, at)
-                sense = -1.0 if name == "x" else 1.0
-                shift[:, "xy".index(name)] += sense * _PER_MM * turned * across
-                shift[:, "yx".index(name)] -= sense * _PER_MM * turned * along
-            if name == self._beam and (sag := own.get("sag")):
-                shift[:, 2] -= sag * ((1 - u**2) ** 2 - (1 - u0**2) ** 2)
+            bend = self.values.get(name)
+            if bend:
+                shift[:, "xyz".index(name[-1])] += bend * self._bending(position["z"])
+        for name, x in position.items():
+            self._add_of_guide(shift, name, x, position, racked)
         return shift
 
-    def _lever(self, name: str, at: Mapping[str, Floats]) -> tuple[Floats | float, Floats | float]:
+    def _bending(self, z: Floats) -> Floats:
+        """Return the ram's deflection relative to the longest, zero where z is zero, (n,)."""
+        a = self._columns["z"]
+        upper = self._middle[a] + self._half[a]
+        longest = self._ram + 2 * self._half[a]
+        length = (self._ram + upper - z) / longest
+        length_at_zero = (self._ram + upper) / longest
+        return length**self._power - length_at_zero**self._power
+
+    def _add_of_guide(
+        self, shift: Floats, name: str, x: Floats, position: Mapping[str, Floats], racked: Floats
+    ) -> None:
+        """Add the displacement by the guide of one axis, and by the beam or bridge that it is, to (n, 3) [mm]."""
+        a = self._columns[name]
+        u = (x - self._middle[a]) / self._half[a]
+        u0 = -self._middle[a] / self._half[a]
+        for error, towards in (("straightness", "yxx"), ("straightness_vertical", "zzy")):
+            bow = self.values.get(f"{error}_{name}")
+            if bow:
+                shift[:, "xyz".index(towards["xyz".index(name)])] += bow * (u**2 - u0**2)
+        yaw = self.values.get(f"yaw_{name}", 0.0) * (u - u0)
+        if name == self._bridge:
+            yaw = yaw + self.values.get("racking", 0.0) * racked
+        if name in "xy":
+            across, along = self._lever(name, position)
+            sense = -1.0 if name == "x" else 1.0
+            shift[:, "xy".index(name)] += sense * _PER_MM * yaw * across
+            shift[:, "yx".index(name)] -= sense * _PER_MM * yaw * along
+        sag = self.values.get("sag")
+        if name == self._beam and sag:
+            shift[:, 2] -= sag * ((1 - u**2) ** 2 - (1 - u0**2) ** 2)
+
+    def _lever(self, name: str, position: Mapping[str, Floats]) -> tuple[Floats | float, Floats | float]:
         """Return the nozzle's place from the centre of an axis' yaw, across the axis and along it, (n,) [mm]."""
         assert self._levers is not None
-        a = self._at[name]
+        a = self._columns[name]
         across = self._abbe[a]
         along = self._guide_arm[a]
         other = "y" if name == "x" else "x"
-        if other in at and self._levers.moves_nozzle_from(other, name):
-            across = across + at[other]
+        if other in position and self._levers.moves_nozzle_from(other, name):
+            across = across + position[other]
         if self._levers.moves_nozzle_from(name, name):
-            along = along + at[name]
+            along = along + position[name]
         return across, along
 
     def _per_axis(self, error: str) -> Floats:
         return np.array([self.values.get(f"{error}_{name}", 0.0) for name in self._names])
 
 
-def _refusal(machine: RigidMachine, error: str, axis: str = "") -> str:
-    of = f" of axis {axis}" if axis else ""
-    names = ", ".join(f"{one.name} [{one.unit}]" for one in machine.axes)
-    return (
-        f"geometry: machine {machine.name} with the axes {names} can have no {error}{of}: "
-        "errors of guides and frame need axes x, y and z in series, those of screws an axis in mm; give others alone"
-    )
-
-
 @jit
-def _play(motor: Floats, previous: float, lost: float, width: float, found: Floats) -> None:
-    """Fill in the load's lag over the motor after its reversals, (n,), see the module's docstring."""
+def _play(motor: Floats, previous: float, lost: float, width: float, lost_motion: Floats) -> None:
+    """Fill in the load's lag behind the motor after its reversals, (n,), see the module's docstring."""
     for k in range(motor.size):
         lost = min(max(lost - (motor[k] - previous), 0.0), width)
         previous = motor[k]
-        found[k] = lost
+        lost_motion[k] = lost

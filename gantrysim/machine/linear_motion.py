@@ -57,7 +57,8 @@ def linear_motion(
         """Rates of the velocities and currents at a deviation of the state and the demands."""
         data.qpos[:] = qpos
         mujoco.mj_integratePos(model, data.qpos, deviation[:nv], 1.0)
-        data.qvel[:], data.act[wound] = deviation[nv : 2 * nv], deviation[2 * nv : size]
+        data.qvel[:] = deviation[nv : 2 * nv]
+        data.act[wound] = deviation[2 * nv : size]
         data.ctrl[controls] = deviation[size:]
         mujoco.mj_forward(model, data)
         return np.concatenate([data.qacc, data.act_dot[wound]])

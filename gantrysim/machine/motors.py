@@ -7,18 +7,35 @@ import copy
 import mujoco
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import positive
 
 # indices of a dcmotor's parameters in MuJoCo's arrays
-MOTOR_CONSTANT = 1  # gainprm
+# gainprm
+RESISTANCE = 0
+MOTOR_CONSTANT = 1
+BUS_VOLTAGE = 7
 # biasprm
 COGGING = 0
 COULOMB = 3
 STATIC = 4
+STRIBECK = 5
 # dynprm
+TIME_CONSTANT = 0
+CURRENT_RATE = 1
 BRISTLE_STIFFNESS = 5
 BRISTLE_DAMPING = 6
 
 _NEGLIGIBLE = 1e-30
+
+
+def stepping_model(model: mujoco.MjModel, timestep: float, voltage: bool) -> mujoco.MjModel:
+    """Return a copy of a compiled model for steps of a length; arguments as of `Machine.stepping`."""
+    model = copy.copy(model)
+    model.opt.timestep = positive("physics step", timestep, "s")
+    damp_bristles(model)
+    if voltage:
+        model.actuator_ctrllimited[dcmotors(model)[:, 0] > 0] = False
+    return model
 
 
 def damp_bristles(model: mujoco.MjModel) -> None:
@@ -27,8 +44,8 @@ def damp_bristles(model: mujoco.MjModel) -> None:
     The force of a step sees the bristle of the step before. A spring that is late by h acts as a damper of -h times
     its stiffness: a standing axis would swing on its bristles with a fifth less damping at 0.25 ms.
     """
-    prm = model.actuator_dynprm
-    prm[:, BRISTLE_DAMPING] += dcmotors(model)[:, 0] * prm[:, BRISTLE_STIFFNESS] * model.opt.timestep
+    parameters = model.actuator_dynprm
+    parameters[:, BRISTLE_DAMPING] += dcmotors(model)[:, 0] * parameters[:, BRISTLE_STIFFNESS] * model.opt.timestep
 
 
 def dcmotors(model: mujoco.MjModel) -> Floats:
@@ -38,11 +55,11 @@ def dcmotors(model: mujoco.MjModel) -> Floats:
 
 def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of a compiled model without LuGre friction, frictionloss and cogging; viscous friction stays."""
-    changed = copy.copy(model)
+    smooth = copy.copy(model)
     motors = dcmotors(model)
     # not zero: MuJoCo would then expect no bristle activation
-    changed.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
-    changed.actuator_biasprm[:, [COGGING]] *= 1 - motors
-    changed.dof_frictionloss[:] = 0
-    changed.tendon_frictionloss[:] = 0
-    return changed
+    smooth.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
+    smooth.actuator_biasprm[:, [COGGING]] *= 1 - motors
+    smooth.dof_frictionloss[:] = 0
+    smooth.tendon_frictionloss[:] = 0
+    return smooth

@@ -18,9 +18,17 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
+from gantrysim.machine.springs import (
+    axes_of_tendon,
+    axis_above,
+    driven_joints,
+    elastic_tendons,
+    spring_joints,
+    wraps_of,
+)
 
 PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
-_thread = threading.local()  # .data: a state of .model, slow to make
+_thread = threading.local()  # .data: a state of .model, kept because allocating one is slow
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 
@@ -37,8 +45,8 @@ class Perturbation:
             F = sigma0 z + sigma1 dz/dt, dz/dt = v - sigma0 |v| z / g(v) is scaled, that is sigma0, sigma1 and g: the
             same motion meets the scaled force.
         viscous: factor on the damping of axis joints and motors.
-        stiffness: factor on the springs of joints that no axis drives, and on tendons that are springs; each takes
-            that of the next axis above it, a tendon that of the axis that pulls it.
+        stiffness: factor on the springs of joints that no axis drives, and on tendons that are springs. A joint takes
+            the factor of the next axis above it, a tendon that of the axis that pulls it.
         motor_constant: factor on K of the motors. The drive converts torque demand to current by the nominal K, so the
             torque is the demand times the factor. Current and voltage limits stay, so the peak torque scales too.
         geometry: factors on errors of the machine's geometry, as (column, factor) with the names of
@@ -82,14 +90,17 @@ class Perturbation:
         return np.full(len(axes), value, float)
 
 
+def geometry_factors(perturbations: Iterable[Perturbation]) -> dict[str, float]:
+    """Return the product of the factors on each error of the geometry, by column name."""
+    factors: dict[str, float] = {}
+    for perturbation in perturbations:
+        for name, factor in perturbation.geometry:
+            factors[name] = factors.get(name, 1.0) * factor
+    return factors
+
+
 def perturbed_model(
-    model: mujoco.MjModel,
-    perturbation: Perturbation,
-    *,
-    axes: Sequence[Axis],
-    joints: Sequence[int],
-    nozzle: int,
-    work: int,
+    model: mujoco.MjModel, perturbation: Perturbation, axes: Sequence[Axis], nozzle: int, work: int
 ) -> mujoco.MjModel:
     """Return a copy of a compiled model with a perturbation in its arrays.
 
@@ -97,7 +108,6 @@ def perturbed_model(
         model: the compiled model; it is not changed.
         perturbation: the deviations.
         axes: axes of the machine, in the order of the actuators.
-        joints: index of each axis' joint.
         nozzle: index of the site.
         work: index of the body.
 
@@ -106,56 +116,66 @@ def perturbed_model(
     """
     changed = copy.copy(model)
     names = [axis.name for axis in axes]
-    friction, viscous, constant, stiffness = (
-        perturbation.per_axis(name, names) for name in ("friction", "viscous", "motor_constant", "stiffness")
-    )
-    dofs = model.jnt_dofadr[list(joints)]
-    motors = dcmotors(model)
+    friction = perturbation.per_axis("friction", names)
+    viscous = perturbation.per_axis("viscous", names)
+    constant = perturbation.per_axis("motor_constant", names)
+    stiffness = perturbation.per_axis("stiffness", names)
+    _scale_friction(changed, friction, viscous)
+    _scale_stiffness(changed, stiffness)
+    changed.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** dcmotors(model)
+    changed.actuator_forcerange[:] *= constant[:, None]  # current limits
+    changed.actuator_ctrlrange[:] *= constant[:, None]
+    if perturbation.payload:
+        _add_payload(changed, perturbation.payload, nozzle, work)
+        mujoco.mj_setConst(changed, _scratch(model))
+    _offset_home(changed, perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes])
+    return changed
 
-    changed.actuator_biasprm[:, [COULOMB, STATIC]] *= friction[:, None] ** motors
-    changed.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= friction[:, None] ** motors
-    changed.dof_frictionloss[dofs] *= friction
 
-    changed.dof_damping[dofs] *= viscous
-    changed.dof_dampingpoly[dofs] *= viscous[:, None]
-    changed.actuator_damping[:] *= viscous
-    changed.actuator_dampingpoly[:] *= viscous[:, None]
+def _scale_friction(model: mujoco.MjModel, friction: Floats, viscous: Floats) -> None:
+    dofs = model.jnt_dofadr[driven_joints(model)]
+    motors = dcmotors(model)  # parameters of an ideal torque source have other meanings
+    model.actuator_biasprm[:, [COULOMB, STATIC]] *= friction[:, None] ** motors
+    model.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= friction[:, None] ** motors
+    model.dof_frictionloss[dofs] *= friction
+    model.dof_damping[dofs] *= viscous
+    model.dof_dampingpoly[dofs] *= viscous[:, None]
+    model.actuator_damping[:] *= viscous
+    model.actuator_dampingpoly[:] *= viscous[:, None]
 
-    for joint in _springs(model, joints):
-        axis = _axis_above(model, joint, joints)
-        if axis is None and np.ptp(stiffness):
+
+def _scale_stiffness(model: mujoco.MjModel, stiffness: Floats) -> None:
+    differ = bool(np.ptp(stiffness))
+    for joint in spring_joints(model):
+        axis = axis_above(model, joint)
+        if axis is None and differ:
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
             raise InputError(f"factors of stiffness per axis: no axis carries the spring {name!r}; give one for all")
-        changed.jnt_stiffness[joint] *= stiffness[axis or 0]
-        changed.jnt_stiffnesspoly[joint] *= stiffness[axis or 0]
-
-    for tendon in _elastic_tendons(model):
-        pulling = _axes_of(model, tendon, joints)
-        if len(pulling) != 1 and np.ptp(stiffness):
+        model.jnt_stiffness[joint] *= stiffness[axis or 0]
+        model.jnt_stiffnesspoly[joint] *= stiffness[axis or 0]
+    for tendon in elastic_tendons(model):
+        pulling = axes_of_tendon(model, tendon)
+        if len(pulling) != 1 and differ:
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
             raise InputError(
                 f"factors of stiffness per axis: {len(pulling)} axes pull tendon {name!r}; give one for all"
             )
-        changed.tendon_stiffness[tendon] *= stiffness[min(pulling, default=0)]
-        changed.tendon_stiffnesspoly[tendon] *= stiffness[min(pulling, default=0)]
+        factor = stiffness[min(pulling, default=0)]
+        model.tendon_stiffness[tendon] *= factor
+        model.tendon_stiffnesspoly[tendon] *= factor
 
-    changed.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** motors
-    changed.actuator_forcerange[:] *= constant[:, None]  # current limits
-    changed.actuator_ctrlrange[:] *= constant[:, None]
 
-    if perturbation.payload:
-        _add_payload(changed, perturbation.payload, nozzle, work)
-        mujoco.mj_setConst(changed, _scratch(model))
-    # a joint's displacement is qpos - qpos0, its encoder reads qpos
-    offset = perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes]
-    changed.qpos0[model.jnt_qposadr[list(joints)]] -= offset
-    for tendon in range(model.ntendon):  # the length of a fixed tendon is that of its encoders
-        for wrap in _wraps(model, tendon):
-            if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_objid[wrap] in joints:
-                pulled = model.wrap_prm[wrap] * offset[list(joints).index(model.wrap_objid[wrap])]
-                changed.tendon_lengthspring[tendon] -= pulled
-                changed.tendon_length0[tendon] -= pulled
-    return changed
+def _offset_home(model: mujoco.MjModel, offset: Floats) -> None:
+    """Offset the joints' references [SI], (axes,): a displacement is qpos - qpos0, the encoder reads qpos."""
+    driven = driven_joints(model)
+    model.qpos0[model.jnt_qposadr[driven]] -= offset
+    for tendon in range(model.ntendon):  # the length of a fixed tendon is the sum over its joints' qpos
+        for wrap in wraps_of(model, tendon):
+            joint = int(model.wrap_objid[wrap])
+            if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT and joint in driven:
+                elongation = model.wrap_prm[wrap] * offset[driven.index(joint)]
+                model.tendon_lengthspring[tendon] -= elongation
+                model.tendon_length0[tendon] -= elongation
 
 
 def _scratch(model: mujoco.MjModel) -> mujoco.MjData:
@@ -165,59 +185,6 @@ def _scratch(model: mujoco.MjModel) -> mujoco.MjData:
         _thread.data = mujoco.MjData(model)
     mujoco.mj_resetData(model, _thread.data)
     return _thread.data
-
-
-def springs_have_axes(model: mujoco.MjModel, joints: Sequence[int]) -> bool:
-    """Return whether each axis can have its own stiffness factor: there is one axis, or one for every spring."""
-    above = all(_axis_above(model, spring, joints) is not None for spring in _springs(model, joints))
-    pulled = all(len(_axes_of(model, tendon, joints)) == 1 for tendon in _elastic_tendons(model))
-    return len(joints) == 1 or (above and pulled)
-
-
-def spring_of(model: mujoco.MjModel, joints: Sequence[int], axis: int) -> str | None:
-    """Return the name of the first spring joint that an axis carries with no other axis between, or None.
-
-    Args:
-        model: the compiled model.
-        joints: index of each axis' joint.
-        axis: index of the axis.
-    """
-    carried = [joint for joint in _springs(model, joints) if _axis_above(model, joint, joints) == axis]
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, carried[0]) if carried else None
-
-
-def _elastic_tendons(model: mujoco.MjModel) -> list[int]:
-    return [tendon for tendon in range(model.ntendon) if model.tendon_stiffness[tendon] > 0]
-
-
-def _wraps(model: mujoco.MjModel, tendon: int) -> range:
-    first = int(model.tendon_adr[tendon])
-    return range(first, first + int(model.tendon_num[tendon]))
-
-
-def _axes_of(model: mujoco.MjModel, tendon: int, driven: Sequence[int]) -> set[int]:
-    """Return the axes whose joints a fixed tendon couples."""
-    ends = [w for w in _wraps(model, tendon) if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
-    return {list(driven).index(model.wrap_objid[w]) for w in ends if model.wrap_objid[w] in driven}
-
-
-def _springs(model: mujoco.MjModel, driven: Sequence[int]) -> list[int]:
-    return [joint for joint in range(model.njnt) if joint not in driven and model.jnt_stiffness[joint] > 0]
-
-
-def _axis_above(model: mujoco.MjModel, joint: int, driven: Sequence[int]) -> int | None:
-    """Return the index of the axis whose joint is next above a joint in the tree, or None."""
-    body = int(model.jnt_bodyid[joint])
-    below = joint
-    while body:
-        first = int(model.body_jntadr[body])
-        count = int(model.body_jntnum[body])
-        for other in reversed(range(first, first + count)):
-            if other < below and other in driven:
-                return list(driven).index(other)
-        body = int(model.body_parentid[body])
-        below = model.njnt
-    return None
 
 
 def _add_payload(model: mujoco.MjModel, payload: float, nozzle: int, work: int) -> None:

@@ -1,4 +1,4 @@
-"""What a machine's drives can do, and whether they suit it: speed, force, inertia, modes, gains, heat of a job."""
+"""Sizing of a machine's drives: speed, force, inertia ratio, modes, gains, heat of a job."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from gantrysim.design.library import largest_torque
 from gantrysim.design.modes import modes
-from gantrysim.machine.axis import PER_SI, Axis, fact
+from gantrysim.machine.axis import PER_SI, Axis
+from gantrysim.machine.axis_reading import fact
 from gantrysim.machine.machine import Machine
 from gantrysim.native.quiet import quiet
 from gantrysim.record.run import Run
@@ -37,18 +38,18 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AxisSizing:
-    """What the drive of an axis can do; nan where the MJCF does not say, as of a continuous torque.
+    """Capacity and load of an axis' drive; nan where the MJCF states none, such as a continuous torque.
 
     u is the axis' unit of travel, forces are in N, of a hinge torques in N·m.
 
     Attributes:
         axis: the axis.
         peak_force: at rest, with the transmission's efficiency.
-        continuous_force: that the motor bears by temperature, with the same efficiency.
+        continuous_force: at the motor's continuous torque, with the same efficiency.
         torque_at_speed: largest torque that bus, winding and current leave at the speed limit [N·m].
         friction_at_speed: torque that friction takes there [N·m].
-        inertia_ratio: all that the rotor moves against the rotor itself, as felt at its shaft; where the MJCF states no
-            rotor inertia, the load against rotor, transmission and coupling together.
+        inertia_ratio: of load, transmission and coupling to the rotor, at its shaft; where the MJCF states no rotor
+            inertia, of the load to rotor, transmission and coupling together.
         acceleration: from rest with the peak torque [u/s²].
         frequency: natural frequency of the derived loop, or of a stepper in its field [Hz].
         gain_margin: of the derived loop, with all others closed.
@@ -78,40 +79,40 @@ class AxisSizing:
         return self.rms / self.continuous_torque
 
     def findings(self) -> tuple[str, ...]:
-        """Return what does not suit, and what to change."""
+        """Return a line for each value that is unsuitable, with a remedy."""
         axis = self.axis
         name = self.axis.name
-        found = []
+        lines = []
         if self.torque_at_speed < self.friction_at_speed:
-            found.append(
+            lines.append(
                 f"{name}: at {axis.speed_limit:.4g} {axis.unit}/s the bus leaves {self.torque_at_speed:.3g} N·m, "
                 f"friction takes {self.friction_at_speed:.3g} N·m: lower the speed limit or raise the voltage"
             )
         if self.inertia_ratio > INERTIA_RATIO:
-            found.append(
+            lines.append(
                 f"{name}: inertia ratio {self.inertia_ratio:.3g}, above {INERTIA_RATIO:g} the load leads the motor: "
                 "more reduction, or a motor with more rotor inertia"
             )
         if axis.resolution * 1e3 > _COARSE:
-            found.append(
+            lines.append(
                 f"{name}: an encoder count is {1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}: an "
                 "encoder with more counts, or more reduction"
             )
         if self.gain_margin < 1.99:
-            found.append(
+            lines.append(
                 f"{name}: gain margin {self.gain_margin:.3g}, below 2: a shorter servo period or stiffer drive"
             )
         if self.load > 1:
-            found.append(
+            lines.append(
                 f"{name}: rms torque {self.rms:.3g} N·m is {self.load:.2f} times the continuous torque: the motor "
                 "overheats; a larger motor, lower accelerations, or pauses"
             )
         if self.peak > _NEAR * axis.peak_torque:
-            found.append(
+            lines.append(
                 f"{name}: the job takes {self.peak:.3g} N·m of {axis.peak_torque:.3g} N·m: lower accelerations, or a "
                 "drive with more current"
             )
-        return tuple(found)
+        return tuple(lines)
 
 
 @dataclass(frozen=True)
@@ -140,8 +141,8 @@ class Sizing:
         servo = Servo.derive(machine.axes, period)
         margins = margins_of(machine, servo)
         model = machine.physics
-        held = [int(model.jnt_dofadr[joint]) for joint in model.actuator_trnid[:, 0]]
-        at = machine.to_qpos(np.zeros(len(machine.axes)))
+        motors = [int(model.jnt_dofadr[joint]) for joint in model.actuator_trnid[:, 0]]
+        qpos = machine.to_qpos(np.zeros(len(machine.axes)))
         axes = tuple(
             _axis_sizing(
                 machine,
@@ -153,12 +154,13 @@ class Sizing:
             for a, axis in enumerate(machine.axes)
         )
         with quiet():
-            found = [_named(model, *modes(model, at, locked)) for locked in (held, ())]
-        return cls(axes, *found)
+            locked = _named(model, *modes(model, qpos, motors))
+            free = _named(model, *modes(model, qpos, ()))
+        return cls(axes, locked, free)
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What does not suit, and what to change, of all axes."""
+        """A line for each unsuitable value of all axes, with a remedy."""
         return tuple(text for axis in self.axes for text in axis.findings())
 
 
@@ -169,7 +171,7 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
     efficiency = fact(model, "efficiency", a, 1.0)
     continuous = fact(model, "continuous_torque", a)
     inertia = axis.inertia * axis.scale
-    own = fact(model, "rotor_inertia", a, float(model.actuator_armature[a]))
+    rotor_inertia = fact(model, "rotor_inertia", a, float(model.actuator_armature[a]))
     speed = axis.speed_limit / axis.scale
     ideal = math.isnan(axis.motor_constant)
     at_speed = axis.peak_torque
@@ -186,7 +188,7 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
         continuous_force=efficiency * continuous / per_motor,
         torque_at_speed=at_speed,
         friction_at_speed=axis.coulomb + (axis.viscous * axis.speed_limit if math.isfinite(speed) else 0.0),
-        inertia_ratio=(inertia - own) / own if own > 0 else math.inf,
+        inertia_ratio=(inertia - rotor_inertia) / rotor_inertia if rotor_inertia > 0 else math.inf,
         acceleration=(axis.peak_torque - axis.coulomb) / axis.inertia,
         frequency=frequency,
         gain_margin=margin,
@@ -212,9 +214,9 @@ def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
-    found = []
+    named = []
     for frequency, shape in zip(frequencies.tolist(), shapes.T, strict=True):
         dof = int(np.abs(shape * (mass @ shape)).argmax())
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(model.dof_jntid[dof]))
-        found.append(Mode(frequency, name or f"degree of freedom {dof}"))
-    return tuple(found)
+        named.append(Mode(frequency, name or f"degree of freedom {dof}"))
+    return tuple(named)

@@ -43,8 +43,9 @@ class Tolerances:
     motor_constant: float = 0.1
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            at_least(f"tolerance of {f.name}", getattr(self, f.name), 0, "kg" if f.name == "payload" else "")
+        for field in fields(self):
+            unit = "kg" if field.name == "payload" else ""
+            at_least(f"tolerance of {field.name}", getattr(self, field.name), 0, unit)
 
     @classmethod
     def parse(cls, text: str) -> Tolerances:
@@ -54,7 +55,7 @@ class Tolerances:
             InputError: an unknown name, or a value that is not a number.
         """
         values: dict[str, float] = {}
-        known = [f.name for f in fields(cls)]
+        known = [field.name for field in fields(cls)]
         for item in filter(None, (part.strip() for part in text.split(","))):
             name, _, value = (part.strip() for part in item.partition("="))
             if name not in known:
@@ -89,7 +90,7 @@ class Tolerances:
         return {name: float(_scaled(name, tolerance, unit[name])) for name, tolerance in columns.items()}
 
     def machines(self, machine: Machine, count: int, seed: int) -> list[Perturbation]:
-        """Return the perturbations of a Latin hypercube of n machines: each n-th of a factor's range has one.
+        """Return the perturbations of a Latin hypercube of n machines: one in each n-th of every factor's range.
 
         Args:
             machine: the nominal machine, which gives the axes.
@@ -119,10 +120,12 @@ class Tolerances:
         """Return the tolerance of every varying factor by its column name, such as friction_x."""
         columns = {"payload_kg": self.payload} if self.payload else {}
         for name in FACTORS:
-            if tolerance := getattr(self, name):
-                each = name != "stiffness" or machine.springs_have_axes
-                names = [f"{name}_{axis}" for axis in machine.axis_names] if each else [name]
-                columns |= dict.fromkeys(names, tolerance)
+            tolerance = getattr(self, name)
+            if not tolerance:
+                continue
+            per_axis = name != "stiffness" or machine.springs_have_axes
+            names = [f"{name}_{axis}" for axis in machine.axis_names] if per_axis else [name]
+            columns |= dict.fromkeys(names, tolerance)
         errors = machine.kinematic_errors
         return columns if errors is None else columns | dict.fromkeys(errors.columns, 1.0)
 

@@ -10,7 +10,7 @@ from gantrysim import Job, Machine
 from gantrysim.cli import terminal
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS, build
-from gantrysim.machine.machine import builtin_models
+from gantrysim.machine.models import builtin_models
 from gantrysim.metrics.analysis import Analysis
 
 from support.jobs import job_run

@@ -10,7 +10,7 @@ from gantrysim import Machine, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.job import Job
-from gantrysim.machine.machine import builtin_models
+from gantrysim.machine.models import builtin_models
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
 from gantrysim.view.push import Bodies

@@ -1,4 +1,4 @@
-"""What a machine's kinematics answer: coordinates of a program in, positions of the motors' axes out, and back."""
+"""Interface of a machine's kinematics: from a program's coordinates to positions of the axes, and back."""
 
 from __future__ import annotations
 
@@ -54,11 +54,14 @@ class Coordinate:
             name: of the coordinate, by default that of the joint.
             origin: the coordinate where the joint is at zero [mm or deg].
         """
-        low, high = (model.jnt_range[joint] if model.jnt_limited[joint] else np.array([-np.inf, np.inf])).tolist()
+        low = -np.inf
+        high = np.inf
+        if model.jnt_limited[joint]:
+            low, high = model.jnt_range[joint].tolist()
         per_si = per_si_of(model, joint)
         unit = "mm" if per_si == MM else "deg"
-        known = name or mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or ""
-        return cls(known, unit, (origin + per_si * low, origin + per_si * high))
+        joint_name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or ""
+        return cls(name or joint_name, unit, (origin + per_si * low, origin + per_si * high))
 
 
 class Kinematics(ABC):

@@ -64,26 +64,27 @@ class Coupled(Kinematics):
             D[:, a] = rows[:, driven[a]] / per_si_of(model, driven[a])
         constant = np.linalg.solve(F, lengths).astype(np.float64)
         gain = -np.linalg.solve(F, D).astype(np.float64)
-        found = []
-        rest = []
+        # rows: coordinate or hinge = gain . axes + value with all axes at zero
+        coordinate_rows = []
+        hinge_rows = []
         for f, joint in enumerate(followers):
             per_si = per_si_of(model, joint)
             if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
-                found.append((Coordinate.of(model, joint), per_si * gain[f], per_si * constant[f]))
+                coordinate_rows.append((Coordinate.of(model, joint), per_si * gain[f], per_si * constant[f]))
             else:
-                rest.append((gain[f], constant[f]))
-        free = [a for a in range(len(driven)) if a not in tied]
-        found += [(Coordinate.of(model, driven[a]), np.eye(len(driven))[a], 0.0) for a in free]
-        coordinates, out, origin = zip(
-            *sorted(found, key=lambda one: ("xyz".find(one[0].name) % 4, one[0].name)), strict=True
-        )
-        square = np.array([*out, *(row for row, _ in rest)])
+                hinge_rows.append((gain[f], constant[f]))
+        untied = [a for a in range(len(driven)) if a not in tied]
+        coordinate_rows += [(Coordinate.of(model, driven[a]), np.eye(len(driven))[a], 0.0) for a in untied]
+        # x, y and z first, then the others by name
+        coordinate_rows.sort(key=lambda row: ("xyz".find(row[0].name) % 4, row[0].name))
+        coordinates, out, origin = zip(*coordinate_rows, strict=True)
+        square = np.array([*out, *(row for row, _ in hinge_rows)])
         values = np.linalg.svd(square, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
             raise InputError("kinematics 'coupled': its tendons do not determine the axes from the coordinates")
         inverse = np.linalg.inv(square)
         count = len(coordinates)
-        level = -inverse[:, count:] @ np.array([at for _, at in rest])
+        level = -inverse[:, count:] @ np.array([value for _, value in hinge_rows])
         return cls(
             coordinates=coordinates,
             followers=followers,

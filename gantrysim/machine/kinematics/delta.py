@@ -102,11 +102,10 @@ class Delta(Kinematics):
         elbow = elbow_at - shoulder
         hinge = data.xaxis[hinges].copy()
         others = tuple(a for a in range(len(driven)) if a not in arms)
-        made = cls(
-            coordinates=(
-                *(Coordinate.of(model, j, _AXES[k], home[k]) for k, j in enumerate(followers)),
-                *(Coordinate.of(model, driven[a]) for a in others),
-            ),
+        of_platform = [Coordinate.of(model, slide, _AXES[k], home[k]) for k, slide in enumerate(followers)]
+        of_others = [Coordinate.of(model, driven[a]) for a in others]
+        kinematics = cls(
+            coordinates=(*of_platform, *of_others),
             followers=followers,
             arms=arms,
             names_of_arms=tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or "" for joint in hinges),
@@ -123,12 +122,12 @@ class Delta(Kinematics):
             work=frame,
             home=home,
         )
-        return made._at_home()
+        return kinematics._at_home()
 
     def _at_home(self) -> Delta:
         """Return the kinematics with the branches that have all axes at zero at home."""
-        (angle, _), zero = self._plane(np.zeros((1, 3))), np.zeros((1, _ARMS))
-        centres = self._centres(zero)
+        angle, _ = self._plane(np.zeros((1, 3)))
+        centres = self._centres(np.zeros((1, _ARMS)))
         normal = np.cross(centres[:, 1] - centres[:, 0], centres[:, 2] - centres[:, 0])[0]
         return replace(self, branch=-np.sign(angle[0]), side=float(-np.sign(normal @ centres[0, 0])))
 
@@ -157,7 +156,7 @@ class Delta(Kinematics):
         across = np.cross(self.hinge, self.elbow)
         A = _dot(d, self.elbow - along)  # noqa: N806
         B = _dot(d, across)  # noqa: N806
-        C = 0.5 * (_dot(d, d) + _dot(self.elbow, self.elbow) - self.rod**2) - _dot(d, along)  # noqa: N806  # noqa: N806
+        C = 0.5 * (_dot(d, d) + _dot(self.elbow, self.elbow) - self.rod**2) - _dot(d, along)  # noqa: N806
         return np.arctan2(B, A), C / np.hypot(A, B)
 
     def _centres(self, angle: Floats) -> Floats:
@@ -221,7 +220,8 @@ class Delta(Kinematics):
             row = int(near.argmax())
             k = int(straight[row].argmin())
             text = f"{self.described(position[row])}: near a singularity, "
-            if (least := straight[row, k]) < LEAST_ANGLE:
+            least = straight[row, k]
+            if least < LEAST_ANGLE:
                 text += f"{self.names_of_arms[k]} and its rod are {least:.3g} deg from a line, at least {LEAST_ANGLE:g}"
             else:
                 text += (
