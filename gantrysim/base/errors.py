@@ -49,7 +49,7 @@ class TimedError(InputError):
         self.time = time
 
 
-def text_of(error: Exception) -> str:
+def text_of(error: BaseException) -> str:
     """Return an error in one line, with its type where it is none of the domain."""
     text = " ".join(str(getattr(error, "strerror", None) or error).split())
     return text if isinstance(error, GantryError) else f"{type(error).__name__}: {text}".removesuffix(": ")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import sys
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, text_of
-from gantrysim.base.input_files import check_regular
+from gantrysim.base.errors import InputError
+from gantrysim.base.user_code import named_object
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.motion import UnknownLoopError
 
@@ -66,29 +62,10 @@ def resolved(law: LawName) -> UserLaw:
     """
     if not isinstance(law, str):
         return law
-    place, _, name = law.rpartition(":")
-    try:
-        module = _file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except Exception as error:  # whatever the user's module raises
-        raise InputError(f"law {law!r}: {place} cannot be imported: {text_of(error)}") from None
-    function = getattr(module, name, None)
+    function, place = named_object("law", law)
     if not callable(function):
-        raise InputError(f"law {law!r}: {place} has no function {name!r}")
+        raise InputError(f"law {law!r}: {place} has no function {law.rpartition(':')[2]!r}")
     return function
-
-
-def _file(path: Path) -> Any:
-    """Return the module in a file, imported once as long as the file does not change."""
-    check_regular(path)
-    name = f"gantrysim_law_{path.resolve()}_{path.stat().st_mtime_ns}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{path} is no Python file")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        sys.modules[name] = module
-    return sys.modules[name]
 
 
 def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compensator:
